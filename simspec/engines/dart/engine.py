@@ -44,6 +44,7 @@ from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import NO_FRICTION, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.world_simulation import contact_table
 from simspec.errors import EngineError
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -346,16 +347,8 @@ class Dart(SteppedEngine[Simulation]):
         if not held:
             return empty_contacts()
         units = np.array([shapes for shapes, _ in held], dtype=np.int64)
-        normal = np.array([contact.normal for _, contact in held])
-        force = np.array([contact.force for _, contact in held])
-        return {
-            "body": np.array(sim.body_of_shape, dtype=np.int64)[units],
-            "unit": units,
-            "position": np.array([contact.point for _, contact in held]),
-            "normal": normal,
-            "distance": -np.array([contact.penetrationDepth for _, contact in held]),
-            "normal_force": np.maximum(np.sum(normal * force, axis=1), 0.0),
-        }
+        table = np.array([(*c.point, *c.normal, c.penetrationDepth, np.dot(c.normal, c.force)) for _, c in held])
+        return contact_table(units, table, sim.body_of_shape)
 
     def collision_units(self) -> Sequence[CollisionUnit]:
         sim = self._simulation

@@ -14,7 +14,7 @@ import numpy as np
 
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import shape_nodes
-from simspec.engines.dart.readback import SHAPE_KINDS
+from simspec.engines.dart.readback import inertial, shape_size, surfaces_of, transform_pose
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
@@ -27,10 +27,11 @@ from simspec.engines.kit.foreign import (
     told_apart,
 )
 from simspec.engines.kit.messages import captured
+from simspec.engines.kit.readback import bound, range_of, vector
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import EngineValue, Joint, Pose, ReadBack, Shape
 
 # What DART's parsers do to plain files (dartpy 6.20.0), measured by tests/formats/test_readers.py.
 
@@ -120,18 +121,18 @@ class Foreign:
         links = [_link(node, name, placed) for node, name in zip(nodes, names, strict=True)]
         joints = [node.getParentJoint() for node in nodes]
         inventory: dict[str, EngineValue] = {
-            "gravity": tuple(_vector(world.getGravity())),
+            "gravity": tuple(vector(world.getGravity())),
             "timestep": float(world.getTimeStep()),
             "mimic_joints": sum("imic" in str(joint.getActuatorType()) for joint in joints),
         }
-        limited = [joint for joint in joints if _limited(joint)]
+        limited = [joint for joint in joints if _limits(joint)]
         if limited:
             inventory["limits_enforced"] = all(joint.areLimitsEnforced() for joint in limited)
         if any(skeleton.getNumBodyNodes() > 1 for skeleton in skeletons):
             inventory["self_collision"] = all(skeleton.isEnabledSelfCollisionCheck() for skeleton in skeletons)
         return ReadBack(
             bodies_of_links(links),
-            _vector(world.getGravity()),
+            vector(world.getGravity()),
             float(world.getTimeStep()),
             unreadable={"armature": "DART has no armature"},
             inventory=inventory,
@@ -166,52 +167,37 @@ def _to_zero(skeleton: Any) -> None:
             joint.setPositions(np.zeros(joint.getNumDofs()))
 
 
-def _vector(values: Any) -> Vector3:
-    x, y, z = np.asarray(values).tolist()
-    return (x + 0.0, y + 0.0, z + 0.0)
-
-
-def _pose(transform: Any) -> Pose:
-    turn = tuple(map(tuple, transform.rotation().tolist()))
-    return Pose(_vector(transform.translation()), frames.from_matrix(turn))  # type: ignore[arg-type]
-
-
 def _link(node: Any, name: str, placed: Mapping[tuple[str, str], str]) -> HeldLink:
-    inertia = node.getInertia()
-    m = inertia.getMoment().tolist()
-    tensor = (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2])
     above, joint = node.getParentBodyNode(), node.getParentJoint()
-    anchor = _pose(joint.getTransformFromChildBodyNode())
+    anchor = transform_pose(joint.getTransformFromChildBodyNode())
     return HeldLink(
         name,
         None if above is None else placed[above.getSkeleton().getName(), above.getName()],
-        _pose(node.getWorldTransform()),
-        Inertial(float(inertia.getMass()), _vector(inertia.getLocalCOM()), tensor),
+        transform_pose(node.getWorldTransform()),
+        inertial(node),
         _joint(joint, anchor),
         anchor.position if joint.getType() != "FreeJoint" else (0.0, 0.0, 0.0),
-        tuple(_shape(one) for one in shape_nodes(node)),
+        tuple(map(_shape, shape_nodes(node))),
     )
 
 
-def _limited(joint: Any) -> bool:
-    return MOVES.get(joint.getType()) in SCALAR_JOINTS and bool(
-        np.isfinite(joint.getPositionLowerLimit(0)) or np.isfinite(joint.getPositionUpperLimit(0))
-    )
+def _limits(joint: Any) -> tuple[float, float] | None:
+    if MOVES.get(joint.getType()) not in SCALAR_JOINTS:
+        return None
+    return range_of(joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0))
 
 
 def _joint(joint: Any, anchor: Pose) -> Joint:
     kind = MOVES.get(joint.getType(), str(joint.getType()))
     if kind not in SCALAR_JOINTS:
         return Joint(joint.getName(), kind)
-    lower, upper = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
-    speed, effort = joint.getVelocityUpperLimit(0), joint.getForceUpperLimit(0)
     return Joint(
         joint.getName(),
         kind,
-        axis=frames.rotate(anchor.quaternion, _vector(joint.getAxis())),
-        position_limits=(lower, upper) if _limited(joint) else None,
-        velocity_limit=float(speed) if np.isfinite(speed) else None,
-        effort_limit=float(effort) if np.isfinite(effort) else None,
+        axis=frames.rotate(anchor.quaternion, vector(joint.getAxis())),
+        position_limits=_limits(joint),
+        velocity_limit=bound(joint.getVelocityUpperLimit(0)),
+        effort_limit=bound(joint.getForceUpperLimit(0)),
         damping=joint.getDampingCoefficient(0),
         dry_friction=joint.getCoulombFriction(0),
         spring_stiffness=joint.getSpringStiffness(0),
@@ -220,26 +206,17 @@ def _joint(joint: Any, anchor: Pose) -> Joint:
 
 
 def _shape(node: Any) -> Shape:
-    held = node.getShape()
-    kind = held.getType()
-    size: tuple[float, ...] = ()
-    if kind in SHAPE_KINDS:
-        kind, size_of = SHAPE_KINDS[kind]
-        size = size_of(held)
-    elif kind in ("MeshShape", "ConvexMeshShape"):
-        box = held.getBoundingBox()
+    stored = node.getShape()
+    kind, size = shape_size(stored) or (stored.getType(), ())
+    if kind in ("MeshShape", "ConvexMeshShape"):
+        box = stored.getBoundingBox()
         kind, size = MESH, box_support(box.getMin(), box.getMax())
-    collides = node.hasCollisionAspect() and node.getCollisionAspect().isCollidable()
-    surfaces: tuple[Surface, ...] = ()
-    if collides and node.hasDynamicsAspect():
-        aspect = node.getDynamicsAspect()
-        surfaces = (Surface(aspect.getFrictionCoeff(), restitution=aspect.getRestitutionCoeff()),)
     return Shape(
         node.getName(),
         kind,
         size,
-        _pose(node.getRelativeTransform()),
-        collision=collides,
+        transform_pose(node.getRelativeTransform()),
+        collision=node.hasCollisionAspect() and node.getCollisionAspect().isCollidable(),
         visual=node.hasVisualAspect(),
-        surfaces=surfaces,
+        surfaces=surfaces_of(node),
     )

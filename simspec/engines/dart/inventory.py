@@ -1,194 +1,315 @@
-"""Everything that DART holds beside the fields of the read-back, and that can act.
+"""The values that DART stores besides the fields of the read-back, and that can act, and what they must be (``expected``, which
+runs without DART).
 
-All that dartpy can be asked, of the instance
-that runs. The pairs of nodes that do not touch cannot be asked for; they are those that DART was told. What the inventory must
-be says ``dart_expected.py``.
+The test of the inventory lists every getter of dartpy. The pairs of nodes that do not touch cannot be queried: they are those
+that simspec passed to DART.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
-from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set, sidecar_labels
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    Carrier,
+    Items,
+    below,
+    expected_apart,
+    listed,
+    named_set,
+    sidecar_labels,
+)
 from simspec.world.contact_pairs import frictionless, only_free_spheres
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import VELOCITY_SIZE, Body, EngineValue, PlainValue, World
 
-SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")
-DEACTIVATION = ("mEnabled", "mLinearSpeedThreshold", "mAngularSpeedThreshold", "mTimeUntilSleep", "mWakeThresholdScale")
-MATRIX_FREE = (
-    *("mEnabled", "mMinRows", "mMaxIterations", "mSor", "mDeltaTolerance", "mRelativeDeltaTolerance"),
-    "mEpsilonForDivision",
-)
-NSGS = ("law", "maxSweeps", "tolerance", "boxForAnisotropic")
-LIMITS = {
-    "position_limits": ("getPositionLowerLimit", "getPositionUpperLimit"),
-    "velocity_limits": ("getVelocityLowerLimit", "getVelocityUpperLimit"),
-    "acceleration_limits": ("getAccelerationLowerLimit", "getAccelerationUpperLimit"),
-    "force_limits": ("getForceLowerLimit", "getForceUpperLimit"),
-}
-PER_COORDINATE = {
-    "spring": "getSpringStiffness",
-    "rest": "getRestPosition",
-    "damping": "getDampingCoefficient",
-    "dry_friction": "getCoulombFriction",
-    "command": "getCommand",
-}
+SOLVERS = {"nsgs": "NsgsFrictionSolver", "dantzig": "DantzigBoxedLcpSolver"}
+LAWS = {"elliptic": "Coulomb", "pyramid-circumscribed": "Box"}
+Settings = Mapping[str, bool | int | float | str]
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
-    """Everything else that is held, by name."""
-    sidecar = sim.sidecar
-    found = of_world(sim.dartpy, sim.world)
-    found["count.skeletons"] = sim.world.getNumSkeletons()
-    found["group.shapes"] = sim.solver.getCollisionGroup().getNumShapeFrames()
-    found["group.automatic_update"] = sim.solver.getCollisionGroup().getAutomaticUpdate()
-    found["solver.timestep"] = sim.solver.getTimeStep()
-    for index in range(sim.world.getNumSkeletons()):
-        found.update(_skeleton(sim.world.getSkeleton(index)))
-    shapes: dict[str, list[str]] = {}
-    seen: dict[str, list[bool]] = {}
-    for shape in sidecar.shapes:
-        shapes.setdefault(shape.body, []).append(shape.name)
-        seen.setdefault(shape.body, []).append(shape.visual)
-    for index, (name, body) in enumerate(zip(sim.names, sim.bodies, strict=True)):
-        joint = body.getParentJoint()
-        found[f"body.{name}.joint"], found[f"body.{name}.skeleton"] = joint.getName(), body.getSkeleton().getName()
-        found[f"body.{name}.shapes"], found[f"body.{name}.seen"] = (
-            tuple(shapes.get(name, ())),
-            tuple(seen.get(name, ())),
-        )
-        if not body.isReactive():  # of what cannot move the read-back tells no mass
-            held = body.getInertia()
-            found[f"body.{name}.mass"] = held.getMass()
-            found[f"body.{name}.centre_of_mass"] = tuple(held.getLocalCOM().tolist())
-            found[f"body.{name}.inertia"] = tuple(held.getMoment().reshape(-1).tolist())
-        found.update(_joint(name, joint))
-        found.update(_nodes(name, sim.nodes.of(index)))
-    found.update(sidecar_labels(sidecar.plain()))
-    found["sidecar.bodies"] = listed(sim.names)
-    models = zip(sim.names, sidecar.models, strict=True)
-    found.update({f"body.{name}.model": model for name, model in models})
-    found.update({f"velocity_limit.{entry.body}": entry.value for entry in sidecar.velocity_limits})
-    found["exact_rotation"] = sim.exact_rotation
-    found.update(_parts(sim))
-    return found
+class ExpectedWorld(NamedTuple):
+    """A world, its settings, and the detector for which the setting ``collision_detector`` stands."""
+
+    world: World
+    settings: Settings
+    detector: str
+
+    @property
+    def tolerance(self) -> bool | int | float | str:
+        tolerance, dry = self.settings["tolerance"], self.settings["dry_friction_tolerance"]
+        return min(tolerance, dry) if any(body.joint.dry_friction for body in self.world.bodies) else tolerance
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
-    """What a world of DART's holds that was told nothing but its collision detector."""
-    world = sim.dartpy.simulation.World("neutral")
-    world.setCollisionDetector(
-        getattr(sim.dartpy.simulation.CollisionDetectorType, sim.world.getCollisionDetector().getType().upper())
-    )
-    found = of_world(sim.dartpy, world)
-    options = sim.dartpy.constraint.NsgsFrictionSolver.Options()
-    return found | {f"nsgs.{name}": _value(getattr(options, name)) for name in NSGS}
+class ExpectedTree(NamedTuple):
+    world: World
+    moves: bool
 
 
-def of_world(dartpy: Any, world: Any) -> dict[str, EngineValue]:
-    """A world's own numbers: threads, sleeping, the solvers of its constraints and the detection of its contacts."""
-    solver, detector = world.getConstraintSolver(), world.getCollisionDetector()
-    lcp = solver.getBoxedLcpSolver()
-    found: dict[str, EngineValue] = {
-        "count.frames": world.getNumSimpleFrames(),
-        "count.constraints": solver.getNumConstraints(),
-        "world.threads": world.getNumSimulationThreads(),
-        "solver.type": type(solver).__name__,
-        "solver.threads": solver.getNumSimulationThreads(),
-        "solver.split_impulse": solver.isSplitImpulseEnabled(),
-        "solver.primary": type(lcp).__name__,
-        "solver.secondary": type(solver.getSecondaryBoxedLcpSolver()).__name__,
-        "detector.type": detector.getType(),
-        "solver.detector": solver.getCollisionDetector().getType(),
-        "group.detector": solver.getCollisionGroup().getCollisionDetector().getType(),
-    }
-    for name, options, fields in (
-        ("deactivation", world.getDeactivationOptions(), DEACTIVATION),
-        ("matrix_free", solver.getMatrixFreeContactSolverOptions(), MATRIX_FREE),
-        ("collision", solver.getCollisionOption(), SOLVER_FLAGS),
-    ):
-        found.update({f"{name}.{field}": _value(getattr(options, field)) for field in fields})
-    found["collision.most_per_pair"] = solver.getCollisionOption().getEffectiveMaxNumContactsPerPair()
-    found["collision.filter"] = type(solver.getCollisionOption().collisionFilter).__name__
-    if isinstance(lcp, dartpy.constraint.NsgsFrictionSolver):
-        found.update({f"nsgs.{field}": _value(getattr(lcp.getOptions(), field)) for field in NSGS})
-    for name in ("getPrimitiveShapeType", "getContactPointComputationMethod"):
-        if hasattr(detector, name):
-            found[f"detector.{name.removeprefix('get')}"] = _value(getattr(detector, name)())
-    return found
+class ExpectedJoint(NamedTuple):
+    body: Body
+    timestep: float
+
+    def each(self, *values: float) -> tuple[PlainValue, ...]:
+        """The values for every coordinate."""
+        return tuple(map(plain, values)) * VELOCITY_SIZE[self.body.joint.kind]
 
 
-def _value(value: Any) -> PlainValue:
-    """A number or flag as it is, unlimited ones and the names of choices as words."""
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, (int, float)):
-        return str(value) if not math.isfinite(value) else value
+def plain(value: Any) -> PlainValue:
+    """A finite number or a flag as it is, other numbers and the names of choices as text."""
+    if isinstance(value, (bool, int, float)):
+        return value if math.isfinite(value) else str(value)
     return str(getattr(value, "name", value))
 
 
-def _skeleton(skeleton: Any) -> dict[str, EngineValue]:
-    held: dict[str, EngineValue] = {
-        "mobile": skeleton.isMobile(),
-        "self_collision": skeleton.getSelfCollisionCheck(),
-        "adjacent_bodies": skeleton.getAdjacentBodyCheck(),
-        "gravity": tuple(skeleton.getGravity().tolist()),
-        "timestep": skeleton.getTimeStep(),
-        "soft_nodes": skeleton.getNumSoftBodyNodes(),
-        "markers": skeleton.getNumMarkers(),
-        "end_effectors": skeleton.getNumEndEffectors(),
-        "trees": skeleton.getNumTrees(),
-    }
-    return {f"skeleton.{skeleton.getName()}.{name}": value for name, value in held.items()}
+def _field(options: Any, name: str) -> PlainValue:
+    return plain(getattr(options, name))
 
 
-def _joint(name: str, joint: Any) -> dict[str, EngineValue]:
-    """The joint of a body, by the body's name."""
-    every = range(joint.getNumDofs())
-    held: dict[str, EngineValue] = {
-        "actuator": _value(joint.getActuatorType()),
-        "actuators": tuple(_value(joint.getActuatorTypeForDof(index)) for index in every),
-        "enforced": joint.areLimitsEnforced(),
-        "coupled": joint.isUsingCouplerConstraint(),
-        "kinematic": joint.isKinematic(),
-        "mimics": _mimics(joint),
+WORLD = Items[Any, ExpectedWorld](
+    {
+        "count.frames": (lambda world: world.getNumSimpleFrames(), NEUTRAL),
+        "count.constraints": (lambda world: world.getConstraintSolver().getNumConstraints(), NEUTRAL),
+        "world.threads": (lambda world: world.getNumSimulationThreads(), 1),
+        "detector.type": (lambda world: world.getCollisionDetector().getType(), lambda of: of.detector),
+        **{
+            f"detector.{name}": (
+                lambda world, name=name: _detector_field(world.getCollisionDetector(), f"get{name}"),  # type: ignore[misc]
+                NEUTRAL,
+            )
+            for name in ("PrimitiveShapeType", "ContactPointComputationMethod")
+        },
     }
-    for key, (low, high) in LIMITS.items():
-        held[key] = tuple(_value(getattr(joint, side)(index)) for index in every for side in (low, high))
-    for key, getter in PER_COORDINATE.items():
-        held[key] = tuple(_value(getattr(joint, getter)(index)) for index in every)
-    return {f"joint.{name}.{key}": value for key, value in held.items()}
+)
+SOLVER = Items[Any, ExpectedWorld](
+    {
+        "solver.type": (lambda solver: type(solver).__name__, NEUTRAL),
+        "solver.threads": (lambda solver: solver.getNumSimulationThreads(), 1),
+        "solver.split_impulse": (lambda solver: solver.isSplitImpulseEnabled(), False),
+        "solver.primary": (
+            lambda solver: type(solver.getBoxedLcpSolver()).__name__,
+            lambda of: SOLVERS[chosen_solver(of.world, of.settings)],
+        ),
+        "solver.secondary": (lambda solver: type(solver.getSecondaryBoxedLcpSolver()).__name__, NEUTRAL),
+        "solver.detector": (lambda solver: solver.getCollisionDetector().getType(), lambda of: of.detector),
+        "group.detector": (
+            lambda solver: solver.getCollisionGroup().getCollisionDetector().getType(),
+            lambda of: of.detector,
+        ),
+        "collision.most_per_pair": (
+            lambda solver: solver.getCollisionOption().getEffectiveMaxNumContactsPerPair(),
+            NEUTRAL,
+        ),
+        "collision.filter": (lambda solver: type(solver.getCollisionOption().collisionFilter).__name__, NEUTRAL),
+    }
+)
+COLLISION = Items[Any, ExpectedWorld].named(
+    _field,
+    {
+        **dict.fromkeys(("enableContact", "maxNumContacts", "maxNumContactsPerPair"), NEUTRAL),
+        "allowNegativePenetrationDepthContacts": NEUTRAL,
+    },
+)
+MATRIX_FREE = Items[Any, ExpectedWorld].named(
+    _field,
+    {
+        "mEnabled": False,
+        **dict.fromkeys(("mMinRows", "mMaxIterations", "mSor", "mDeltaTolerance"), NEUTRAL),
+        **dict.fromkeys(("mRelativeDeltaTolerance", "mEpsilonForDivision"), NEUTRAL),
+    },
+)
+DEACTIVATION = Items[Any, ExpectedWorld].named(
+    _field,
+    {
+        "mEnabled": lambda of: of.settings["sleeping"],
+        **dict.fromkeys(("mLinearSpeedThreshold", "mAngularSpeedThreshold", "mTimeUntilSleep"), NEUTRAL),
+        "mWakeThresholdScale": NEUTRAL,
+    },
+)
+"""The threshold of linear speed is DART's with the fall of a step added."""
+NSGS = Items[Any, ExpectedWorld].named(
+    _field,
+    {
+        "law": lambda of: LAWS[of.world.contact.friction_cone],
+        "maxSweeps": lambda of: of.settings["iterations"],
+        "tolerance": lambda of: of.tolerance,
+        "boxForAnisotropic": NEUTRAL,
+    },
+)
+SIMULATION = Items[Simulation, ExpectedWorld](
+    {
+        "count.skeletons": (lambda sim: sim.world.getNumSkeletons(), lambda of: len(trees(of.world))),
+        "group.automatic_update": (lambda sim: sim.solver.getCollisionGroup().getAutomaticUpdate(), False),
+        "solver.timestep": (lambda sim: sim.solver.getTimeStep(), lambda of: of.world.physics.timestep),
+        "sidecar.bodies": (
+            lambda sim: listed(sim.names),
+            lambda of: listed([body.name for body in of.world.bodies]),
+        ),
+    }
+)
+SKELETON = Items[Any, ExpectedTree](
+    {
+        "mobile": (lambda skeleton: skeleton.isMobile(), lambda of: of.moves),
+        "self_collision": (lambda skeleton: skeleton.getSelfCollisionCheck(), True),
+        "adjacent_bodies": (lambda skeleton: skeleton.getAdjacentBodyCheck(), True),
+        "gravity": (lambda skeleton: tuple(skeleton.getGravity().tolist()), lambda of: of.world.physics.gravity),
+        "timestep": (lambda skeleton: skeleton.getTimeStep(), lambda of: of.world.physics.timestep),
+        "soft_nodes": (lambda skeleton: skeleton.getNumSoftBodyNodes(), 0),
+        "markers": (lambda skeleton: skeleton.getNumMarkers(), 0),
+        "end_effectors": (lambda skeleton: skeleton.getNumEndEffectors(), 0),
+        "trees": (lambda skeleton: skeleton.getNumTrees(), 1),
+    }
+)
+
+
+def _each(joint: Any, *getters: str) -> tuple[PlainValue, ...]:
+    """The values of every coordinate."""
+    return tuple(plain(getattr(joint, getter)(dof)) for dof in range(joint.getNumDofs()) for getter in getters)
+
+
+def _limits(joint: Any, name: str) -> tuple[PlainValue, ...]:
+    word = name.removesuffix("_limits").capitalize()
+    return _each(joint, f"get{word}LowerLimit", f"get{word}UpperLimit")
 
 
 def _mimics(joint: Any) -> str:
     """The names of the joints that a joint follows."""
-    if not joint.getNumDofs():
-        return ""
-    rows = joint.getGenericJointProperties().mMimicDofProps
+    rows = joint.getGenericJointProperties().mMimicDofProps if joint.getNumDofs() else ()
     return named_set(row.mReferenceJoint.getName() for row in rows if row.mReferenceJoint is not None)
 
 
+def _efforts(of: ExpectedJoint) -> tuple[PlainValue, ...]:
+    effort = math.inf if (limit := of.body.joint.effort_limit) is None else limit
+    return of.each(-effort, effort)
+
+
+JOINT = Items[Any, ExpectedJoint](
+    {
+        "actuator": (lambda joint: plain(joint.getActuatorType()), "FORCE"),
+        "actuators": (
+            lambda joint: _each(joint, "getActuatorTypeForDof"),
+            lambda of: ("FORCE",) * VELOCITY_SIZE[of.body.joint.kind],
+        ),
+        "enforced": (
+            lambda joint: joint.areLimitsEnforced(),
+            lambda of: of.body.joint.position_limits is not None,
+        ),
+        "coupled": (lambda joint: joint.isUsingCouplerConstraint(), False),
+        "kinematic": (lambda joint: joint.isKinematic(), False),
+        "mimics": (_mimics, ""),
+        # DART's own spring and damping are none but for the damping that stands for the armature
+        "spring": (lambda joint: _each(joint, "getSpringStiffness"), lambda of: of.each(0.0)),
+        "rest": (lambda joint: _each(joint, "getRestPosition"), lambda of: of.each(0.0)),
+        "damping": (
+            lambda joint: _each(joint, "getDampingCoefficient"),
+            lambda of: of.each(of.body.joint.armature / of.timestep),
+        ),
+        "dry_friction": (
+            lambda joint: _each(joint, "getCoulombFriction"),
+            lambda of: of.each(of.body.joint.dry_friction),
+        ),
+        "command": (lambda joint: _each(joint, "getCommand"), lambda of: of.each(0.0)),
+    }
+) | Items[Any, ExpectedJoint].named(
+    _limits,
+    {
+        "position_limits": lambda of: of.each(*(of.body.joint.position_limits or (-math.inf, math.inf))),
+        "velocity_limits": lambda of: of.each(-math.inf, math.inf),
+        "acceleration_limits": lambda of: of.each(-math.inf, math.inf),
+        "force_limits": _efforts,
+    },
+)
+"""As ``joint.BODY.NAME``."""
+NODE = Items[Any, Body](
+    {
+        "kind": (lambda node: type(node).__name__, "BodyNode"),
+        "gravity": (lambda node: node.getGravityMode(), True),
+        "collidable": (lambda node: node.isCollidable(), True),
+        "markers": (lambda node: node.getNumMarkers(), 0),
+        "end_effectors": (lambda node: node.getNumEndEffectors(), 0),
+        "force": (lambda node: tuple(node.getExternalForceGlobal().tolist()), (0.0,) * 6),
+    }
+)
+"""As ``node.BODY.NAME``, of all nodes of a body."""
+
+
+def _moments(body: Body) -> EngineValue:
+    xx, yy, zz, xy, xz, yz = body.inertial.inertia
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
+
+
+STATIC_MASS = Items[Any, Body](
+    {
+        "mass": (lambda inertia: inertia.getMass(), lambda body: body.inertial.mass),
+        "centre_of_mass": (
+            lambda inertia: tuple(inertia.getLocalCOM().tolist()),
+            lambda body: body.inertial.centre_of_mass,
+        ),
+        "inertia": (lambda inertia: tuple(inertia.getMoment().reshape(-1).tolist()), _moments),
+    }
+)
+"""Of static bodies, whose mass is not in the read-back."""
+
+
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
+    """The stored values by name."""
+    sidecar = sim.sidecar
+    found = _world(sim.dartpy, sim.world) | SIMULATION.read(sim) | sidecar_labels(sidecar.plain())
+    found["group.shapes"] = sim.solver.getCollisionGroup().getNumShapeFrames()
+    for index in range(sim.world.getNumSkeletons()):
+        skeleton = sim.world.getSkeleton(index)
+        found |= SKELETON.read(skeleton, f"skeleton.{skeleton.getName()}")
+    for index, (name, body, model) in enumerate(zip(sim.names, sim.bodies, sidecar.models, strict=True)):
+        joint, shapes = body.getParentJoint(), [shape for shape in sidecar.shapes if shape.body == name]
+        found |= {f"body.{name}.model": model, f"body.{name}.joint": joint.getName()}
+        found[f"body.{name}.skeleton"] = body.getSkeleton().getName()
+        found[f"body.{name}.shapes"] = tuple(shape.name for shape in shapes)
+        found[f"body.{name}.seen"] = tuple(shape.visual for shape in shapes)
+        if not body.isReactive():
+            found |= STATIC_MASS.read(body.getInertia(), f"body.{name}")
+        found |= JOINT.read(joint, f"joint.{name}") | _nodes(name, sim.nodes.of(index))
+    found |= {f"velocity_limit.{entry.body}": entry.value for entry in sidecar.velocity_limits}
+    return found | {"exact_rotation": sim.exact_rotation} | _parts(sim)
+
+
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
+    """The values of an empty world with the same detector."""
+    world = sim.dartpy.simulation.World("neutral")
+    detector = sim.world.getCollisionDetector().getType().upper()
+    world.setCollisionDetector(getattr(sim.dartpy.simulation.CollisionDetectorType, detector))
+    options = sim.dartpy.constraint.NsgsFrictionSolver.Options()
+    return _world(sim.dartpy, world) | NSGS.read(options, "nsgs")
+
+
+def _world(dartpy: Any, world: Any) -> dict[str, EngineValue]:
+    """The values of a world: threads, sleeping, the solvers of its constraints and the detection of its contacts."""
+    solver = world.getConstraintSolver()
+    lcp = solver.getBoxedLcpSolver()
+    found = WORLD.read(world) | SOLVER.read(solver)
+    found |= DEACTIVATION.read(world.getDeactivationOptions(), "deactivation")
+    found |= MATRIX_FREE.read(solver.getMatrixFreeContactSolverOptions(), "matrix_free")
+    found |= COLLISION.read(solver.getCollisionOption(), "collision")
+    return found | (
+        NSGS.read(lcp.getOptions(), "nsgs") if isinstance(lcp, dartpy.constraint.NsgsFrictionSolver) else {}
+    )
+
+
+def _detector_field(detector: Any, getter: str) -> PlainValue | None:
+    return plain(getattr(detector, getter)()) if hasattr(detector, getter) else None
+
+
 def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, EngineValue]:
-    """Of a body's nodes what each holds, where all hold the same."""
+    """The values of a body's nodes; one that differs between them with the name of the node."""
     found: dict[str, EngineValue] = {}
     for node in nodes:
-        held: dict[str, EngineValue] = {
-            "kind": type(node).__name__,
-            "gravity": node.getGravityMode(),
-            "collidable": node.isCollidable(),
-            "markers": node.getNumMarkers(),
-            "end_effectors": node.getNumEndEffectors(),
-            "force": tuple(node.getExternalForceGlobal().tolist()),
-        }
-        for key, value in held.items():
-            if found.setdefault(f"node.{name}.{key}", value) != value:
-                found[f"node.{name}.{key}"] = f"{value} on {node.getName()}"
+        for key, value in NODE.read(node, f"node.{name}").items():
+            if found.setdefault(key, value) != value:
+                found[key] = f"{value} on {node.getName()}"
     return found
 
 
@@ -235,56 +356,45 @@ def part_name(body: str, material: str, layer: int) -> str:
     return f"{body}/{material}/{layer}"
 
 
-def finite(values: Iterable[float]) -> tuple[PlainValue, ...]:
-    """Numbers as an inventory has them."""
-    return tuple(_value(value) for value in values)
-
-
-# What DART's inventory must be (``dart_inventory.py``), from the world and the settings that follow from it alone.
-#
-# Runs outside the engine's process, without DART.
-
-SOLVERS = {"nsgs": "NsgsFrictionSolver", "dantzig": "DantzigBoxedLcpSolver"}
-LAWS = {"elliptic": "Coulomb", "pyramid-circumscribed": "Box"}
-
-Settings = Mapping[str, bool | int | float | str]
-
-
 def expected(
     world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue], detector: str
 ) -> dict[str, EngineValue]:
-    """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are DART's own values,
-    ``detector`` what the setting ``collision_detector`` stands for."""
-    groups = rigid_groups(world)
-    carriers = [
-        Carrier(part_name(body.name, part.material, part.layer), body.name, part.material, part.layer)
-        for body in world.bodies
-        for part in parts(body, plan)
-    ]
-    found = _world(world, settings, neutral, detector)
-    found["count.skeletons"] = len(trees(world))
-    found["sidecar.bodies"] = listed([body.name for body in world.bodies])
-    found["group.shapes"] = sum(len(part.shapes) for body in world.bodies for part in parts(body, plan))
-    touching = any(groups[one.body] != "world" for one in carriers)
-    choice = settings["exact_rotation"]
-    found["exact_rotation"] = choice == "always" or (choice == "auto" and not touching)
+    """The values that follow from ``world`` under its ``settings``; ``neutral`` are DART's defaults, ``detector`` that for
+    which the setting ``collision_detector`` stands."""
+    groups, of = rigid_groups(world), ExpectedWorld(world, settings, detector)
+    found = WORLD.expect(of, "", neutral) | SOLVER.expect(of, "", neutral) | SIMULATION.expect(of)
+    options = {"deactivation": DEACTIVATION, "matrix_free": MATRIX_FREE, "collision": COLLISION}
+    if chosen_solver(world, settings) == "nsgs":
+        options["nsgs"] = NSGS
+    for prefix, items in options.items():
+        found |= items.expect(of, prefix, below(prefix, neutral))
+    # DART compares the speeds before contact is solved: bodies at rest have that of the fall of a step
+    fall = math.dist((0.0, 0.0, 0.0), world.physics.gravity) * world.physics.timestep
+    found["deactivation.mLinearSpeedThreshold"] = float(neutral["deactivation.mLinearSpeedThreshold"]) + fall  # type: ignore[arg-type]
+    carriers: list[Carrier] = []
+    shapes = 0
     for root, bodies in trees(world).items():
         moves = any(groups[body.name] != "world" for body in bodies)
-        found |= _skeleton_expected(root, world, moves)
+        found |= SKELETON.expect(ExpectedTree(world, moves), f"skeleton.{root}")
         for body in bodies:
-            found |= _joint_expected(body, world.physics.timestep) | _node(body)
-            found[f"body.{body.name}.model"], found[f"body.{body.name}.joint"] = body.model, body.joint.name
-            found[f"body.{body.name}.skeleton"] = root
+            name, at = body.name, f"body.{body.name}"
+            found |= JOINT.expect(ExpectedJoint(body, world.physics.timestep), f"joint.{name}")
+            found |= NODE.expect(body, f"node.{name}")
+            found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name, f"{at}.skeleton": root}
+            found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
+            found[f"{at}.seen"] = tuple(shape.visual for shape in body.shapes)
             for part in parts(body, plan):
-                at = f"surface.{part_name(body.name, part.material, part.layer)}"
-                found[f"{at}.friction"] = (part.surface.friction or 0.0,) * len(part.shapes)
-                found[f"{at}.restitution"] = (part.surface.restitution or 0.0,) * len(part.shapes)
-            found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
-            found[f"body.{body.name}.seen"] = tuple(shape.visual for shape in body.shapes)
-            if groups[body.name] == "world":
-                found |= _still(body)
+                label, count = part_name(name, part.material, part.layer), len(part.shapes)
+                carriers.append(Carrier(label, name, part.material, part.layer))
+                found[f"surface.{label}.friction"] = (part.surface.friction or 0.0,) * count
+                found[f"surface.{label}.restitution"] = (part.surface.restitution or 0.0,) * count
+                shapes += count
+            if groups[name] == "world":
+                found |= STATIC_MASS.expect(body, at)
             if body.joint.velocity_limit is not None:
-                found[f"velocity_limit.{body.name}"] = body.joint.velocity_limit
+                found[f"velocity_limit.{name}"] = body.joint.velocity_limit
+    choice, touching = settings["exact_rotation"], any(groups[carrier.body] != "world" for carrier in carriers)
+    found |= {"group.shapes": shapes, "exact_rotation": choice == "always" or (choice == "auto" and not touching)}
     return found | expected_apart(world, plan, carriers)
 
 
@@ -295,94 +405,3 @@ def chosen_solver(world: World, settings: Settings) -> str:
         return chosen
     pyramid = world.contact.friction_cone == "pyramid-circumscribed"
     return "dantzig" if only_free_spheres(world) or (pyramid and frictionless(world)) else "nsgs"
-
-
-def _world(
-    world: World, settings: Settings, neutral: Mapping[str, EngineValue], detector: str
-) -> dict[str, EngineValue]:
-    solver = chosen_solver(world, settings)
-    found = {name: value for name, value in neutral.items() if not name.startswith("nsgs.")}
-    fall = math.dist((0.0, 0.0, 0.0), world.physics.gravity) * world.physics.timestep
-    found |= {
-        "solver.timestep": world.physics.timestep,
-        "solver.primary": SOLVERS[solver],
-        "detector.type": detector,
-        "solver.detector": detector,
-        "group.detector": detector,
-        "group.automatic_update": False,
-        "solver.split_impulse": False,
-        "matrix_free.mEnabled": False,
-        "deactivation.mEnabled": settings["sleeping"],
-        "deactivation.mLinearSpeedThreshold": float(neutral["deactivation.mLinearSpeedThreshold"]) + fall,  # type: ignore[arg-type]
-        "world.threads": 1,
-        "solver.threads": 1,
-    }
-    if solver == "nsgs":
-        found |= {name: value for name, value in neutral.items() if name.startswith("nsgs.")}
-        found["nsgs.law"] = LAWS[world.contact.friction_cone]
-        least = [settings["tolerance"]]
-        if any(body.joint.dry_friction for body in world.bodies):
-            least.append(settings["dry_friction_tolerance"])
-        found |= {"nsgs.maxSweeps": settings["iterations"], "nsgs.tolerance": min(least)}
-    return found
-
-
-def _skeleton_expected(root: str, world: World, moves: bool) -> dict[str, EngineValue]:
-    held: dict[str, EngineValue] = {
-        "mobile": moves,
-        "self_collision": True,
-        "adjacent_bodies": True,
-        "gravity": world.physics.gravity,
-        "timestep": world.physics.timestep,
-        "soft_nodes": 0,
-        "markers": 0,
-        "end_effectors": 0,
-        "trees": 1,
-    }
-    return {f"skeleton.{root}.{name}": value for name, value in held.items()}
-
-
-def _joint_expected(body: Body, timestep: float) -> dict[str, EngineValue]:
-    """DART's own spring and damping are none but for the damping that stands for the armature."""
-    joint, every = body.joint, VELOCITY_SIZE[body.joint.kind]
-    free = (-math.inf, math.inf) * every
-    effort = joint.effort_limit
-    held: dict[str, EngineValue] = {
-        "actuator": "FORCE",
-        "actuators": ("FORCE",) * every,
-        "enforced": joint.position_limits is not None,
-        "coupled": False,
-        "kinematic": False,
-        "mimics": "",
-        "position_limits": finite(joint.position_limits or free),
-        "velocity_limits": finite(free),
-        "acceleration_limits": finite(free),
-        "force_limits": finite((-effort, effort) if effort is not None else free),
-        "damping": (joint.armature / timestep,) * every,
-        "dry_friction": (joint.dry_friction,) * every,
-    }
-    held |= dict.fromkeys(("spring", "rest", "command"), (0.0,) * every)
-    return {f"joint.{body.name}.{name}": value for name, value in held.items()}
-
-
-def _still(body: Body) -> dict[str, EngineValue]:
-    """The mass of a body that cannot move."""
-    xx, yy, zz, xy, xz, yz = body.inertial.inertia
-    held: dict[str, EngineValue] = {
-        "mass": body.inertial.mass,
-        "centre_of_mass": body.inertial.centre_of_mass,
-        "inertia": (xx, xy, xz, xy, yy, yz, xz, yz, zz),
-    }
-    return {f"body.{body.name}.{name}": value for name, value in held.items()}
-
-
-def _node(body: Body) -> dict[str, EngineValue]:
-    held: dict[str, EngineValue] = {
-        "kind": "BodyNode",
-        "gravity": True,
-        "collidable": True,
-        "markers": 0,
-        "end_effectors": 0,
-        "force": (0.0,) * 6,
-    }
-    return {f"node.{body.name}.{name}": value for name, value in held.items()}

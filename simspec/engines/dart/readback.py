@@ -13,18 +13,19 @@ from simspec.dialects.dart.sidecar import ShapeEntry
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import collision_nodes, shape_nodes
 from simspec.engines.dart.simulation import Simulation
+from simspec.engines.kit.readback import bound, inertial_of, merged, pose_of, range_of, vector
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.skel.format import world_name
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 SHAPE_KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
     "SphereShape": ("sphere", lambda shape: (shape.getRadius(),)),
-    "BoxShape": ("box", lambda shape: _vector(shape.getSize())),
+    "BoxShape": ("box", lambda shape: vector(shape.getSize())),
     "CylinderShape": ("cylinder", lambda shape: (shape.getRadius(), shape.getHeight())),
     "CapsuleShape": ("capsule", lambda shape: (shape.getRadius(), shape.getHeight())),
-    "EllipsoidShape": ("ellipsoid", lambda shape: _vector(shape.getRadii())),
+    "EllipsoidShape": ("ellipsoid", lambda shape: vector(shape.getRadii())),
     "PlaneShape": ("plane", lambda shape: ()),
 }
 """DART's shape types, and what gives the size of each."""
@@ -40,34 +41,44 @@ from the two nodes' own, to the last bit."""
 
 
 def read_back(sim: Simulation, q: np.ndarray, v: np.ndarray, unreadable: dict[str, str]) -> ReadBack:
-    """The model as DART holds it, and its present state ``q``, ``v``."""
-    names: dict[str, list[tuple[int, ShapeEntry]]] = {}
+    """The model as DART stores it, and its present state ``q``, ``v``."""
+    shapes: dict[str, list[tuple[int, ShapeEntry]]] = {}
     for number, entry in enumerate(sim.sidecar.shapes):
-        names.setdefault(entry.body, []).append((number, entry))
+        shapes.setdefault(entry.body, []).append((number, entry))
     bodies = []
-    for index, (name, node) in enumerate(zip(sim.names, sim.bodies, strict=True)):
-        joint = _joint(sim, node.getParentJoint(), index, q, v)
-        bodies.append(
-            Body(name, sim.sidecar.models[index], _inertial(node), joint, _shapes(sim, index, names.get(name, [])))
-        )
+    for row, (name, node, model) in enumerate(zip(sim.names, sim.bodies, sim.sidecar.models, strict=True)):
+        joint = _joint(sim, node.getParentJoint(), row, q, v)
+        bodies.append(Body(name, model, inertial(node), joint, _shapes(sim, row, shapes.get(name, []))))
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
-    return ReadBack(
-        restore_frames(tuple(bodies), offsets),
-        _vector(sim.world.getGravity()),
-        float(sim.world.getTimeStep()),
-        _cone(sim),
-        dict(unreadable),
-    )
+    restored, gravity = restore_frames(tuple(bodies), offsets), vector(sim.world.getGravity())
+    return ReadBack(restored, gravity, float(sim.world.getTimeStep()), _cone(sim), dict(unreadable))
 
 
-def _vector(values: Any) -> Vector3:
-    x, y, z = np.asarray(values).tolist()
-    return (x + 0.0, y + 0.0, z + 0.0)
+def transform_pose(transform: Any) -> Pose:
+    """A pose of one of DART's."""
+    return pose_of(transform.translation(), transform.rotation())
 
 
-def _pose(transform: Any) -> Pose:
-    turn = tuple(map(tuple, transform.rotation().tolist()))
-    return Pose(_vector(transform.translation()), frames.from_matrix(turn))  # type: ignore[arg-type]
+def inertial(node: Any) -> Inertial:
+    """The mass properties of a node of DART's."""
+    inertia = node.getInertia()
+    return inertial_of(inertia.getMass(), inertia.getLocalCOM(), inertia.getMoment())
+
+
+def shape_size(shape: Any) -> tuple[str, tuple[float, ...]] | None:
+    """The kind and size of one of DART's shapes; None of a mesh and of kinds that the world does not have."""
+    if shape.getType() not in SHAPE_KINDS:
+        return None
+    kind, size_of = SHAPE_KINDS[shape.getType()]
+    return kind, size_of(shape)
+
+
+def surfaces_of(node: Any) -> tuple[Surface, ...]:
+    """The surface of a node with a collision shape; empty without one."""
+    if not (node.hasCollisionAspect() and node.getCollisionAspect().isCollidable() and node.hasDynamicsAspect()):
+        return ()
+    aspect = node.getDynamicsAspect()
+    return (Surface(aspect.getFrictionCoeff(), restitution=aspect.getRestitutionCoeff()),)
 
 
 def _cone(sim: Simulation) -> str:
@@ -85,24 +96,15 @@ def _cone(sim: Simulation) -> str:
     return "pyramid-circumscribed"
 
 
-def _inertial(node: Any) -> Inertial:
-    inertia = node.getInertia()
-    m = inertia.getMoment().tolist()
-    tensor = (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2])
-    return Inertial(float(inertia.getMass()), _vector(inertia.getLocalCOM()), tensor)
-
-
 def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     kind = JOINT_KINDS[joint.getType()]
     if np.any(joint.getTransformFromChildBodyNode().matrix() != np.eye(4)):
         raise EngineError(NAME, f"joint {joint.getName()!r} is not at its child's frame")
     above = joint.getParentBodyNode()
     parent = None if above is None else world_name(above.getName())
-    position, velocity = (
-        tuple(q[sim.coordinates.q_places[index]].tolist()),
-        tuple(v[sim.coordinates.v_places[index]].tolist()),
-    )
-    held = Joint(joint.getName(), kind, parent, _pose(joint.getTransformFromParentBodyNode()))
+    position = tuple(q[sim.coordinates.q_places[index]].tolist())
+    velocity = tuple(v[sim.coordinates.v_places[index]].tolist())
+    held = Joint(joint.getName(), kind, parent, transform_pose(joint.getTransformFromParentBodyNode()))
     if kind == "fixed":
         return held
     if kind == "free":
@@ -129,14 +131,12 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     )
     if kind == "ball":
         return held
-    lower, upper = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
-    limited = joint.areLimitsEnforced() and (np.isfinite(lower) or np.isfinite(upper))
-    effort = joint.getForceUpperLimit(0)
+    limits = range_of(joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0))
     return dataclasses.replace(
         held,
-        axis=_vector(joint.getAxis()),
-        position_limits=(lower, upper) if limited else None,
-        effort_limit=float(effort) if np.isfinite(effort) else None,
+        axis=vector(joint.getAxis()),
+        position_limits=limits if joint.areLimitsEnforced() else None,
+        effort_limit=bound(joint.getForceUpperLimit(0)),
         dry_friction=joint.getCoulombFriction(0),
         armature=float(efforts.armature[dof]),
         spring_rest=float(efforts.rest[dof]),
@@ -156,55 +156,39 @@ def _mesh(sim: Simulation, held: Any) -> tuple[float, ...]:
 
 
 def _shape(sim: Simulation, node: Any) -> Shape:
-    held = node.getShape()
-    if held.getType() == MESH:
-        kind, size = "mesh", _mesh(sim, held)
-    elif held.getType() in SHAPE_KINDS:
-        kind, size_of = SHAPE_KINDS[held.getType()]
-        size = size_of(held)
-    else:
-        raise EngineError(NAME, f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
-    pose = _pose(node.getRelativeTransform())
-    if kind == "plane" and (_vector(held.getNormal()) != (0.0, 0.0, 1.0) or held.getOffset() != 0.0):
+    stored = node.getShape()
+    found = ("mesh", _mesh(sim, stored)) if stored.getType() == MESH else shape_size(stored)
+    if found is None:
+        raise EngineError(NAME, f"stores the shape {node.getName()!r} as {stored.getType()}, unknown here")
+    kind, size = found
+    if kind == "plane" and (vector(stored.getNormal()) != (0.0, 0.0, 1.0) or stored.getOffset() != 0.0):
         raise EngineError(NAME, f"the plane {node.getName()!r} is not the x-y plane of its frame")
-    shape = Shape("", kind, size, pose, collision=False, visual=False)
+    surfaces = surfaces_of(node)
+    pose = transform_pose(node.getRelativeTransform())
+    shape = Shape("", kind, size, pose, collision=bool(surfaces), visual=False, surfaces=surfaces)
     if node.hasVisualAspect():
-        colour = node.getVisualAspect().getRGBA().tolist()
-        shape = dataclasses.replace(shape, visual=True, colour=tuple(colour))
-    if node.hasCollisionAspect() and node.getCollisionAspect().isCollidable():
-        surface = node.getDynamicsAspect()
-        shape = dataclasses.replace(
-            shape,
-            collision=True,
-            surfaces=(Surface(surface.getFrictionCoeff(), restitution=surface.getRestitutionCoeff()),),
-        )
+        shape = dataclasses.replace(shape, visual=True, colour=tuple(node.getVisualAspect().getRGBA().tolist()))
     return shape
 
 
 def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) -> tuple[Shape, ...]:
-    """A body's shapes in the world's order. DART has a node for the visual side of a shape and one for each of its copies;
-    those that are alike and that the sidecar says are one are joined, all else is left as it is."""
-    own = sim.bodies[index]
+    """A body's shapes in the world's order. DART has a node for the visual of a shape and one for each of its copies; equal ones
+    that the sidecar assigns to one shape are merged."""
+    body = sim.bodies[index]
     copies: dict[int, list[Shape]] = {}
     for node in sim.nodes.of(index):
-        place = _place_on(node, own)
-        for one in collision_nodes(node):
-            number, _ = sim.nodes.copy(one)
-            copies.setdefault(number, []).append(_moved(_shape(sim, one), place))
-    seen = [_shape(sim, one) for one in shape_nodes(own) if one.hasVisualAspect()]
-    if len(seen) != sum(entry.visual for _, entry in given):
-        return (*(shape for held in copies.values() for shape in held), *seen)
+        place = _place_on(node, body)
+        for collision in collision_nodes(node):
+            shape, (number, _) = _shape(sim, collision), sim.nodes.copy(collision)
+            moved = dataclasses.replace(shape, pose=frames.compose(place, shape.pose))
+            copies.setdefault(number, []).append(moved)
+    visuals = [_shape(sim, node) for node in shape_nodes(body) if node.hasVisualAspect()]
+    if len(visuals) != sum(entry.visual for _, entry in given):
+        return (*(shape for shapes in copies.values() for shape in shapes), *visuals)
     found: list[Shape] = []
     for number, entry in given:
-        parts = copies.get(number, []) + ([seen.pop(0)] if entry.visual else [])
-        kept: list[Shape] = []
-        for part in parts:
-            alike = next((at for at, one in enumerate(kept) if _same(one, part)), None)
-            if alike is None:
-                kept.append(part)
-            else:
-                kept[alike] = _joined(kept[alike], part)
-        found.extend(dataclasses.replace(shape, name=entry.name) for shape in kept)
+        parts = copies.get(number, []) + ([visuals.pop(0)] if entry.visual else [])
+        found += [dataclasses.replace(shape, name=entry.name) for shape in merged(parts)]
     return tuple(found)
 
 
@@ -219,24 +203,4 @@ def _place_on(node: Any, own: Any) -> Pose:
     if node.getMass() != 0.0 or np.any(held.getMoment()) or np.any(held.getLocalCOM()):
         raise EngineError(NAME, f"{node.getName()!r}, which holds copies of shapes, has a mass, or a centre of mass")
     transform = node.getTransform(own)
-    return Pose() if np.abs(transform.matrix() - np.eye(4)).max() <= COPY_TOLERANCE else _pose(transform)
-
-
-def _moved(shape: Shape, place: Pose) -> Shape:
-    return dataclasses.replace(shape, pose=frames.compose(place, shape.pose))
-
-
-def _same(one: Shape, other: Shape) -> bool:
-    """Whether two sides or copies of a shape are alike."""
-    return (one.kind, one.size, one.pose) == (other.kind, other.size, other.pose)
-
-
-def _joined(one: Shape, other: Shape) -> Shape:
-    seen = one if one.visual else other
-    return dataclasses.replace(
-        one,
-        collision=one.collision or other.collision,
-        visual=one.visual or other.visual,
-        colour=seen.colour,
-        surfaces=one.surfaces + other.surfaces,
-    )
+    return Pose() if np.abs(transform.matrix() - np.eye(4)).max() <= COPY_TOLERANCE else transform_pose(transform)
