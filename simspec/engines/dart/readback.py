@@ -172,8 +172,8 @@ def _shape(sim: Simulation, node: Any) -> Shape:
 
 
 def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) -> tuple[Shape, ...]:
-    """A body's shapes in the world's order. DART has a node for the visual of a shape and one for each of its copies; equal ones
-    that the sidecar assigns to one shape are merged."""
+    """A body's shapes in the world's order. DART has a node for the visual of a shape and one for each of its copies: equal
+    ones that the sidecar assigns to one shape are merged."""
     body = sim.bodies[index]
     copies: dict[int, list[Shape]] = {}
     for node in sim.nodes.of(index):

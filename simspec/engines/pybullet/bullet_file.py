@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
+from simspec.world.types import EngineValue
 
 HEADER = re.compile(rb"BULLET[fd]([-_])v\d{3}")
 """Precision, ``-`` for 64-bit addresses, and the version. Little-endian where ``v`` is small."""
@@ -231,3 +232,49 @@ def colliders(trees: Sequence[int], blocks: list[Block]) -> Iterator[tuple[tuple
                     raise EngineError("pybullet", "holds a collider of no body")
                 held = row["m_colObjData"]
                 yield (uid, int(row["m_link"])), int(held["m_collisionShape"]), plain(held, STATE)
+
+
+WORLD: Mapping[str, str] = {
+    "solverInfo.timeStep": "of the last step; the timestep is a field of the read-back",
+    "gravity": "a field of the read-back",
+}
+"""Members of the world in the dump that are not in the inventory, with the reason."""
+ROUND_TYPES = {8, 10}
+"""Bullet's numbers of spheres and capsules, whose margin is their radius."""
+UNCOUNTED = {"SHAP", "ARAY", "CONT", "CHAR", "MBDY", "MBLC"}
+"""Blocks of the dump that are not counted: parts of others, contacts of the moment, and what has entries of its own."""
+
+
+def world_values(blocks: Iterable[Block]) -> dict[str, EngineValue]:
+    """The solver's numbers, and how many things there are of each kind."""
+    found: dict[str, EngineValue] = {}
+    for block in blocks:
+        if block.code == "DWLD":
+            for name, value in plain(block.rows[0]).items():
+                if name not in WORLD:
+                    found[f"world.{name}"] = value
+        if block.code not in UNCOUNTED:
+            found[f"count.{block.code}"] = int(found.get(f"count.{block.code}", 0)) + len(block.rows)  # type: ignore[arg-type]
+    return found
+
+
+class Margins:
+    """The margins (m) that Bullet adds around the shapes of a link, of those that it rounds by none of their own."""
+
+    def __init__(self, blocks: Iterable[Block]):
+        self._at = {block.address: block.rows for block in blocks if block.code in ("SHAP", "ARAY")}
+
+    def of(self, address: int) -> tuple[float, ...]:
+        """Of the shape at an address, or of all the parts of a compound one, in their order."""
+        rows = self._at.get(address)
+        if rows is None:
+            return ()
+        names = rows.dtype.names or ()
+        if "m_childShapePtr" in names:
+            parts = self._at.get(int(rows[0]["m_childShapePtr"]), ())
+            return tuple(margin for part in parts for margin in self.of(int(part["m_childShape"])))
+        held = rows[0]["m_convexInternalShapeData"] if "m_convexInternalShapeData" in names else rows[0]
+        if "m_collisionMargin" not in (held.dtype.names or ()):
+            return ()
+        kind = int(held["m_collisionShapeData"]["m_shapeType"])
+        return () if kind in ROUND_TYPES else (float(held["m_collisionMargin"]),)

@@ -46,7 +46,6 @@ from simspec.engines.pybullet.contact import (
     only_balls_and_boxes_are_soft,
     rows_act_on_each_other,
 )
-from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.pybullet.geometry import (
     DULL,
@@ -59,7 +58,7 @@ from simspec.engines.pybullet.geometry import (
     thicker,
 )
 from simspec.engines.pybullet.geometry import HOW as GROUND
-from simspec.engines.pybullet.inventory import inventory, neutral
+from simspec.engines.pybullet.inventory import expected, inventory, neutral
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError

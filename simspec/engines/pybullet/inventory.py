@@ -1,29 +1,69 @@
-"""Everything that PyBullet holds beside the fields of the read-back, and that can act.
+"""The values that PyBullet stores besides the fields of the read-back, and that can act, and what they must be (``expected``,
+which runs without PyBullet; its numbers are those of PyBullet's manual and headers).
 
-Three sources, in this order: what PyBullet returns when asked, its own dump of the world's memory (a ``.bullet`` file: the
-solver's numbers, the collision masks and flags of every link), and the calls made while loading, for what neither has
-(``pybullet_calls.py``). What it must be says ``pybullet_expected.py``. Facts marked *measured*: pybullet 3.2.7.
+Three sources, in this order: PyBullet's getters, its dump of the world's memory (a ``.bullet`` file: the solver's numbers, the
+collision masks and flags of every link), and the calls made while loading, for values that neither has. Facts marked
+*measured*: pybullet 3.2.7.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any, NamedTuple
 
-from simspec.engines.kit.inventory import listed, named_set, sidecar_labels
-from simspec.engines.pybullet.bullet_file import COLLIDER, Block, colliders, dump, plain
+import numpy as np
+
+from simspec.contact.plan import CollisionPart, ContactPlan, parts
+from simspec.dialects.pybullet.contact import faces_meet
+from simspec.dialects.pybullet.sidecar import held_beside
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    Carrier,
+    Items,
+    below,
+    expected_apart,
+    listed,
+    named_set,
+    sidecar_labels,
+)
+from simspec.engines.pybullet.bullet_file import COLLIDER, Margins, colliders, dump, plain, world_values
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import Tree, told_turn
+from simspec.engines.pybullet.trees import Tree, link_names, told_turn
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import EngineValue
+from simspec.world.contact_pairs import meeting_laws
+from simspec.world.inertia import lumped_inertial
+from simspec.world.kinematics import free_rigid, rigid_groups, trees
+from simspec.world.types import Body, EngineValue, Inertial, Surface, World
 
-WORLD: Mapping[str, str] = {
-    "solverInfo.timeStep": "of the last step; the timestep is a field of the read-back",
-    "gravity": "a field of the read-back",
-}
-"""Members of the world in the dump that are not in the inventory, with the reason."""
+LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
+"""URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
+HULL_FACES = 4096
+"""URDF_INITIALIZE_SAT_FEATURES."""
+MULTI_BODY = 2
+"""Body type of getDynamicsInfo."""
+STATIC, STIFFNESS_DAMPING, FRICTION_ANCHOR = 1, 128, 512
+"""Flags of a collider: cannot move; has a stiffness and a damping; friction remembers where it took hold."""
+NO_CONE = 2048
+"""Mode of the solver: friction along each of two axes for itself."""
+LINK_MARGIN = 0.001
+"""The margin (m) that PyBullet keeps around the shapes of links other than bases, whatever it is told (measured)."""
+ROUND = ("sphere", "capsule", "plane")
+"""Kinds of shapes without a margin of their own."""
+FIXED = 4
+"""Joint type."""
+STRONG, UNSAID = 1e9, 0
+"""The largest force of a constraint, and what PyBullet reports for the link of a gear's housing where it was told none."""
+NEVER = 1e30
+"""A velocity clamp that never acts."""
+SLEEPY, SLOW = 1, 1e-4
+"""Activation state that lets a body sleep, and below which v² + ω² it does."""
+
+
 PARAMETERS: Mapping[str, str] = {
     "fixedTimeStep": "a field of the read-back",
     "gravityAccelerationX": "a field of the read-back",
@@ -31,188 +71,198 @@ PARAMETERS: Mapping[str, str] = {
     "gravityAccelerationZ": "a field of the read-back",
 }
 """Keys of getPhysicsEngineParameters that are not in the inventory, with the reason."""
-JOINT_INFO: Mapping[str, int] = {
-    "damping": 6,
-    "friction": 7,
-    "lower": 8,
-    "upper": 9,
-    "max_force": 10,
-    "max_velocity": 11,
-}
-"""Numbers of getJointInfo; those that a joint kind makes a field of the read-back are left out there."""
-SURFACE: Mapping[str, int] = {
-    "friction": 1,
-    "restitution": 5,
-    "rolling": 6,
-    "spinning": 7,
-    "damping": 8,
-    "stiffness": 9,
-}
-"""Numbers of getDynamicsInfo."""
 OF_THE_READ_BACK: Mapping[str | None, set[str]] = {"fixed": set(), "ball": {"damping"}, None: set()}
-"""Which of these are fields of the read-back, by the kind of joint; of other kinds all are."""
-ROUND = {8, 10}
-"""Bullet's numbers of spheres and capsules, whose margin is their radius."""
-UNCOUNTED = {"SHAP", "ARAY", "CONT", "CHAR", "MBDY", "MBLC"}
-"""Blocks of the dump that are not counted: parts of others, contacts of the moment, and what has entries of its own."""
-NEUTRAL = """<robot name="neutral">
+"""Which values of joints are fields of the read-back, by the kind of joint; of other kinds all are."""
+NEUTRAL_MODEL = """<robot name="neutral">
 <link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
 <collision><geometry><sphere radius="1"/></geometry></collision></link>
 <link name="link"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
 <collision><geometry><sphere radius="1"/></geometry></collision></link>
 <joint name="joint" type="spherical"><parent link="base"/><child link="link"/><axis xyz="1 0 0"/></joint></robot>
 """
-"""A model that asks for nothing: what PyBullet holds of it are its own defaults."""
+"""A model without attributes: the values of PyBullet's defaults."""
+Settings = Mapping[str, bool | int | float | str]
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedLink:
+    """A link: its name, body, and what it carries (None: the body has no collision shape); ``own``: the body's own link."""
+
+    name: str
+    body: Body
+    part: CollisionPart | None
+    own: bool
+    base: bool
+
+    @property
+    def kind(self) -> str | None:
+        """Of its joint; None of a link that only carries shapes."""
+        return self.body.joint.kind if self.own else None
+
+    @property
+    def surface(self) -> Surface | None:
+        return None if self.part is None else self.part.surface
+
+
+class Collider(NamedTuple):
+    link: ExpectedLink
+    static: bool
+    settings: Settings
+
+
+def _number(field: str) -> Any:
+    """The number of a surface, 0 without shapes."""
+    return lambda surface: getattr(surface, field, 0.0) or 0.0
+
+
+SURFACE = Items[Any, Surface | None](
+    {
+        "friction": (itemgetter(1), _number("friction")),
+        "restitution": (itemgetter(5), _number("restitution")),
+        "rolling": (itemgetter(6), _number("rolling_friction")),
+        "spinning": (itemgetter(7), _number("torsional_friction")),
+        "damping": (itemgetter(8), NEUTRAL),
+        "stiffness": (itemgetter(9), NEUTRAL),
+    }
+)
+"""Of getDynamicsInfo, as ``link.NAME.…``."""
+MASSLESS = Items[Any, tuple[float, ...]](
+    {
+        "mass": (itemgetter(0), 0.0),
+        "inertia": (lambda dynamics: tuple(dynamics[2]), (0.0, 0.0, 0.0)),
+        "place": (lambda dynamics: tuple(dynamics[3]), lambda centre: centre),
+        "turn": (lambda dynamics: tuple(dynamics[4]), (0.0, 0.0, 0.0, 1.0)),
+    }
+)
+"""The same of links without mass, which only carry shapes, stand for the world, or are a static base; from their centre."""
+JOINT_INFO = {"damping": 6, "friction": 7, "lower": 8, "upper": 9, "max_force": 10, "max_velocity": 11}
+"""Numbers of getJointInfo."""
+
+
+def _joint_items(kind: str | None) -> Items[Any, None]:
+    """The values of a joint that are not fields of the read-back for its kind."""
+    excluded = OF_THE_READ_BACK.get(kind, set(JOINT_INFO))
+    return Items({key: (itemgetter(at), NEUTRAL) for key, at in JOINT_INFO.items() if key not in excluded})
+
+
+def _flags(of: Collider) -> int:
+    # of links other than bases PyBullet keeps its own anchor and threshold, whichever simspec passes (measured)
+    flags = int(of.static) * STATIC | (FRICTION_ANCHOR if of.settings["friction_erp"] and of.link.base else 0)
+    hardness = None if of.link.surface is None else of.link.surface.hardness
+    return flags | (STIFFNESS_DAMPING if hardness is not None and hardness.kind == "stiffness" else 0)
+
+
+COLLIDERS = Items[Mapping[str, Any], Collider].named(
+    lambda collider, name: collider[name],
+    {**{member: NEUTRAL for member, why in COLLIDER.items() if not why}, "collisionFlags": _flags},
+)
+CONSTRAINT = Items[Any, None](
+    {"max_force": (itemgetter(10), STRONG), "erp": (itemgetter(14), 1.0), "auxiliary": (itemgetter(12), UNSAID)}
+)
+"""Of getConstraintInfo."""
+MOTORS: Mapping[str, Mapping[str, EngineValue]] = {
+    **{kind: {"mode": "velocity", "targetVelocity": 0.0} for kind in SCALAR_JOINTS},
+    "ball": {
+        **{"mode": "position", "targetPosition": (0.0, 0.0, 0.0, 1.0), "force": (0.0, 0.0, 0.0)},
+        **{"positionGain": 0.0, "velocityGain": 0.0},
+    },
+}
+"""The motor of a ball is off; the force of others is their dry friction."""
 
 
 def inventory(sim: Simulation) -> dict[str, EngineValue]:
-    """Everything else that is held, by name; links by the world's names (:func:`link_names`)."""
-    p, client = sim.bullet, sim.client
+    """The stored values by name; links by the world's names (:func:`link_names`)."""
+    p, client, sidecar = sim.bullet, sim.client, sim.sidecar
     names = link_names(sim)
-    held = p.getPhysicsEngineParameters(physicsClientId=client)
-    found: dict[str, EngineValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
-    found.update(sidecar_labels(sim.sidecar.plain()))
-    found["sidecar.bodies"] = listed(sim.names)
+    found = _parameters(p, client) | sidecar_labels(sidecar.plain()) | {"sidecar.bodies": listed(sim.names)}
     # contacts are solved in the order in which the trees were loaded
-    found["trees"] = listed([instance.bodies[0] for instance in sim.sidecar.instances])
-    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
+    found["trees"] = listed([instance.bodies[0] for instance in sidecar.instances])
+    for tree, instance in zip(sim.trees, sidecar.instances, strict=True):
         found[f"tree.{instance.bodies[0]}.model"] = instance.model
-        for body, joint, shapes in zip(instance.bodies, instance.joints, instance.shapes, strict=True):
-            found[f"body.{body}.joint"], found[f"body.{body}.shapes"] = joint, shapes
-        for body, places in zip(instance.bodies, instance.visual_only, strict=True):
-            found[f"body.{body}.visual_only"] = places
+        for body, joint, shapes, places in zip(
+            instance.bodies, instance.joints, instance.shapes, instance.visual_only, strict=True
+        ):
+            found |= _body_labels(body, joint, tuple(shapes), tuple(places))
         for link in [link.link for link in tree.links] + [link for link, _ in tree.copies]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
-    for frame in sim.sidecar.frames or ():
-        found |= {f"body.{frame.name}.joint": frame.joint, f"body.{frame.name}.shapes": ()}
-        found |= {f"body.{frame.name}.visual_only": (), f"body.{frame.name}.on": frame.parent}
+    for frame in sidecar.frames or ():
+        found |= _body_labels(frame.name, frame.joint, (), ()) | {f"body.{frame.name}.on": frame.parent}
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
-    for held in sim.held:
-        info = p.getConstraintInfo(held.number, physicsClientId=client)
-        found[f"constraint.{held.name}.max_force"] = info[10]
-        found[f"constraint.{held.name}.erp"] = info[14]
-        found[f"constraint.{held.name}.auxiliary"] = info[12]
+    for constraint in sim.held:
+        info = p.getConstraintInfo(constraint.number, physicsClientId=client)
+        found |= CONSTRAINT.read(info, f"constraint.{constraint.name}")
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
-    blocks = dump(sim.bullet, sim.client)
-    found.update(_world(blocks))
+    blocks = dump(p, client)
+    found |= world_values(blocks)
     masks = {}
-    margins = _Margins(blocks)
+    margins = Margins(blocks)
     for key, shape, collider in colliders([tree.uid for tree in sim.trees], blocks):
         if key not in names:
-            raise EngineError("pybullet", f"holds a link {key} that the sidecar does not name")
-        if not p.getCollisionShapeData(*key, physicsClientId=client):
-            continue  # without shapes nothing touches it
-        name = names[key]
-        masks[name] = (collider["collisionFilterGroup"], collider["collisionFilterMask"])
-        found.update({f"collider.{name}.{member}": collider[member] for member, why in COLLIDER.items() if not why})
-        found[f"shape.{name}.margins"] = margins.of(shape)
+            raise EngineError("pybullet", f"stores a link {key} that the sidecar does not name")
+        if p.getCollisionShapeData(*key, physicsClientId=client):  # without shapes nothing touches it
+            name = names[key]
+            masks[name] = (collider["collisionFilterGroup"], collider["collisionFilterMask"])
+            found |= COLLIDERS.read(collider, f"collider.{name}")
+            found[f"shape.{name}.margins"] = margins.of(shape)
     for tree in sim.trees:
-        found.update(_links(sim, tree, names))
-    found.update(_calls(sim, names))
-    found.update(_apart(masks, _disabled(sim, names)))
-    return found
+        found |= _links(sim, tree, names)
+    return found | _calls(sim, names) | _excluded(masks, _disabled(sim, names))
+
+
+def _body_labels(
+    name: str, joint: str, shapes: tuple[str, ...], visual_only: tuple[int, ...]
+) -> dict[str, EngineValue]:
+    at = f"body.{name}"
+    return {f"{at}.joint": joint, f"{at}.shapes": shapes, f"{at}.visual_only": visual_only}
+
+
+def _parameters(bullet: Any, client: int) -> dict[str, EngineValue]:
+    parameters = bullet.getPhysicsEngineParameters(physicsClientId=client)
+    return {f"parameter.{key}": value for key, value in parameters.items() if key not in PARAMETERS}
 
 
 def neutral(sim: Simulation) -> dict[str, EngineValue]:
-    """PyBullet's own values: of its world and of a base's and a link's collider that it was told nothing of."""
+    """PyBullet's defaults: of its world, and of the colliders, the surface and the joint of a model without attributes."""
     p = sim.bullet
     client = p.connect(p.DIRECT)
     try:
         with scratch_folder("bullet") as place:
-            (place / "neutral.urdf").write_text(NEUTRAL, encoding="utf-8")
+            (place / "neutral.urdf").write_text(NEUTRAL_MODEL, encoding="utf-8")
             uid = p.loadURDF(str(place / "neutral.urdf"), physicsClientId=client)
-            found = _world(dump(p, client))
             blocks = dump(p, client)
-        for block in (block for block in blocks if block.code == "MBLC"):
-            for row in block.rows:
-                kind = "base" if int(row["m_link"]) < 0 else "link"
-                held = plain(row["m_colObjData"])
-                found.update({f"collider.{kind}.{member}": held[member] for member, why in COLLIDER.items() if not why})
+        found = world_values(blocks) | _parameters(p, client)
+        for row in (row for block in blocks if block.code == "MBLC" for row in block.rows):
+            kind = "base" if int(row["m_link"]) < 0 else "link"
+            found |= COLLIDERS.read(plain(row["m_colObjData"]), f"collider.{kind}")
+        found |= SURFACE.read(p.getDynamicsInfo(uid, 0, physicsClientId=client), "link")
         info = p.getJointInfo(uid, 0, physicsClientId=client)
-        dynamics = p.getDynamicsInfo(uid, 0, physicsClientId=client)
-        found.update({f"link.{name}": dynamics[place] for name, place in SURFACE.items()})
-        found.update({f"joint.{name}": info[place] for name, place in JOINT_INFO.items()})
-        held = p.getPhysicsEngineParameters(physicsClientId=client)
-        found.update({f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS})
+        return found | {f"joint.{name}": info[place] for name, place in JOINT_INFO.items()}
     finally:
         p.disconnect(physicsClientId=client)
-    return found
-
-
-def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
-    """The names of all links: a body's name for its own, ``BODY__MATERIAL.LAYER`` for one of its copies, ``BODY/world`` for the
-    massless base that stands for the world below that root."""
-    found = {}
-    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
-        found.update({(tree.uid, link.link): sim.names[link.index] for link in tree.links})
-        copies = zip(tree.copies, instance.copies, strict=True)
-        found.update({(tree.uid, link): copy.link for (link, _), copy in copies})
-        if tree.links[0].link >= 0:
-            found[tree.uid, -1] = f"{sim.names[tree.links[0].index]}/world"
-    return found
-
-
-def _world(blocks: Iterable[Block]) -> dict[str, EngineValue]:
-    """The solver's numbers, and how many things there are of each kind."""
-    found: dict[str, EngineValue] = {}
-    for block in blocks:
-        if block.code == "DWLD":
-            for name, value in plain(block.rows[0]).items():
-                if name not in WORLD:
-                    found[f"world.{name}"] = value
-        if block.code not in UNCOUNTED:
-            found[f"count.{block.code}"] = int(found.get(f"count.{block.code}", 0)) + len(block.rows)  # type: ignore[arg-type]
-    return found
-
-
-class _Margins:
-    """The margins (m) that Bullet adds around the shapes of a link, of those that it rounds by none of their own."""
-
-    def __init__(self, blocks: Iterable[Block]):
-        self._at = {block.address: block.rows for block in blocks if block.code in ("SHAP", "ARAY")}
-
-    def of(self, address: int) -> tuple[float, ...]:
-        """Of the shape at an address, or of all the parts of a compound one, in their order."""
-        rows = self._at.get(address)
-        if rows is None:
-            return ()
-        names = rows.dtype.names or ()
-        if "m_childShapePtr" in names:
-            parts = self._at.get(int(rows[0]["m_childShapePtr"]), ())
-            return tuple(margin for part in parts for margin in self.of(int(part["m_childShape"])))
-        held = rows[0]["m_convexInternalShapeData"] if "m_convexInternalShapeData" in names else rows[0]
-        if "m_collisionMargin" not in (held.dtype.names or ()):
-            return ()
-        kind = int(held["m_collisionShapeData"]["m_shapeType"])
-        return () if kind in ROUND else (float(held["m_collisionMargin"]),)
 
 
 def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
-    """Of every link what getDynamicsInfo and getJointInfo say beside the fields of the read-back."""
+    """The values of every link by getDynamicsInfo and getJointInfo besides the fields of the read-back."""
     p, client = sim.bullet, sim.client
-    own = {link.link: link.kind for link in tree.links}
+    kinds = {link.link: link.kind for link in tree.links}
     found: dict[str, EngineValue] = {}
     for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
-        name, kind = names[tree.uid, link], own.get(link)
+        name, kind = names[tree.uid, link], kinds.get(link)
         dynamics = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
         found[f"link.{name}.body_type"] = dynamics[10]
-        if not dynamics[0]:  # it only carries shapes, stands for the world, or is a fixed base
-            found[f"link.{name}.mass"] = dynamics[0]
-            found[f"link.{name}.inertia"] = tuple(dynamics[2])
-            found[f"link.{name}.place"] = tuple(dynamics[3])
-            found[f"link.{name}.turn"] = tuple(dynamics[4])
-        found.update({f"link.{name}.{key}": dynamics[at] for key, at in SURFACE.items()})
+        found |= SURFACE.read(dynamics, f"link.{name}")
+        if not dynamics[0]:
+            found |= MASSLESS.read(dynamics, f"link.{name}")
         if link < 0:
             continue
         info = p.getJointInfo(tree.uid, link, physicsClientId=client)
-        left_out = OF_THE_READ_BACK.get(kind, set(JOINT_INFO))
-        found.update({f"joint.{name}.{key}": info[at] for key, at in JOINT_INFO.items() if key not in left_out})
+        found |= _joint_items(kind).read(info, f"joint.{name}")
         if kind is None:
             parent, own_frame = (p.getDynamicsInfo(tree.uid, at, physicsClientId=client) for at in (info[16], link))
             found[f"joint.{name}.type"] = info[2]
             found[f"joint.{name}.parent"] = names[tree.uid, info[16]]
-            found.update(_weld(name, info, parent, own_frame))
+            found |= _weld(name, info, parent, own_frame)
     return found
 
 
@@ -232,7 +282,7 @@ def _rounded(values: Iterable[float]) -> tuple[float, ...]:
 
 
 def _calls(sim: Simulation, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
-    """The calls made while loading, under the function's name; pairs that do not touch are left to :func:`_apart`, masks and
+    """The calls made while loading, under the function's name; pairs that do not touch are left to :func:`_excluded`, masks and
     gravity to the dump and the read-back."""
     found: dict[str, EngineValue] = {}
     modes = {sim.bullet.VELOCITY_CONTROL: "velocity", sim.bullet.POSITION_CONTROL: "position"}
@@ -271,7 +321,7 @@ def _disabled(sim: Simulation, names: Mapping[tuple[int, int], str]) -> set[tupl
     return {pair for pair, off in found.items() if off}
 
 
-def _apart(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]]) -> dict[str, EngineValue]:
+def _excluded(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]]) -> dict[str, EngineValue]:
     """Of every link the others that it does not touch, by Bullet's rule for masks and the pairs that were switched off."""
     kinds: dict[tuple[int, int], list[str]] = {}
     for name, kind in masks.items():
@@ -291,3 +341,160 @@ def _apart(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]])
     return {
         f"apart.{name}": named_set((by_kind[kind] | pairs.get(name, set())) - {name}) for name, kind in masks.items()
     }
+
+
+def expected(
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
+    """The values that follow from ``world`` under its ``settings``; ``neutral`` are PyBullet's defaults."""
+    groups = rigid_groups(world)
+    found = _expected_world(world, settings, plan, neutral)
+    faces = HULL_FACES if faces_meet(world, plan, float(str(settings["collision_margin"]))) else 0
+    found |= {"trees": listed(list(trees(world))), "count.bodies": len(trees(world))}
+    found["sidecar.bodies"] = listed([body.name for body in world.bodies])
+    alongside = held_beside(world)
+    for body in world.bodies:
+        visual_only = tuple(place for place, shape in enumerate(body.shapes) if not shape.collision)
+        found |= _body_labels(body.name, body.joint.name, tuple(shape.name for shape in body.shapes), visual_only)
+        if body.name in alongside:
+            found[f"body.{body.name}.on"] = body.joint.parent or ""
+        motor = dict(MOTORS.get(body.joint.kind, {}))
+        if body.joint.kind in SCALAR_JOINTS:
+            motor["force"] = body.joint.dry_friction
+        found |= {f"calls.motor.{body.name}.{key}": value for key, value in motor.items()}
+    solid = []
+    for root, tree in trees(world).items():
+        bodies = tuple(body for body in tree if body.name not in alongside)
+        links = list(_tree_links(bodies, plan))
+        base = root if links[0].base else f"{root}/world"
+        welded = _welded(bodies, base != root)
+        for link in links:
+            found |= _link(link, lumped_inertial(world, link.body), settings, neutral)
+            if link.part is not None:
+                solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
+                static = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.own]
+                found |= _collider(Collider(link, static, settings), neutral)
+        if base != root:
+            found |= _changed(base, settings) | SURFACE.expect(None, f"link.{base}", below("link", neutral))
+            found |= MASSLESS.expect((0.0, 0.0, 0.0), f"link.{base}") | {f"link.{base}.body_type": MULTI_BODY}
+        found |= {f"tree.{root}.model": bodies[0].model, f"calls.loadURDF.{base}.flags": LOAD_FLAGS | faces}
+        found[f"calls.loadURDF.{base}.useFixedBase"] = int(bodies[0].joint.kind != "free")
+    for name in free_rigid(world) if settings["sleeping"] else ():
+        found[f"calls.changeDynamics.{name}.activationState"] = SLEEPY
+        found[f"calls.changeDynamics.{name}.sleepThreshold"] = SLOW
+    return found | expected_apart(world, plan, solid)
+
+
+def _welded(bodies: tuple[Body, ...], world_link: bool) -> tuple[frozenset[str], frozenset[str]]:
+    """Of a tree the bodies whose copies, and those whose own links, PyBullet takes for unmoved.
+
+    On a base without mass it walks up from a link over fixed joints, and stops before link 0, whatever joint that has
+    (measured): what is welded to the first link counts as unmoved although it moves; contact with it is found all the same.
+    """
+    if bodies[0].joint.kind == "free":
+        return frozenset(), frozenset()
+    first = 0 if world_link else 1
+    own: set[str] = set()
+    for number, body in enumerate(bodies):
+        above = next((k for k, one in enumerate(bodies) if one.name == body.joint.parent), -1)
+        if (body.joint.kind == "fixed" and (above <= first or bodies[above].name in own)) or number < first:
+            own.add(body.name)
+    copies = {body.name for number, body in enumerate(bodies) if number <= first or body.name in own}
+    return frozenset(copies), frozenset(own)
+
+
+def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[ExpectedLink]:
+    """The links of one tree but for one that stands for the world. A root on a joint, or fixed with a mass, is not the base."""
+    root = bodies[0]
+    on_base = root.joint.kind == "free" or (root.joint.kind == "fixed" and not root.inertial.mass)
+    for body in bodies:
+        first, *copies = parts(body, plan) or (None,)
+        yield ExpectedLink(body.name, body, first, True, on_base and body is root)
+        for part in copies:
+            yield ExpectedLink(f"{body.name}__{part.material}.{part.layer}", body, part, False, False)
+
+
+def _expected_world(
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
+    """The world's numbers, and the parameters that simspec passes."""
+    found = {name: value for name, value in neutral.items() if name.startswith(("world.", "count.", "parameter."))}
+    solid = (shape for body in world.bodies for part in parts(body, plan) for shape in part.shapes)
+    if fields := sum(shape.kind == "heightfield" for shape in solid):
+        found["count.QBVH"] = fields  # the tree of boxes around the triangles of each
+    laws = meeting_laws(world).values()
+    rough = any(part.surface.friction for body in world.bodies for part in parts(body, plan))
+    elliptic = rough and world.contact.friction_cone == "elliptic"
+    mode = int(neutral["world.solverInfo.solverMode"])  # type: ignore[arg-type]
+    closed = any(constraint.kind != "follow" for constraint in world.constraints)
+    joint_erp = 1.0 if closed else settings["joint_erp"]
+    given: dict[str, EngineValue] = {
+        "numSolverIterations": settings["iterations"],
+        "solverResidualThreshold": settings["residual_threshold"],
+        "erp": joint_erp,
+        "frictionERP": settings["friction_erp"],
+        "restitutionVelocityThreshold": max((x.restitution_threshold for x in laws if x.restitution), default=0.0),
+        "contactBreakingThreshold": settings["contact_breaking_threshold"],
+        "enableConeFriction": int(elliptic),
+        "deterministicOverlappingPairs": int(settings["deterministic_pairs"]),
+        "numSubSteps": 0,
+    }
+    found["world.solverInfo.numIterations"] = found["parameter.numSolverIterations"] = settings["iterations"]
+    found["world.solverInfo.erp"] = joint_erp
+    found["world.solverInfo.solverMode"] = mode & ~NO_CONE if elliptic else mode | NO_CONE
+    if not any(law.hardness.kind == "native" for law in laws):
+        given |= {"contactERP": settings["contact_erp"], "contactSlop": settings["contact_slop"]}
+        found["world.solverInfo.erp2"] = settings["contact_erp"]
+        found["world.solverInfo.linearSlop"] = settings["contact_slop"]
+    found |= {f"calls.setPhysicsEngineParameter.{name}": value for name, value in given.items()}
+    for constraint in world.constraints:
+        found |= CONSTRAINT.expect(None, f"constraint.{constraint.name}")
+    if world.constraints:
+        found["calls.createConstraint"] = found["calls.changeConstraint"] = len(world.constraints)
+    return found | {"count.constraints": len(world.constraints), "count.user_data": 0}
+
+
+def _changed(name: str, settings: Settings) -> dict[str, EngineValue]:
+    """The arguments of changeDynamics for every link."""
+    given: dict[str, EngineValue] = {
+        "linearDamping": 0.0,
+        "angularDamping": 0.0,
+        "maxJointVelocity": NEVER,
+        "contactProcessingThreshold": settings["contact_processing_threshold"],
+        "collisionMargin": settings["collision_margin"],
+    }
+    if settings["friction_erp"]:
+        given["frictionAnchor"] = 1
+    return {f"calls.changeDynamics.{name}.{key}": value for key, value in given.items()}
+
+
+def _link(
+    link: ExpectedLink, inertial: Inertial, settings: Settings, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
+    """Of a link; ``inertial``: that of its body in PyBullet."""
+    at, joint = f"link.{link.name}", f"joint.{link.name}"
+    found = _changed(link.name, settings) | SURFACE.expect(link.surface, at, below("link", neutral))
+    found |= {f"{at}.body_type": MULTI_BODY, f"{at}.layer": 0 if link.part is None else link.part.layer}
+    hardness = None if link.surface is None else link.surface.hardness
+    if hardness is not None and hardness.kind == "stiffness":
+        # two links' springs are in series, and their dampers add up
+        found |= {f"{at}.stiffness": 2.0 * hardness.stiffness, f"{at}.damping": hardness.damping / 2.0}
+    if not link.own:
+        found |= MASSLESS.expect((0.0, 0.0, 0.0), at) | {f"{joint}.type": FIXED, f"{joint}.parent": link.body.name}
+        found |= {f"{joint}.place": (0.0, 0.0, 0.0), f"{joint}.turn": (0.0, 0.0, 0.0)}
+    elif not inertial.mass:
+        found |= MASSLESS.expect(inertial.centre_of_mass, at)
+    if not link.base:
+        found |= _joint_items(link.kind).expect(None, joint, below("joint", neutral))
+    return found
+
+
+def _collider(of: Collider, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
+    link, at = of.link, f"collider.{of.link.name}"
+    found = COLLIDERS.expect(of, at, below("collider.base" if link.base else "collider.link", neutral))
+    margin = float(np.float32(of.settings["collision_margin"] if link.base else LINK_MARGIN))
+    edged = [shape for shape in (link.part.shapes if link.part else ()) if shape.kind not in ROUND]
+    found[f"shape.{link.name}.margins"] = (margin,) * len(edged)
+    if link.base:
+        found[f"{at}.contactProcessingThreshold"] = of.settings["contact_processing_threshold"]
+    return found

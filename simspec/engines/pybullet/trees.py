@@ -213,6 +213,19 @@ def carriers(trees: Iterable[Any], instances: Iterable[Instance]) -> dict[tuple[
     return found
 
 
+def link_names(sim: Any) -> dict[tuple[int, int], str]:
+    """The names of all links: a body's name for its own, ``BODY__MATERIAL.LAYER`` for one of its copies, ``BODY/world`` for the
+    massless base that stands for the world below that root."""
+    found = {}
+    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
+        found.update({(tree.uid, link.link): sim.names[link.index] for link in tree.links})
+        copies = zip(tree.copies, instance.copies, strict=True)
+        found.update({(tree.uid, link): copy.link for (link, _), copy in copies})
+        if tree.links[0].link >= 0:
+            found[tree.uid, -1] = f"{sim.names[tree.links[0].index]}/world"
+    return found
+
+
 # Bodies that PyBullet is not told, since they are nothing but frames: where they are follows from what carries them.
 
 Array = np.ndarray

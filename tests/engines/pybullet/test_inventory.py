@@ -9,9 +9,9 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.pybullet.bullet_file import COLLIDER, dump, plain, read_blocks
+from simspec.engines.pybullet.bullet_file import COLLIDER, WORLD, dump, plain, read_blocks
 from simspec.engines.pybullet.engine import PyBullet
-from simspec.engines.pybullet.inventory import JOINT_INFO, PARAMETERS, SURFACE, WORLD
+from simspec.engines.pybullet.inventory import JOINT_INFO, PARAMETERS, SURFACE
 from simspec.errors import EngineError
 from simspec.proof.mutation_worlds import WORLDS as MUTATED
 from simspec.proof.selftest_worlds import WORLDS
@@ -147,7 +147,8 @@ def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
     uid = sim.trees[1].uid
     # mass, friction, inertia, its place and turn, restitution, rolling, spinning, damping, stiffness, type, margin
     assert len(p.getDynamicsInfo(uid, 0, physicsClientId=client)) == 12
-    assert set(SURFACE.values()) | {0, 2, 3, 4, 10, 11} == set(range(12))
+    surface = {key: read(range(12)) for key, (read, _) in SURFACE.table.items()}
+    assert set(surface.values()) | {0, 2, 3, 4, 10, 11} == set(range(12))
     # index, name, type, places of q and v, flags, then numbers; the link's name, axis, place, turn, parent
     assert len(p.getJointInfo(uid, 0, physicsClientId=client)) == 17
     assert set(JOINT_INFO.values()) | {0, 1, 2, 3, 4, 5, 12, 13, 14, 15, 16} == set(range(17))
