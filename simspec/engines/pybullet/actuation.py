@@ -58,20 +58,20 @@ class JointArrays(Actuation):
         self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        client, ask = self._sim.client, self._sim.bullet.getJointStates
+        query = self._sim.bullet.getJointStates
         positions, velocities = self._positions, self._velocities
         for uid, links, rows in self._trees:
-            states = ask(uid, links, client)
+            states = query(uid, links)
             at = slice(None) if rows is None else rows
             positions[at] = [state[0] for state in states]
             velocities[at] = [state[1] for state in states]
         return positions, velocities
 
     def give(self, effort: np.ndarray) -> None:
-        sim, p = self._sim, self._sim.bullet
+        p = self._sim.bullet
         for uid, links, rows in self._trees:
             forces = (effort if rows is None else effort[rows]).tolist()
-            p.setJointMotorControlArray(uid, links, p.TORQUE_CONTROL, forces=forces, physicsClientId=sim.client)
+            p.setJointMotorControlArray(uid, links, p.TORQUE_CONTROL, forces=forces)
 
     def step(self) -> None:
         self._sim.advance(1)
@@ -90,7 +90,6 @@ class JointServos:
                 "positionGains": gain[rows].tolist(),
                 "velocityGains": [1.0] * len(links),
                 "forces": limit[rows].tolist(),
-                "physicsClientId": sim.client,
             }
             self._trees.append((uid, links, rows, fixed))
 
@@ -163,9 +162,9 @@ class Efforts:
         """Of a tree with armature: its joints, their places in v, their damping, and gravity in the base's inertial axes."""
         joints = [link.link for link in tree.movers]
         places = np.array([link.v.start for link in tree.movers], dtype=int)
-        p, client = self._sim.bullet, self._sim.client
-        damping = np.array([p.getJointInfo(tree.uid, joint, physicsClientId=client)[6] for joint in joints])
-        _, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+        p = self._sim.bullet
+        damping = np.array([p.getJointInfo(tree.uid, joint)[6] for joint in joints])
+        _, raw = p.getBasePositionAndOrientation(tree.uid)
         local_gravity = frames.rotate(frames.conjugate(told_turn(raw)), self._sim.sidecar.gravity)
         return joints, places, damping, local_gravity
 
@@ -173,17 +172,17 @@ class Efforts:
         """The effort (nv,) to apply at the present state, for an effort ``given`` from outside."""
         if not self.needed:
             return given
-        p, client = self._sim.bullet, self._sim.client
+        p = self._sim.bullet
         effort = given.copy()
         for tree, link, stiffness, rest in self._springs:
             if link.kind == "ball":
-                state = p.getJointStateMultiDof(tree.uid, link.link, physicsClientId=client)
+                state = p.getJointStateMultiDof(tree.uid, link.link)
                 turned = logarithm_of(from_xyzw_of(state[0]))
                 effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, turned))
             else:
-                effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
+                effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link)[0] - rest)
         for one, parts in self._along:
-            states = [p.getJointState(tree.uid, link.link, physicsClientId=client) for tree, link, _ in parts]
+            states = [p.getJointState(tree.uid, link.link) for tree, link, _ in parts]
             length, speed = (
                 sum(weight * state[k] for state, (_, _, weight) in zip(states, parts, strict=True)) for k in (0, 1)
             )
@@ -192,13 +191,13 @@ class Efforts:
                 effort[link.v] -= weight * force
         gravity = self._sim.sidecar.gravity
         for tree, joints, places, damping, local_gravity in self._armed:
-            states = p.getJointStates(tree.uid, joints, physicsClientId=client)
+            states = p.getJointStates(tree.uid, joints)
             q, v = [state[0] for state in states], [state[1] for state in states]
-            mass = np.array(p.calculateMassMatrix(tree.uid, q, physicsClientId=client))
+            mass = np.array(p.calculateMassMatrix(tree.uid, q))
             # calculateInverseDynamics takes gravity to be given in the axes of the base (measured)
-            p.setGravity(*local_gravity, physicsClientId=client)
-            bias = np.array(p.calculateInverseDynamics(tree.uid, q, v, [0.0] * len(q), physicsClientId=client))
-            p.setGravity(*gravity, physicsClientId=client)
+            p.setGravity(*local_gravity)
+            bias = np.array(p.calculateInverseDynamics(tree.uid, q, v, [0.0] * len(q)))
+            p.setGravity(*gravity)
             armature = self.armature[places]
             force = effort[places] - damping * np.array(v) - bias
             effort[places] -= armature * np.linalg.solve(mass + np.diag(armature), force)
@@ -206,28 +205,24 @@ class Efforts:
 
     def apply(self, effort: np.ndarray) -> None:
         """Give ``effort`` (nv,) to the joints for the next step."""
-        p, client = self._sim.bullet, self._sim.client
+        p = self._sim.bullet
         for uid, root in self._free:
             if effort[root.v].any():
                 self._sim.keep_awake(uid)  # PyBullet drops efforts on what sleeps
         for uid, singles, places, balls in self._movers:
             if singles:
-                p.setJointMotorControlArray(
-                    uid, singles, p.TORQUE_CONTROL, forces=effort[places].tolist(), physicsClientId=client
-                )
+                p.setJointMotorControlArray(uid, singles, p.TORQUE_CONTROL, forces=effort[places].tolist())
             for link in balls:
                 torque = frames.rotate(frames.conjugate(link.turn), tuple(effort[link.v].tolist()))
-                p.setJointMotorControlMultiDof(
-                    uid, link.link, controlMode=p.TORQUE_CONTROL, force=list(torque), physicsClientId=client
-                )
+                p.setJointMotorControlMultiDof(uid, link.link, controlMode=p.TORQUE_CONTROL, force=list(torque))
         for uid, root in self._free:
             given = effort[root.v]
             if given.any():
-                at, raw = p.getBasePositionAndOrientation(uid, physicsClientId=client)
+                at, raw = p.getBasePositionAndOrientation(uid)
                 turn = frames.multiply(from_xyzw_of(raw), frames.conjugate(root.turn))
                 torque = frames.rotate(turn, tuple(given[3:].tolist()))
-                p.applyExternalForce(uid, -1, given[:3].tolist(), at, p.WORLD_FRAME, physicsClientId=client)
-                p.applyExternalTorque(uid, -1, list(torque), p.WORLD_FRAME, physicsClientId=client)
+                p.applyExternalForce(uid, -1, given[:3].tolist(), at, p.WORLD_FRAME)
+                p.applyExternalTorque(uid, -1, list(torque), p.WORLD_FRAME)
 
     def energy(self) -> tuple[float, float]:
         """Kinetic energy of the armature and energy stored in the springs at the present state (J)."""
@@ -263,23 +258,15 @@ class Probe:
         self._sim = sim
         self._efforts = Efforts(sim, (), ())
         self._known: tuple[np.ndarray, list[np.ndarray]] | None = None
-        p, client = sim.bullet, sim.client
+        p = sim.bullet
         sim.disable_contact()
-        p.setTimeStep(PROBE_STEP, physicsClientId=client)
+        p.setTimeStep(PROBE_STEP)
         for tree in sim.trees:
             for link in tree.movers:
-                p.changeDynamics(tree.uid, link.link, jointDamping=0.0, physicsClientId=client)
+                p.changeDynamics(tree.uid, link.link, jointDamping=0.0)
                 if link.kind != "ball":
-                    p.changeDynamics(
-                        tree.uid,
-                        link.link,
-                        jointLowerLimit=-UNCLAMPED,
-                        jointUpperLimit=UNCLAMPED,
-                        physicsClientId=client,
-                    )
-                    p.setJointMotorControl2(
-                        tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=0.0, physicsClientId=client
-                    )
+                    p.changeDynamics(tree.uid, link.link, jointLowerLimit=-UNCLAMPED, jointUpperLimit=UNCLAMPED)
+                    p.setJointMotorControl2(tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=0.0)
         self._blocks = [
             np.concatenate([np.arange(link.v.start, link.v.stop) for link in tree.links]).astype(int)
             for tree in sim.trees
@@ -302,7 +289,7 @@ class Probe:
 
     def _set_gravity(self, on: bool) -> None:
         gravity = self._sim.sidecar.gravity if on else (0.0, 0.0, 0.0)
-        self._sim.bullet.setGravity(*gravity, physicsClientId=self._sim.client)
+        self._sim.bullet.setGravity(*gravity)
 
     def masses(self, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each tree its places in v, and its M, without armature. All trees are probed side by side; the last ones are kept,

@@ -206,11 +206,11 @@ COLLIDER: Mapping[str, str] = {
 STATE = frozenset(name for name, why in COLLIDER.items() if why.startswith("state"))
 
 
-def dump(bullet: Any, client: int) -> list[Block]:
+def dump(bullet: Any) -> list[Block]:
     """The blocks of the dump of a client. Raises EngineError where it cannot be read."""
     with scratch_folder("bullet") as folder:
         path = folder / "world.bullet"
-        bullet.saveBullet(str(path), physicsClientId=client)
+        bullet.saveBullet(str(path))
         try:
             return read_blocks(path.read_bytes())
         except (OSError, ValueError) as error:

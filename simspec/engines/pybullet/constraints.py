@@ -92,7 +92,7 @@ def hold(
 ) -> tuple[Held, ...]:
     """Tell PyBullet the constraints; what they are is read back by :func:`read_held`. ``anchors``: by the name of a weld the
     point at which it is held (``world/constraints.py``), by default the origin of the second body's frame."""
-    p, client = sim.bullet, sim.client
+    p = sim.bullet
     joints = _joints(sim)
     held = []
     for constraint in constraints:
@@ -101,16 +101,13 @@ def hold(
             if None in ends:
                 raise EngineError("pybullet", f"the constraint {constraint.name!r} names a joint that is not there")
             (uid, link), (lead_uid, lead_link) = (end for end in ends if end is not None)
-            number = p.createConstraint(
-                uid, link, lead_uid, lead_link, p.JOINT_GEAR, AXIS, (0.0,) * 3, (0.0,) * 3, physicsClientId=client
-            )
+            number = p.createConstraint(uid, link, lead_uid, lead_link, p.JOINT_GEAR, AXIS, (0.0,) * 3, (0.0,) * 3)
             p.changeConstraint(
                 number,
                 gearRatio=-constraint.ratio,
                 relativePositionTarget=constraint.offset,
                 erp=WHOLE,
                 maxForce=STRONG,
-                physicsClientId=client,
             )
         else:
             number = _joined(sim, constraint, anchors.get(constraint.name, (0.0, 0.0, 0.0)))
@@ -149,9 +146,8 @@ def _joined(sim: Simulation, constraint: Connect | Weld, anchor: Vector3) -> int
         far.position,
         to_xyzw_of(near.quaternion),
         to_xyzw_of(far.quaternion),
-        physicsClientId=sim.client,
     )
-    p.changeConstraint(number, erp=WHOLE, maxForce=STRONG, physicsClientId=sim.client)
+    p.changeConstraint(number, erp=WHOLE, maxForce=STRONG)
     return number
 
 
@@ -171,7 +167,7 @@ def read_held(sim: Simulation) -> tuple[Constraint, ...]:
     names = {p.JOINT_GEAR: "follow", p.JOINT_POINT2POINT: "connect", p.JOINT_FIXED: "weld"}
     found: list[Constraint] = []
     for held in sim.held:
-        info: tuple[Any, ...] = p.getConstraintInfo(held.number, physicsClientId=sim.client)
+        info: tuple[Any, ...] = p.getConstraintInfo(held.number)
         one, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
         if kind == "follow":
             found.append(Follow(held.name, joint_of[one], joint_of[other], -info[11], info[13]))

@@ -59,8 +59,9 @@ from simspec.engines.pybullet.geometry import (
 )
 from simspec.engines.pybullet.geometry import HOW as GROUND
 from simspec.engines.pybullet.inventory import expected, inventory, neutral
-from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
+from simspec.engines.pybullet.readback import read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
+from simspec.engines.pybullet.trees import SHAPE_KINDS
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support import classes, features
@@ -336,7 +337,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation
         reach = sim.settings["contact_processing_threshold"]
-        points = [point for point in sim.bullet.getContactPoints(physicsClientId=sim.client) if point[8] <= reach]
+        points = [point for point in sim.bullet.getContactPoints() if point[8] <= reach]
         if not points:
             return empty_contacts()
         units = np.array([(sim.unit[p[1], p[3]], sim.unit[p[2], p[4]]) for p in points], dtype=np.int64)

@@ -26,10 +26,9 @@ from simspec.engines.kit.foreign import (
 )
 from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.simulation import GREETING
-from simspec.engines.pybullet.trees import JOINT_KINDS, told_turn
+from simspec.engines.pybullet.trees import JOINT_KINDS, SHAPE_KINDS, Client, joint_fields, pose_at, shape_size
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import tensor
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
@@ -127,8 +126,7 @@ FOREIGN_OWN: Final[Mapping[str, Own]] = {
     ),
 }
 """What PyBullet adds to a file."""
-SHAPE_KINDS: Final = {2: "sphere", 3: "box", 4: "cylinder", 5: MESH, 6: "plane", 7: "capsule"}
-"""PyBullet's GEOM_ numbers."""
+GEOMETRIES: Final = {**SHAPE_KINDS, 5: MESH}
 TREE_JOINTS: Final = {**JOINT_KINDS, 3: "planar", 5: "point to point", 6: "gear"}
 CRASHING: Final = {"mjcf": "getCollisionShapeData crashes with trees of loadMJCF (measured)"}
 """Languages whose shapes are not asked for, with the reason."""
@@ -146,26 +144,25 @@ class Foreign:
     """A client with a file loaded."""
 
     def __init__(self, bullet: Any, log: list[str]):
-        self._p, self._log, self._language = bullet, log, ""
-        self._client = bullet.connect(bullet.DIRECT)
+        self._p, self._log, self._language = Client(bullet, bullet.connect(bullet.DIRECT)), log, ""
 
     def close(self) -> None:
         """Free the client."""
-        self._p.disconnect(physicsClientId=self._client)
+        self._p.disconnect()
 
     def load(self, file: Path, language: str) -> ReadBack:
         """What PyBullet holds of a file. Raises EngineError where it refuses it."""
         p, self._language = self._p, language
         try:
             with captured(sys.stdout, self._log, (GREETING,)):
-                loaded = getattr(p, LOADERS[language])(str(file), physicsClientId=self._client)
+                loaded = getattr(p, LOADERS[language])(str(file))
         except p.error as error:
             raise EngineError("pybullet", "; ".join([f"refuses the file: {error}", *self._log[-3:]])) from error
         trees = [loaded] if isinstance(loaded, int) else list(loaded)
         with captured(sys.stdout, self._log, (GREETING,)):
             links = [link for uid in trees for link in self._links(uid)]
             bodies = bodies_of_links(_apart(links))
-            held = p.getPhysicsEngineParameters(physicsClientId=self._client)
+            held = p.getPhysicsEngineParameters()
             inventory = self._inventory(trees, held)
         unreadable: dict[str, str] = {}
         if language in CRASHING:
@@ -182,90 +179,85 @@ class Foreign:
     # --- the model ----------------------------------------------------------------------------------------------------
 
     def _links(self, uid: int) -> list[HeldLink]:
-        p, client = self._p, self._client
-        count = p.getNumJoints(uid, physicsClientId=client)
-        model = p.getBodyInfo(uid, physicsClientId=client)
-        infos = [p.getJointInfo(uid, joint, physicsClientId=client) for joint in range(count)]
+        p = self._p
+        count = p.getNumJoints(uid)
+        model = p.getBodyInfo(uid)
+        infos = [p.getJointInfo(uid, joint) for joint in range(count)]
         names = told_apart([model[0].decode(errors="replace"), *(info[12].decode(errors="replace") for info in infos)])
         return [self._link(uid, link, names, infos) for link in range(-1, count)]
 
     def _link(self, uid: int, link: int, names: list[str], infos: list[Any]) -> HeldLink:
-        p, client = self._p, self._client
-        dynamics = p.getDynamicsInfo(uid, link, physicsClientId=client)
-        inertial = Pose(tuple(dynamics[3]), told_turn(dynamics[4]))
+        p = self._p
+        dynamics = p.getDynamicsInfo(uid, link)
+        inertial = pose_at(dynamics, 3)
         turned = tensor(tuple(dynamics[2]), inertial.quaternion)
         held = Inertial(float(dynamics[0]), inertial.position, turned)
         shapes = self._shapes(uid, link, inertial, dynamics)
         if link < 0:
-            at, raw = p.getBasePositionAndOrientation(uid, physicsClientId=client)
-            pose = frames.compose(Pose(tuple(at), told_turn(raw)), frames.inverse(inertial))
+            pose = frames.compose(pose_at(p.getBasePositionAndOrientation(uid), 0), frames.inverse(inertial))
             # a base without mass does not move (measured)
             joint = Joint("", "free" if dynamics[0] else "fixed")
             return HeldLink(names[0], None, pose, held, joint, shapes=shapes)
         if infos[link][2] in (0, 1):
-            p.resetJointState(uid, link, 0.0, physicsClientId=client)
-        state = p.getLinkState(uid, link, computeForwardKinematics=1, physicsClientId=client)
-        pose = Pose(tuple(state[4]), told_turn(state[5]))
+            p.resetJointState(uid, link, 0.0)
+        state = p.getLinkState(uid, link, computeForwardKinematics=1)
+        pose = pose_at(state, 4)
         joint = _joint(infos[link], inertial)
         return HeldLink(names[link + 1], names[infos[link][16] + 1], pose, held, joint, shapes=shapes)
 
     def _shapes(self, uid: int, link: int, inertial: Pose, dynamics: Any) -> tuple[Shape, ...]:
-        p, client = self._p, self._client
+        p = self._p
         surface = (Surface(dynamics[1], dynamics[7], dynamics[6], dynamics[5]),)
         shapes = []
         for number, entry in enumerate(self._colliders(uid, link)):
-            kind = SHAPE_KINDS.get(entry[2], f"its kind {entry[2]}")
-            pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
-            size = _size(kind, entry[3])
+            kind = GEOMETRIES.get(entry[2], f"its kind {entry[2]}")
+            pose = frames.compose(inertial, pose_at(entry, 5))
+            size = shape_size(kind, entry[3])
             if kind == MESH:
                 size, pose = self._mesh(uid, link, number), inertial
             shapes.append(Shape("", kind, size, pose, visual=False, surfaces=surface))
-        for entry in p.getVisualShapeData(uid, physicsClientId=client):
+        for entry in p.getVisualShapeData(uid):
             if entry[1] == link:
-                kind = SHAPE_KINDS.get(entry[2], f"its kind {entry[2]}")
-                pose = Pose(tuple(entry[5]), told_turn(entry[6]))
-                size = () if kind == MESH else _size(kind, entry[3])
+                kind = GEOMETRIES.get(entry[2], f"its kind {entry[2]}")
+                pose = pose_at(entry, 5)
+                size = () if kind == MESH else shape_size(kind, entry[3])
                 shapes.append(Shape("", kind, size, pose, collision=False))
         return tuple(shapes)
 
     def _colliders(self, uid: int, link: int) -> Any:
         if self._language in CRASHING:
             return ()
-        return self._p.getCollisionShapeData(uid, link, physicsClientId=self._client)
+        return self._p.getCollisionShapeData(uid, link)
 
     def _mesh(self, uid: int, link: int, number: int) -> tuple[float, ...]:
         """The support function of a collision mesh, in the link's inertial frame: PyBullet tells vertices there (measured)."""
         p = self._p
-        count, vertices = p.getMeshData(uid, link, collisionShapeIndex=number, physicsClientId=self._client)
+        count, vertices = p.getMeshData(uid, link, collisionShapeIndex=number)
         return support(np.array(vertices, dtype=float).reshape(-1, 3)) if count else ()
 
     # --- what is added ------------------------------------------------------------------------------------------------
 
     def _inventory(self, trees: list[int], held: Mapping[str, Any]) -> dict[str, EngineValue]:
         """What is never in a file; measured, where PyBullet does not tell it, by single steps without gravity."""
-        p, client = self._p, self._client
+        p = self._p
         found: dict[str, EngineValue] = {
             "gravity_set": any(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
             "timestep": held["fixedTimeStep"],
         }
-        if any(p.getNumJoints(uid, physicsClientId=client) for uid in trees):
+        if any(p.getNumJoints(uid) for uid in trees):
             found["self_collision"] = False  # as it is loaded: without the flag (measured, in the tests)
-        links = [(uid, link) for uid in trees for link in range(-1, p.getNumJoints(uid, physicsClientId=client))]
+        links = [(uid, link) for uid in trees for link in range(-1, p.getNumJoints(uid))]
         margins = [
-            p.getDynamicsInfo(uid, link, physicsClientId=client)[11]
+            p.getDynamicsInfo(uid, link)[11]
             for uid, link in links
             if any(entry[2] != 2 for entry in self._colliders(uid, link))
         ]
         found["collision_margin"] = float(max(margins, default=0.0))
-        movers = [
-            (uid, link)
-            for uid, link in links
-            if link >= 0 and p.getJointInfo(uid, link, physicsClientId=client)[2] in (0, 1)
-        ]
-        p.setGravity(0, 0, 0, physicsClientId=client)
+        movers = [(uid, link) for uid, link in links if link >= 0 and p.getJointInfo(uid, link)[2] in (0, 1)]
+        p.setGravity(0, 0, 0)
         for uid, link in links:
-            p.setCollisionFilterGroupMask(uid, link, 0, 0, physicsClientId=client)
-        free = [uid for uid in trees if p.getDynamicsInfo(uid, -1, physicsClientId=client)[0]]
+            p.setCollisionFilterGroupMask(uid, link, 0, 0)
+        free = [uid for uid in trees if p.getDynamicsInfo(uid, -1)[0]]
         if free:
             found["linear_damping"] = self._damping(free, held["fixedTimeStep"])
         if movers:
@@ -274,30 +266,30 @@ class Foreign:
 
     def _damping(self, free: list[int], timestep: float) -> float:
         """Share of the speed that a body loses in a second, from one step of all trees that are free, moved as a whole."""
-        p, client = self._p, self._client
+        p = self._p
         for uid in free:
-            p.resetBaseVelocity(uid, [TRIED, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
-        p.stepSimulation(physicsClientId=client)
-        lost = [1.0 - p.getBaseVelocity(uid, physicsClientId=client)[0][0] / TRIED for uid in free]
+            p.resetBaseVelocity(uid, [TRIED, 0.0, 0.0], [0.0, 0.0, 0.0])
+        p.stepSimulation()
+        lost = [1.0 - p.getBaseVelocity(uid)[0][0] / TRIED for uid in free]
         for uid in free:
-            p.resetBaseVelocity(uid, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
+            p.resetBaseVelocity(uid, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
         return float(round(max(lost) / timestep, 3) + 0.0)
 
     def _motors(self, movers: list[tuple[int, int]]) -> dict[str, EngineValue]:
-        p, client = self._p, self._client
+        p = self._p
         held = 0
         for uid, link in movers:
-            p.resetJointState(uid, link, 0.0, TRIED, physicsClientId=client)
-        p.stepSimulation(physicsClientId=client)
+            p.resetJointState(uid, link, 0.0, TRIED)
+        p.stepSimulation()
         for uid, link in movers:
-            held += abs(p.getJointState(uid, link, physicsClientId=client)[1]) < HELD * TRIED
-            p.resetJointState(uid, link, 0.0, 0.0, physicsClientId=client)
+            held += abs(p.getJointState(uid, link)[1]) < HELD * TRIED
+            p.resetJointState(uid, link, 0.0, 0.0)
         for uid, link in movers:
-            p.setJointMotorControl2(uid, link, p.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+            p.setJointMotorControl2(uid, link, p.VELOCITY_CONTROL, force=0.0)
         uid, link = movers[-1]
-        p.resetJointState(uid, link, 0.0, MOST_SPEED, physicsClientId=client)
-        p.stepSimulation(physicsClientId=client)
-        speed = abs(p.getJointState(uid, link, physicsClientId=client)[1])
+        p.resetJointState(uid, link, 0.0, MOST_SPEED)
+        p.stepSimulation()
+        speed = abs(p.getJointState(uid, link)[1])
         # what is left after joint damping or a limit has acted too says nothing of the clamp
         clamped: dict[str, EngineValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
         return {"joints_held_by_motors": held, **clamped}
@@ -320,25 +312,4 @@ def _apart(links: list[HeldLink]) -> list[HeldLink]:
 
 def _joint(info: Any, inertial: Pose) -> Joint:
     kind = TREE_JOINTS.get(info[2], f"its kind {info[2]}")
-    moves = kind in SCALAR_JOINTS
-    lower, upper, effort, velocity = info[8:12]
-    return Joint(
-        info[1].decode(errors="replace"),
-        kind,
-        axis=frames.rotate(inertial.quaternion, tuple(info[13])) if moves else (0.0, 0.0, 0.0),
-        position_limits=(lower, upper) if moves and lower <= upper else None,
-        velocity_limit=velocity if moves and velocity > 0.0 else None,
-        effort_limit=effort if moves and effort > 0.0 else None,
-        damping=info[6] if kind != "fixed" else 0.0,
-        dry_friction=info[7] if moves else 0.0,
-    )
-
-
-def _size(kind: str, numbers: Any) -> tuple[float, ...]:
-    if kind == "sphere":
-        return (numbers[0],)
-    if kind == "box":
-        return tuple(numbers[:3])
-    if kind in ("cylinder", "capsule"):
-        return (numbers[1], numbers[0])  # PyBullet has the length first
-    return ()
+    return Joint(info[1].decode(errors="replace"), kind, **joint_fields(info, kind, inertial))

@@ -29,12 +29,11 @@ from simspec.engines.kit.inventory import (
     sidecar_labels,
 )
 from simspec.engines.pybullet.bullet_file import COLLIDER, Margins, colliders, dump, plain, world_values
-from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import Tree, link_names, told_turn
+from simspec.engines.pybullet.simulation import Simulation, import_pybullet
+from simspec.engines.pybullet.trees import Client, Tree, joint_pose, link_names, pose_at
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world import frames
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
@@ -172,9 +171,9 @@ MOTORS: Mapping[str, Mapping[str, EngineValue]] = {
 
 def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """The stored values by name; links by the world's names (:func:`link_names`)."""
-    p, client, sidecar = sim.bullet, sim.client, sim.sidecar
+    p, sidecar = sim.bullet, sim.sidecar
     names = link_names(sim)
-    found = _parameters(p, client) | sidecar_labels(sidecar.plain()) | {"sidecar.bodies": listed(sim.names)}
+    found = _parameters(p) | sidecar_labels(sidecar.plain()) | {"sidecar.bodies": listed(sim.names)}
     # contacts are solved in the order in which the trees were loaded
     found["trees"] = listed([instance.bodies[0] for instance in sidecar.instances])
     for tree, instance in zip(sim.trees, sidecar.instances, strict=True):
@@ -187,20 +186,20 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
     for frame in sidecar.frames or ():
         found |= _body_labels(frame.name, frame.joint, (), ()) | {f"body.{frame.name}.on": frame.parent}
-    found["count.bodies"] = p.getNumBodies(physicsClientId=client)
-    found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
+    found["count.bodies"] = p.getNumBodies()
+    found["count.constraints"] = p.getNumConstraints()
     for constraint in sim.held:
-        info = p.getConstraintInfo(constraint.number, physicsClientId=client)
+        info = p.getConstraintInfo(constraint.number)
         found |= CONSTRAINT.read(info, f"constraint.{constraint.name}")
-    found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
-    blocks = dump(p, client)
+    found["count.user_data"] = sum(p.getNumUserData(tree.uid) for tree in sim.trees)
+    blocks = dump(p)
     found |= world_values(blocks)
     masks = {}
     margins = Margins(blocks)
     for key, shape, collider in colliders([tree.uid for tree in sim.trees], blocks):
         if key not in names:
             raise EngineError("pybullet", f"stores a link {key} that the sidecar does not name")
-        if p.getCollisionShapeData(*key, physicsClientId=client):  # without shapes nothing touches it
+        if p.getCollisionShapeData(*key):  # without shapes nothing touches it
             name = names[key]
             masks[name] = (collider["collisionFilterGroup"], collider["collisionFilterMask"])
             found |= COLLIDERS.read(collider, f"collider.{name}")
@@ -217,63 +216,55 @@ def _body_labels(
     return {f"{at}.joint": joint, f"{at}.shapes": shapes, f"{at}.visual_only": visual_only}
 
 
-def _parameters(bullet: Any, client: int) -> dict[str, EngineValue]:
-    parameters = bullet.getPhysicsEngineParameters(physicsClientId=client)
+def _parameters(bullet: Any) -> dict[str, EngineValue]:
+    parameters = bullet.getPhysicsEngineParameters()
     return {f"parameter.{key}": value for key, value in parameters.items() if key not in PARAMETERS}
 
 
 def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """PyBullet's defaults: of its world, and of the colliders, the surface and the joint of a model without attributes."""
-    p = sim.bullet
-    client = p.connect(p.DIRECT)
+    module = import_pybullet()
+    p = Client(module, module.connect(module.DIRECT))
     try:
         with scratch_folder("bullet") as place:
             (place / "neutral.urdf").write_text(NEUTRAL_MODEL, encoding="utf-8")
-            uid = p.loadURDF(str(place / "neutral.urdf"), physicsClientId=client)
-            blocks = dump(p, client)
-        found = world_values(blocks) | _parameters(p, client)
+            uid = p.loadURDF(str(place / "neutral.urdf"))
+            blocks = dump(p)
+        found = world_values(blocks) | _parameters(p)
         for row in (row for block in blocks if block.code == "MBLC" for row in block.rows):
             kind = "base" if int(row["m_link"]) < 0 else "link"
             found |= COLLIDERS.read(plain(row["m_colObjData"]), f"collider.{kind}")
-        found |= SURFACE.read(p.getDynamicsInfo(uid, 0, physicsClientId=client), "link")
-        info = p.getJointInfo(uid, 0, physicsClientId=client)
+        found |= SURFACE.read(p.getDynamicsInfo(uid, 0), "link")
+        info = p.getJointInfo(uid, 0)
         return found | {f"joint.{name}": info[place] for name, place in JOINT_INFO.items()}
     finally:
-        p.disconnect(physicsClientId=client)
+        p.disconnect()
 
 
 def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
     """The values of every link by getDynamicsInfo and getJointInfo besides the fields of the read-back."""
-    p, client = sim.bullet, sim.client
+    p = sim.bullet
     kinds = {link.link: link.kind for link in tree.links}
     found: dict[str, EngineValue] = {}
-    for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
+    for link in range(-1, p.getNumJoints(tree.uid)):
         name, kind = names[tree.uid, link], kinds.get(link)
-        dynamics = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
+        dynamics = p.getDynamicsInfo(tree.uid, link)
         found[f"link.{name}.body_type"] = dynamics[10]
         found |= SURFACE.read(dynamics, f"link.{name}")
         if not dynamics[0]:
             found |= MASSLESS.read(dynamics, f"link.{name}")
         if link < 0:
             continue
-        info = p.getJointInfo(tree.uid, link, physicsClientId=client)
+        info = p.getJointInfo(tree.uid, link)
         found |= _joint_items(kind).read(info, f"joint.{name}")
         if kind is None:
-            parent, own_frame = (p.getDynamicsInfo(tree.uid, at, physicsClientId=client) for at in (info[16], link))
-            found[f"joint.{name}.type"] = info[2]
-            found[f"joint.{name}.parent"] = names[tree.uid, info[16]]
-            found |= _weld(name, info, parent, own_frame)
+            found |= {f"joint.{name}.type": info[2], f"joint.{name}.parent": names[tree.uid, info[16]]}
+            # where the link is on its body: (0, 0, 0) and no rotation, as distances in m and rad
+            parent = pose_at(p.getDynamicsInfo(tree.uid, info[16]), 3)
+            place = joint_pose(info, parent, pose_at(dynamics, 3))
+            found[f"joint.{name}.place"] = _rounded(place.position)
+            found[f"joint.{name}.turn"] = _rounded(place.quaternion[1:])
     return found
-
-
-def _weld(name: str, info: Any, parent: Any, own: Any) -> dict[str, EngineValue]:
-    """Where a link that only carries shapes sits on its body: (0, 0, 0) and no turn, as distances in m and rad."""
-    turn = frames.multiply(
-        frames.multiply(told_turn(parent[4]), frames.conjugate(told_turn(info[15]))),
-        frames.conjugate(told_turn(own[4])),
-    )
-    place = frames.add(tuple(parent[3]), frames.rotate(told_turn(parent[4]), tuple(info[14])))
-    return {f"joint.{name}.place": _rounded(place), f"joint.{name}.turn": _rounded(turn[1:])}
 
 
 def _rounded(values: Iterable[float]) -> tuple[float, ...]:

@@ -16,7 +16,17 @@ from simspec.engines.pybullet.bullet_file import colliders, dump
 from simspec.engines.pybullet.constraints import read_held
 from simspec.engines.pybullet.geometry import Alike, HeldMesh, Hulls
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree, own_solid, told_turn
+from simspec.engines.pybullet.trees import (
+    JOINT_KINDS,
+    SHAPE_KINDS,
+    Link,
+    Tree,
+    joint_fields,
+    joint_pose,
+    own_solid,
+    pose_at,
+    shape_size,
+)
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.kit.mesh_reading import SUFFIX, read_field, read_triangles
@@ -24,9 +34,6 @@ from simspec.formats.kit.text import FIELDS
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
-
-SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
-"""PyBullet's GEOM_ numbers."""
 
 WITHIN = ("box", "cylinder")
 """Kinds of shapes that have PyBullet's margin within them; how large it is compares the inventory."""
@@ -56,7 +63,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     hulls = _held_hulls(sim)
     bodies: dict[int, Body] = {}
     for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
-        frames_in_tree = _inertial_frames(sim, tree)
+        frames_in_tree = {link: pose_at(sim.bullet.getDynamicsInfo(tree.uid, link), 3) for link in _links(sim, tree)}
         by_link = {link.link: link for link in tree.links}
         visuals = _visual_shapes(sim, tree, hulls.alike)
         for position, link in enumerate(tree.links):
@@ -80,7 +87,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
             )
     bodies |= {sim.place[name]: body for name, body in sim.frames.bodies().items()}
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
-    held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
+    held = sim.bullet.getPhysicsEngineParameters()
     return ReadBack(
         restore_frames(tuple(bodies[index] for index in range(len(sim.names))), offsets),
         tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
@@ -106,18 +113,9 @@ def _free_state(joint: Joint, inertial: Pose) -> Joint:
     )
 
 
-def _inertial_frames(sim: Simulation, tree: Tree) -> dict[int, Pose]:
-    """The inertial frame of every link, the base included, in the link's own frame."""
-    found = {}
-    for link in range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client)):
-        info = sim.bullet.getDynamicsInfo(tree.uid, link, physicsClientId=sim.client)
-        found[link] = Pose(tuple(info[3]), told_turn(info[4]))
-    return found
-
-
 def _base_pose(sim: Simulation, tree: Tree, inertial: Pose) -> Pose:
-    at, raw = sim.bullet.getBasePositionAndOrientation(tree.uid, physicsClientId=sim.client)
-    return frames.compose(Pose(tuple(at), told_turn(raw)), frames.inverse(inertial))
+    place = pose_at(sim.bullet.getBasePositionAndOrientation(tree.uid), 0)
+    return frames.compose(place, frames.inverse(inertial))
 
 
 def _joint(
@@ -127,47 +125,22 @@ def _joint(
         if tree.root == "free":
             return Joint("", "free")
         return Joint("", "fixed", None, _base_pose(sim, tree, inertials[-1]))
-    info: tuple[Any, ...] = sim.bullet.getJointInfo(tree.uid, link.link, physicsClientId=sim.client)
-    above = info[16]
-    kind = JOINT_KINDS[info[2]]  # as the sidecar says it: checked while loading
-    # PyBullet gives the joint's place in the parent's inertial frame, and the rotation from there to the child's inertial
-    # axes, inverted (measured)
-    parent, own = inertials[above], inertials[link.link]
-    turn = frames.multiply(
-        frames.multiply(parent.quaternion, frames.conjugate(told_turn(info[15]))), frames.conjugate(own.quaternion)
-    )
-    place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
-    origin = Pose(place, turn)
+    info: tuple[Any, ...] = sim.bullet.getJointInfo(tree.uid, link.link)
+    above, kind = info[16], JOINT_KINDS[info[2]]  # the sidecar's, which is checked while loading
+    origin = joint_pose(info, inertials[above], inertials[link.link])
     if above not in by_link:
-        origin = frames.compose(_base_pose(sim, tree, parent), origin)
+        origin = frames.compose(_base_pose(sim, tree, inertials[above]), origin)
     stiffness, rest = efforts.springs.get(link.index, (0.0, 0.0))
-    moves = kind in SCALAR_JOINTS
-    lower, upper, effort, velocity = info[8:12]
     return Joint(
         "",
         kind,
         sim.names[by_link[above].index] if above in by_link else None,
         origin,
-        frames.rotate(own.quaternion, tuple(info[13])) if moves else (0.0, 0.0, 0.0),
-        (lower, upper) if moves and lower <= upper else None,
-        velocity if moves and velocity > 0.0 else None,
-        effort if moves and effort > 0.0 else None,
-        damping=info[6] if kind != "fixed" else 0.0,
-        dry_friction=info[7] if moves else 0.0,
-        armature=float(efforts.armature[link.v][0]) if moves else 0.0,
+        **joint_fields(info, kind, inertials[link.link]),
+        armature=float(efforts.armature[link.v][0]) if kind in SCALAR_JOINTS else 0.0,
         spring_stiffness=stiffness,
         spring_rest=rest,
     )
-
-
-def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
-    if kind == "sphere":
-        return (dimensions[0],)
-    if kind == "box":
-        return tuple(dimensions[:3])
-    if kind == "plane":
-        return ()
-    return (dimensions[1], dimensions[0])  # cylinder and capsule: PyBullet has the length first
 
 
 def _held_hulls(sim: Simulation) -> HeldHulls:
@@ -175,17 +148,17 @@ def _held_hulls(sim: Simulation) -> HeldHulls:
     shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _told(sim, tree, link))
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
         return HeldHulls({})
-    blocks = dump(sim.bullet, sim.client)
+    blocks = dump(sim.bullet)
     held = Hulls(blocks)
     return HeldHulls({key: held.of(address) for key, address, _ in colliders([tree.uid for tree in sim.trees], blocks)})
 
 
 def _links(sim: Simulation, tree: Tree) -> range:
-    return range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client))
+    return range(-1, sim.bullet.getNumJoints(tree.uid))
 
 
 def _told(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
-    told: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link, physicsClientId=sim.client)
+    told: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link)
     return told
 
 
@@ -225,9 +198,9 @@ def _body_shapes(
 
 def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Shape]:
     """The collision shapes of one link, without names, with the link's surface."""
-    p, client = sim.bullet, sim.client
-    info = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
-    inertial = Pose(tuple(info[3]), told_turn(info[4]))
+    p = sim.bullet
+    info = p.getDynamicsInfo(tree.uid, link)
+    inertial = pose_at(info, 3)
     surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
     left = list(hulls.of.get((tree.uid, link), ()))
@@ -235,7 +208,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
         kind = _kind(entry[2])
         if kind == "mesh" and not left:
             raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")
-        size, margin = _size(kind, entry[3]) if kind != "mesh" else (), 0.0
+        size, margin = shape_size(kind, entry[3]) if kind != "mesh" else (), 0.0
         if kind in WITHIN:
             margin = float(sim.settings["collision_margin"]) if link < 0 else LINK_MARGIN
         if kind == "mesh":
@@ -244,7 +217,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
             hulls.alike.of_file(size, (entry[4], entry[3]))
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
-        pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
+        pose = frames.compose(inertial, pose_at(entry, 5))
         found.append(Shape("", kind, size, pose, visual=False, surfaces=(surface,), rounding=margin))
     return found
 
@@ -325,14 +298,14 @@ def _kind(number: int) -> str:
 
 def _visual_shapes(sim: Simulation, tree: Tree, alike: Alike) -> dict[int, list[Shape]]:
     found: dict[int, list[Shape]] = {}
-    for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
+    for entry in sim.bullet.getVisualShapeData(tree.uid):
         kind = _kind(entry[2])
-        pose = Pose(tuple(entry[5]), told_turn(entry[6]))
+        pose = pose_at(entry, 5)
         if kind == "mesh":
             kind, size = _seen_mesh(sim, entry)
             alike.of_file(size, (entry[4], entry[3]))
         else:
-            size = _size(kind, entry[3])
+            size = shape_size(kind, entry[3])
         if kind != "plane" and not any(size):
             continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes
         shape = Shape("", kind, size, pose, collision=False, colour=tuple(entry[7]))

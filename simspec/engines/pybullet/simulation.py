@@ -14,7 +14,7 @@ from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.constraints import WHOLE, hold
 from simspec.engines.pybullet.geometry import faces_told, with_stl
-from simspec.engines.pybullet.trees import Called, Frames, Loader, Recording, Sleepers, carriers, rub, told_turn
+from simspec.engines.pybullet.trees import Called, Client, Frames, Loader, Sleepers, carriers, rub, told_turn
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
@@ -46,9 +46,9 @@ class Simulation:
         try:
             with captured(sys.stdout, self.log, (GREETING,)):
                 module = self._connect()
-                self.bullet = recording = Recording(module)
+                self.bullet = Client(module, self.client, self.calls)
                 self._load(folder, sidecar)
-                self.bullet, self.calls = module, recording.calls
+                self.bullet = Client(module, self.client)
         except EngineError as error:
             self.close()
             raise EngineError("pybullet", "; ".join([str(error).removeprefix("pybullet: "), *self.log])) from error
@@ -58,7 +58,7 @@ class Simulation:
 
     def _connect(self) -> Any:
         """PyBullet's module, with a client made."""
-        self.bullet = pybullet = import_pybullet()
+        pybullet = import_pybullet()
         self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise EngineError("pybullet", "no physics client could be made")
@@ -80,9 +80,7 @@ class Simulation:
             self.loaded_from = place
             """The folder by whose name PyBullet knows its files; it is gone when they are loaded."""
             faces = place != folder and faces_told(place, float(self.settings["collision_margin"]))
-            loader = Loader(
-                self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v, faces
-            )
+            loader = Loader(self.bullet, place, self.settings, self.names, self.kinds, self._q, self._v, faces)
             self.trees = tuple(map(loader.load, sidecar.instances))
         self.carriers = carriers(self.trees, sidecar.instances)
         self.unit = {link: number for number, link in enumerate(self.carriers)}
@@ -121,9 +119,7 @@ class Simulation:
     def _set_parameters(self, sidecar: PybulletSidecar) -> None:
         given: Mapping[str, Any] = self.settings
         if not sidecar.native_contact:
-            self.bullet.setPhysicsEngineParameter(
-                contactERP=given["contact_erp"], contactSlop=given["contact_slop"], physicsClientId=self.client
-            )
+            self.bullet.setPhysicsEngineParameter(contactERP=given["contact_erp"], contactSlop=given["contact_slop"])
         self.bullet.setPhysicsEngineParameter(
             numSolverIterations=given["iterations"],
             solverResidualThreshold=given["residual_threshold"],
@@ -133,10 +129,9 @@ class Simulation:
             contactBreakingThreshold=given["contact_breaking_threshold"],
             deterministicOverlappingPairs=int(given["deterministic_pairs"]),
             numSubSteps=0,
-            physicsClientId=self.client,
         )
-        self.bullet.setGravity(*sidecar.gravity, physicsClientId=self.client)
-        self.bullet.setTimeStep(sidecar.timestep, physicsClientId=self.client)
+        self.bullet.setGravity(*sidecar.gravity)
+        self.bullet.setTimeStep(sidecar.timestep)
 
     @staticmethod
     def _joint_erp(sidecar: PybulletSidecar) -> Any:
@@ -149,17 +144,17 @@ class Simulation:
         spheres (measured)."""
         links = [(tree.uid, link.link) for tree in self.trees for link in tree.links]
         links += [(tree.uid, link) for tree in self.trees for link, _ in tree.copies]
-        ask, client = self.bullet.getDynamicsInfo, self.client
-        rubs = any(ask(uid, link, physicsClientId=client)[1] for uid, link in links)
+        query = self.bullet.getDynamicsInfo
+        rubs = any(query(uid, link)[1] for uid, link in links)
         elliptic = rubs and sidecar.friction_cone == "elliptic"
-        self.bullet.setPhysicsEngineParameter(enableConeFriction=int(elliptic), physicsClientId=client)
+        self.bullet.setPhysicsEngineParameter(enableConeFriction=int(elliptic))
 
     def disable_dry_friction(self, places: Container[int]) -> None:
         """Take away the dry friction of the hinges and slides at these places of v."""
         for tree in self.trees:
             for link in tree.movers:
                 if link.kind != "ball" and link.v.start in places:
-                    rub(self.bullet, self.client, tree, link, 0.0)
+                    rub(self.bullet, tree, link, 0.0)
 
     def _collect(self) -> None:
         """The engine's masses and inertial frames of all bodies, as arrays."""
@@ -171,7 +166,7 @@ class Simulation:
         self.turn[[self.place[frame.name] for frame in self.sidecar.frames or ()], 0] = 1.0
         for tree in self.trees:
             for link in tree.links:
-                info = self.bullet.getDynamicsInfo(tree.uid, link.link, physicsClientId=self.client)
+                info = self.bullet.getDynamicsInfo(tree.uid, link.link)
                 self.mass[link.index], self.moments[link.index] = info[0], info[2]
                 self.centre[link.index], self.turn[link.index] = info[3], link.turn
 
@@ -206,7 +201,7 @@ class Simulation:
         )
         for first, second in content.excluded:
             (uid, link), (other_uid, other_link) = where[first], where[second]
-            self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
+            self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0)
         self._forgotten = False
         self.forget_contacts()
 
@@ -216,14 +211,14 @@ class Simulation:
             return
         self._forgotten = True
         for uid, link, group, mask in self._masks:
-            self.bullet.setCollisionFilterGroupMask(uid, link, group, mask, physicsClientId=self.client)
+            self.bullet.setCollisionFilterGroupMask(uid, link, group, mask)
 
     def detect_contacts(self) -> list[tuple[Any, ...]]:
         """PyBullet's contact points of the present state alone."""
         self.forget_contacts()
-        self.bullet.performCollisionDetection(physicsClientId=self.client)
+        self.bullet.performCollisionDetection()
         self._forgotten = False
-        points = list(self.bullet.getContactPoints(physicsClientId=self.client))
+        points = list(self.bullet.getContactPoints())
         if self._layered:
             self._check_layers(points)
         return points
@@ -255,7 +250,7 @@ class Simulation:
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contact points of earlier steps kept."""
-        p, client = self.bullet, self.client
+        p = self.bullet
         q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
         self._seen = None
         self._sleepers.wake()
@@ -264,10 +259,8 @@ class Simulation:
             if root.kind == "free":
                 at, turn = q[root.q][:3], tuple(q[root.q][3:7].tolist())
                 linear, angular = v[root.v][:3], frames.rotate(turn, tuple(v[root.v][3:].tolist()))
-                p.resetBasePositionAndOrientation(
-                    tree.uid, at.tolist(), to_xyzw_of(frames.multiply(turn, root.turn)), physicsClientId=client
-                )
-                p.resetBaseVelocity(tree.uid, linear.tolist(), list(angular), physicsClientId=client)
+                p.resetBasePositionAndOrientation(tree.uid, at.tolist(), to_xyzw_of(frames.multiply(turn, root.turn)))
+                p.resetBaseVelocity(tree.uid, linear.tolist(), list(angular))
             movers = tree.movers
             if movers:
                 positions, velocities = [], []
@@ -280,12 +273,10 @@ class Simulation:
                     else:
                         positions.append(q[link.q].tolist())
                         velocities.append(v[link.v].tolist())
-                p.resetJointStatesMultiDof(
-                    tree.uid, [link.link for link in movers], positions, velocities, physicsClientId=client
-                )
+                p.resetJointStatesMultiDof(tree.uid, [link.link for link in movers], positions, velocities)
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        p, client = self.bullet, self.client
+        p = self.bullet
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if len(self._free):
             at, raw, linear, angular = (part[self._free] for part in self.inertial_states())
@@ -296,7 +287,7 @@ class Simulation:
             if not tree.movers:
                 continue
             joints = [link.link for link in tree.movers]
-            states = p.getJointStatesMultiDof(tree.uid, joints, physicsClientId=client)
+            states = p.getJointStatesMultiDof(tree.uid, joints)
             for link, state in zip(tree.movers, states, strict=True):
                 if link.kind == "ball":
                     turned = frames.multiply(link.turn, told_turn(state[0]))
@@ -318,9 +309,9 @@ class Simulation:
         self._seen = None
         self._forgotten = False
         self._sleepers.stepped()
-        step, client = self.bullet.stepSimulation, self.client
+        step = self.bullet.stepSimulation
         for _ in range(count):
-            step(client)
+            step()
 
     def inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of every body's inertial frame: position (n, 3), orientation w x y z (n, 4), linear velocity of the centre
@@ -330,19 +321,19 @@ class Simulation:
         return self._seen
 
     def _ask_inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        p, client, count = self.bullet, self.client, len(self.names)
+        p, count = self.bullet, len(self.names)
         at, turn = np.zeros((count, 3)), np.zeros((count, 4))
         linear, angular = np.zeros((count, 3)), np.zeros((count, 3))
         for tree in self.trees:
             links = tree.links
             if links[0].link < 0:
                 index = links[0].index
-                at[index], raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+                at[index], raw = p.getBasePositionAndOrientation(tree.uid)
                 turn[index] = from_xyzw_of(raw)
-                linear[index], angular[index] = p.getBaseVelocity(tree.uid, physicsClientId=client)
+                linear[index], angular[index] = p.getBaseVelocity(tree.uid)
                 links = links[1:]
             if links:
-                states = p.getLinkStates(tree.uid, [link.link for link in links], 1, 1, physicsClientId=client)
+                states = p.getLinkStates(tree.uid, [link.link for link in links], 1, 1)
                 for link, state in zip(links, states, strict=True):
                     # [4] and [5], the link frame, have single precision (measured: 1e-8 to 4e-7)
                     raw = state[1]
@@ -373,5 +364,5 @@ class Simulation:
 
     def close(self) -> None:
         if self.client >= 0:
-            self.bullet.disconnect(physicsClientId=self.client)
+            self.bullet.disconnect()
             self.client = -1

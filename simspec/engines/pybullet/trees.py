@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from simspec.dialects.pybullet.sidecar import Frame, Instance
 from simspec.errors import EngineError
-from simspec.language.vocabulary import TREE_JOINTS
+from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion
@@ -24,6 +25,46 @@ def told_turn(q: Sequence[float]) -> Quaternion:
     return frames.normalise(from_xyzw_of(q))
 
 
+def pose_at(values: Sequence[Any], place: int) -> Pose:
+    """The pose of the position at ``place`` of PyBullet's answer and the rotation after it."""
+    return Pose(tuple(values[place]), told_turn(values[place + 1]))
+
+
+def joint_pose(info: Sequence[Any], parent: Pose, child: Pose) -> Pose:
+    """The place of a joint in the parent's frame, from getJointInfo and the inertial frames of both links. PyBullet's is in the
+    parent's inertial frame, with the rotation from there to the child's inertial axes, inverted (measured)."""
+    turn = frames.multiply(parent.quaternion, frames.conjugate(told_turn(info[15])))
+    place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
+    return Pose(place, frames.multiply(turn, frames.conjugate(child.quaternion)))
+
+
+def joint_fields(info: Sequence[Any], kind: str, inertial: Pose) -> dict[str, Any]:
+    """The fields of a joint from getJointInfo; ``inertial``: the inertial frame of its link."""
+    damping = 0.0 if kind == "fixed" else info[6]
+    if kind not in SCALAR_JOINTS:
+        return {"damping": damping}
+    lower, upper, effort, velocity = info[8:12]
+    return {
+        "axis": frames.rotate(inertial.quaternion, tuple(info[13])),
+        "position_limits": (lower, upper) if lower <= upper else None,
+        "velocity_limit": velocity if velocity > 0.0 else None,
+        "effort_limit": effort if effort > 0.0 else None,
+        "damping": damping,
+        "dry_friction": info[7],
+    }
+
+
+def shape_size(kind: str, numbers: Sequence[float]) -> tuple[float, ...]:
+    """The size of a shape that is no mesh."""
+    if kind == "sphere":
+        return (numbers[0],)
+    if kind == "box":
+        return tuple(numbers[:3])
+    return (numbers[1], numbers[0]) if kind in ("cylinder", "capsule") else ()  # PyBullet has the length first
+
+
+SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
+"""PyBullet's GEOM_ numbers."""
 JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
 """PyBullet's JOINT_ numbers."""
 UNCLAMPED = 1e30
@@ -65,7 +106,6 @@ class Loader:
     def __init__(
         self,
         bullet: Any,
-        client: int,
         folder: Path,
         settings: Mapping[str, Any],
         names: Sequence[str],
@@ -75,7 +115,7 @@ class Loader:
         hull_faces: bool,
     ):
         self._hull_faces = hull_faces
-        self.bullet, self.client, self.folder, self.settings = bullet, client, folder, settings
+        self.bullet, self.folder, self.settings = bullet, folder, settings
         self.kinds, self._q, self._v = kinds, q, v
         self.place = {name: index for index, name in enumerate(names)}
         self._file_links: dict[str, list[str]] = {}
@@ -101,7 +141,6 @@ class Loader:
                 baseOrientation=to_xyzw_of(base.quaternion),
                 useFixedBase=int(instance.root != "free"),
                 flags=flags,
-                physicsClientId=self.client,
             )
         except p.error as error:
             raise EngineError("pybullet", f"refused {instance.file!r}: {error}") from error
@@ -110,7 +149,7 @@ class Loader:
         links = []
         for position, name in enumerate(instance.bodies):
             index, link = self.place[name], position - 1 + extra
-            turn = told_turn(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
+            turn = told_turn(p.getDynamicsInfo(uid, link)[4])
             self._check_kind(uid, link, name, instance.root)
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in TREE_JOINTS)
@@ -122,12 +161,9 @@ class Loader:
 
     def _check_links(self, uid: int, extra: int, instance: Instance) -> None:
         """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
-        p, client = self.bullet, self.client
-        held = [p.getBodyInfo(uid, physicsClientId=client)[0].decode()]
-        held += [
-            p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
-            for joint in range(p.getNumJoints(uid, physicsClientId=client))
-        ]
+        p = self.bullet
+        held = [p.getBodyInfo(uid)[0].decode()]
+        held += [p.getJointInfo(uid, joint)[12].decode() for joint in range(p.getNumJoints(uid))]
         own = [*instance.bodies, *(copy.link for copy in instance.copies)]
         wanted = self._file_links.setdefault(instance.file, own)
         if held[extra:] != wanted or len(wanted) != len(own):
@@ -140,7 +176,7 @@ class Loader:
         if link < 0:
             held = "free" if root == "free" else "fixed"
         else:
-            number = self.bullet.getJointInfo(uid, link, physicsClientId=self.client)[2]
+            number = self.bullet.getJointInfo(uid, link)[2]
             held = JOINT_KINDS.get(number, f"its type {number}")
         if held != self.kinds[self.place[name]]:
             told = self.kinds[self.place[name]]
@@ -148,9 +184,9 @@ class Loader:
 
     def _quieten(self, tree: Tree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
-        p, client = self.bullet, self.client
+        p = self.bullet
         anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
-        for number in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
+        for number in range(-1, p.getNumJoints(tree.uid)):
             p.changeDynamics(
                 tree.uid,
                 number,
@@ -160,7 +196,6 @@ class Loader:
                 contactProcessingThreshold=self.settings["contact_processing_threshold"],
                 collisionMargin=self.settings["collision_margin"],
                 **anchor,
-                physicsClientId=client,
             )
         for link in tree.movers:
             if link.kind == "ball":
@@ -172,17 +207,14 @@ class Loader:
                     positionGain=0.0,
                     velocityGain=0.0,
                     force=[0.0, 0.0, 0.0],
-                    physicsClientId=client,
                 )
             else:
-                rub(p, client, tree, link, p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7])
+                rub(p, tree, link, p.getJointInfo(tree.uid, link.link)[7])
 
 
-def rub(bullet: Any, client: int, tree: Tree, link: Link, friction: float) -> None:
+def rub(bullet: Any, tree: Tree, link: Link, friction: float) -> None:
     """Give a hinge or slide dry friction: a velocity motor with target 0 and ``friction`` as its largest force."""
-    bullet.setJointMotorControl2(
-        tree.uid, link.link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=client
-    )
+    bullet.setJointMotorControl2(tree.uid, link.link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction)
 
 
 # Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``).
@@ -283,24 +315,26 @@ Called = tuple[str, tuple[Any, ...], dict[str, Any]]
 """A function's name, its positional arguments, and those by name."""
 
 
-class Recording:
-    """PyBullet's module, with every call of a function that changes something written down."""
+class Client:
+    """The functions of PyBullet's module for one client, ``number``; ``calls``, where given, records those that change
+    something."""
 
-    def __init__(self, bullet: Any):
-        self._bullet = bullet
-        self.calls: list[Called] = []
+    def __init__(self, bullet: Any, number: int, calls: list[Called] | None = None):
+        self._bullet, self.number, self._calls = bullet, number, calls
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._bullet, name)
-        return self._recorded(name, found) if name.startswith(CHANGING) else found
+        if callable(found) and not isinstance(found, type):
+            found = functools.partial(found, physicsClientId=self.number)
+            if self._calls is not None and name.startswith(CHANGING):
+                found = functools.partial(self._recorded, name, found)
+        setattr(self, name, found)
+        return found
 
-    def _recorded(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*positional: Any, **named: Any) -> Any:
-            given = {key: value for key, value in named.items() if key != "physicsClientId"}
-            self.calls.append((name, positional, given))
-            return function(*positional, **named)
-
-        return call
+    def _recorded(self, name: str, function: Callable[..., Any], *positional: Any, **named: Any) -> Any:
+        if self._calls is not None:
+            self._calls.append((name, positional, named))
+        return function(*positional, **named)
 
 
 # Sleeping in PyBullet: which bodies may, and how they are woken. Facts marked *measured*: pybullet 3.2.7.
@@ -324,7 +358,7 @@ class Sleepers:
             self._change(uid, activationState=bullet.ACTIVATION_STATE_ENABLE_SLEEPING, sleepThreshold=SLOW)
 
     def _change(self, uid: int, **given: Any) -> None:
-        self._sim.bullet.changeDynamics(uid, -1, physicsClientId=self._sim.client, **given)
+        self._sim.bullet.changeDynamics(uid, -1, **given)
 
     def __contains__(self, uid: int) -> bool:
         return uid in self._uids
@@ -340,7 +374,7 @@ class Sleepers:
         bullet = self._sim.bullet
         for uid in self._uids:
             self._change(uid, activationState=bullet.ACTIVATION_STATE_WAKE_UP)
-        bullet.stepSimulation(physicsClientId=self._sim.client)
+        bullet.stepSimulation()
         self._stepped = False
 
     def forbid(self, uid: int) -> None:

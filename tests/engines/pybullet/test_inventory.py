@@ -133,7 +133,7 @@ def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
     engine = load(WORLDS["model"]("pybullet"))
     sim = engine._sim
     p, client = sim.bullet, sim.client
-    blocks = {block.code: block.rows[0] for block in dump(sim.bullet, sim.client)}
+    blocks = {block.code: block.rows[0] for block in dump(sim.bullet)}
     collider = blocks["MBLC"]["m_colObjData"]
     short = {name.removeprefix("m_") for name in collider.dtype.names}
     addresses = {"broadphaseHandle", "collisionShape", "rootCollisionShape", "name"}
