@@ -1,13 +1,22 @@
-"""Defects planted into ``world.json`` and the sidecar as ODE reads them."""
+"""ODE's dialect: ``world.json``, with the laws of materials in the sidecar; and the defects of its self-test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, table
+from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
+
+
+class OdeDialect(LawDialect):
+    """The world as JSON, and a table of laws."""
+
+    NAME: ClassVar[str] = "ode"
+
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
@@ -18,8 +27,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     "mesh, margin": "ODE has no margin around hulls, and no file has a number for one",
     **dict.fromkeys(MARGINS, "ODE's contact begins where shapes touch"),
 }
-
-# The complete self-test; see ``dialects/kit/mutations.py``.
 
 BODILESS = "ODE has no body for what cannot move or has no mass"
 

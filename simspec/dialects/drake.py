@@ -1,12 +1,25 @@
-"""Defects planted into ``world.json`` as Drake reads it."""
+"""Drake's dialect: ``world.json``, which carries everything that Drake supports; and the defects of its self-test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import Addition, Inert, table
+from simspec.dialects.kit.world import WorldDialect
+from simspec.support import classes
+from simspec.support.declarations import Table
+from simspec.support.features import Feature
+
+
+class DrakeDialect(WorldDialect):
+    """The world and its contact plan as JSON."""
+
+    NAME: ClassVar[str] = "drake"
+    SUPPORT: ClassVar[Table] = {**WorldDialect.SUPPORT, Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS}
+
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -18,8 +31,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "Drake's surfaces move with their bodies alone"),
     "hardness": "Drake has one hardness, by a rule of its own: no file has a number for it",
 }
-
-# The complete self-test; see ``dialects/kit/mutations.py``.
 
 TABLE = table(
     {"contact_approximation": ("auto", "sap", "tamsi")},

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from simspec.compiler import target_of
-from simspec.dialects.drake.dialect import DrakeDialect
+from simspec.dialects.drake import DrakeDialect
 from simspec.engines.drake.engine import Drake
 from simspec.formats.world import JsonWorld
 from simspec.proof.comparator import compare

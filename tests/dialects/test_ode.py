@@ -8,7 +8,7 @@ import pytest
 
 from simspec.compiler import target_of
 from simspec.dialects.kit.world import LawSidecar
-from simspec.dialects.ode.dialect import OdeDialect
+from simspec.dialects.ode import OdeDialect
 from simspec.engines.ode.engine import Ode
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
