@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import IO
 
-import numpy as np
-
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import STATED, engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out, not_installed
@@ -103,7 +101,12 @@ def _instance(label: str, python: str | None, asked: _Asked | None, ends: float)
     engine = find_engine(label)
     version, numpy, problem = None, None, None
     try:
-        version, numpy = (engine.version(), np.__version__) if asked is None else _answer(asked, ends)
+        if asked is None:
+            import numpy as np  # slow to import, and needed here alone
+
+            version, numpy = engine.version(), np.__version__
+        else:
+            version, numpy = _answer(asked, ends)
         if not engine.distributions():
             version = engine.version()  # the machine's, whatever the interpreter
     except NoVersionError as error:
