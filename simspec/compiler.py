@@ -19,9 +19,8 @@ from simspec.contact.plan import (
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import Target
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.installed import version_in
-from simspec.engines.kit.registry import find_engine, format_of
+from simspec.engines.kit.registry import engine_name, engine_version, find_engine, format_of
 from simspec.engines.kit.settings import (
     pair_settings,
     written_settings,

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 from simspec.compiler import Compiled, compile_world, output_files
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engine_name, engines
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.files import files_below, read_bytes
 from simspec.outputs.targets import COMPILED, MARKER_FILE, Marker, read_marker

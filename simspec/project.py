@@ -23,8 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.kit.identity import parse
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engines, parse
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.files import read_bytes, refuse
 

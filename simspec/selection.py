@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, compile_world
-from simspec.engines.kit.installing import left_out, not_installed
+from simspec.engines.kit.installed import left_out, not_installed
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options

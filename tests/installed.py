@@ -18,7 +18,7 @@ from packaging.requirements import Requirement
 
 from simspec.distribution import NAME
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installing import not_installed
+from simspec.engines.kit.installed import not_installed
 from simspec.engines.kit.registry import engines
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from simspec.compiler import compile_world, missing_options
 from simspec.control.request import to_request
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, start
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.files import scratch_folder

@@ -13,9 +13,8 @@ from simspec.audit.compare import Comparison, compare
 from simspec.audit.meaning import Meaning, file_name, match, meaning_of
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.foreign import MESH, Reads
-from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, Reply, side_by_side, start
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, Problem, SpecError, clipped
 from simspec.files import scratch_folder

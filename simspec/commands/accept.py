@@ -13,7 +13,7 @@ from simspec.commands.loading import load_spec
 from simspec.commands.options import demand_trusted, engine_names, engines_at_work, print_json
 from simspec.commands.scenario_options import AcceptOptions
 from simspec.compiler import missing_options
-from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import engine_name
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.files import resource_folder
 from simspec.language.document import read_text

@@ -21,9 +21,8 @@ from simspec.commands.reports import SWEEP_FOLDER
 from simspec.compiler import compile_world
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import in_order, released_versions, same_version
-from simspec.engines.kit.identity import MARK, EngineId, parse
 from simspec.engines.kit.installed import too_old
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import MARK, EngineId, find_engine, parse
 from simspec.errors import EXIT_FAILED, EXIT_OK, EngineError, Location, Problem, SpecError, UnsupportedError
 from simspec.experiments.bisect import Versions, search
 from simspec.experiments.store import Store

@@ -15,9 +15,8 @@ from simspec.commands.experiment_options import InstallOptions
 from simspec.commands.options import print_json
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import State, diagnose, making, python_of
-from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import EngineId, engines, find_engine, parse
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
 from simspec.outputs.cache import is_complete, mark_begun, mark_complete
 from simspec.processes import ELSEWHERE, isolated

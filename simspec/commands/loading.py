@@ -88,8 +88,7 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
     if not words:
         return sets
     from simspec.compiler import missing_options
-    from simspec.engines.kit.identity import engine_name, engine_version
-    from simspec.engines.kit.registry import engines
+    from simspec.engines.kit.registry import engine_name, engine_version, engines
     from simspec.language.strict import near
     from simspec.report.problems import EVERY
     from simspec.support.features import Feature

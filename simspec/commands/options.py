@@ -274,8 +274,7 @@ def interpreters(
     """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file and the
     environments that simspec made, by the engine's label. ``starts``: whether the command starts engines; one that lists, plans
     or shows starts no interpreter of a project file."""
-    from simspec.engines.kit.identity import parse
-    from simspec.engines.kit.registry import find_engine
+    from simspec.engines.kit.registry import find_engine, parse
     from simspec.project import load_project
 
     typed: dict[str, str] = {}
@@ -302,8 +301,7 @@ def demand_trusted(labels: Iterable[str], pythons: Mapping[str, str]) -> None:
 
 def engine_names(words: list[str]) -> list[str]:
     """The labels of the engines that are named. Raises EngineError, and SpecError for the name of a format."""
-    from simspec.engines.kit.identity import parse
-    from simspec.engines.kit.registry import find_engine
+    from simspec.engines.kit.registry import find_engine, parse
 
     labels: dict[str, None] = {}
     for word in words:
@@ -323,7 +321,7 @@ def engine_names(words: list[str]) -> list[str]:
 
 def names_alone(words: list[str]) -> list[str]:
     """The names without versions: files are of an engine, whatever its version."""
-    from simspec.engines.kit.identity import engine_name
+    from simspec.engines.kit.registry import engine_name
 
     return list(dict.fromkeys(map(engine_name, engine_names(words))))
 

@@ -12,7 +12,7 @@ from simspec.commands.loading import Loaded, load_spec
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import reporting, reports_of
 from simspec.commands.scenario_options import VerifyOptions
-from simspec.engines.kit.identity import engine_version
+from simspec.engines.kit.registry import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.outputs.targets import COMPILED, STUDY, demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import add_file

@@ -15,8 +15,8 @@ from typing import Final
 from simspec.analysis.speed import find_figure, half_width, read_figure
 from simspec.comparison.floor import perturbation_of
 from simspec.compiler import compile_world
-from simspec.engines.kit.identity import MARK
 from simspec.engines.kit.process import DEADLINE
+from simspec.engines.kit.registry import MARK
 from simspec.errors import EngineError, Problem, SpecError, UnsupportedError
 from simspec.experiments.store import Store, result_of
 from simspec.experiments.sweep import run_key

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.compiler import Compiled, compile_world
 from simspec.distribution import own_version
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import SpecError, UnsupportedError
 from simspec.experiments.cases import case_of

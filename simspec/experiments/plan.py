@@ -15,8 +15,7 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.files import NotReadableError, read_bytes
 from simspec.language.load import Spec

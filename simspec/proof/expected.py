@@ -19,8 +19,7 @@ from simspec.control.reference import natives
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof import motion
 from simspec.proof.checks import NOTHING, PRECISIONS, TOO_CHAOTIC, Check, Part, failed

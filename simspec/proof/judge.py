@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 from simspec.distribution import own_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engine_name, engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE

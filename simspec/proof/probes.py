@@ -13,9 +13,8 @@ import numpy as np
 from simspec.compiler import compile_world, missing_options, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
-from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, call
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
 from simspec.language.vocabulary import QUATERNION_JOINTS

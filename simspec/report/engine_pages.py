@@ -20,7 +20,7 @@ from typing import Any
 from simspec.compiler import WORLD_FILE, needed_decisions
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.installing import how_to_install
+from simspec.engines.kit.installed import how_to_install
 from simspec.engines.kit.registry import engines, format_of
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE

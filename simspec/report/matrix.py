@@ -12,9 +12,8 @@ from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.installing import how_to_install
-from simspec.engines.kit.registry import engines, format_of
+from simspec.engines.kit.installed import how_to_install
+from simspec.engines.kit.registry import engine_name, engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
 from simspec.proof.contact.probe import Figure, Law

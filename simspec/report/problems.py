@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from simspec.compiler import OPTION_OF
-from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import engine_name
 from simspec.errors import MOST_PROBLEMS, Problem, Refusal, SimspecError, SpecError, UnsupportedError
 from simspec.report.screen import console
 from simspec.report.table import Table

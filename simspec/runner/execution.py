@@ -17,10 +17,9 @@ from simspec.engines.kit import process
 from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Problem, SpecError

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dynamics.oracle import angles_of
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engine_name, engines
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run

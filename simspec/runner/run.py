@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import Problem, SpecError, html_table
 from simspec.language.strict import near

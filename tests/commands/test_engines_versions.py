@@ -11,8 +11,7 @@ import pytest
 from simspec import cli
 from simspec.commands.options import interpreters
 from simspec.engines.kit.environments import making, requirement
-from simspec.engines.kit.identity import parse
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import find_engine, parse
 from simspec.errors import EngineError
 from simspec.outputs import cache
 from simspec.project import NotTrustedError

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import simspec
-from simspec.engines.kit.coupled import SLIDING, in_force
+from simspec.engines.kit.refinements import SLIDING, in_force
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import leaning, run, scope, stacks
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration

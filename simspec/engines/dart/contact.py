@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.dart.inventory import chosen_solver
-from simspec.engines.kit.coupled import SLIDING, coupled, in_force
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.refinements import SLIDING, coupled, in_force
 from simspec.engines.kit.settings import Group, Setting
 from simspec.support.declarations import Table
 from simspec.support.features import Feature

@@ -34,14 +34,13 @@ from simspec.engines.dart.inventory import chosen_solver, expected, inventory, n
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
-from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.inventory import expected_labels
-from simspec.engines.kit.refinements import NO_FRICTION, implicit_damping_armature
+from simspec.engines.kit.refinements import BLUNT, NO_FRICTION, blunted, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SteppedEngine
 from simspec.engines.kit.world_simulation import contact_table

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.reference import natives
-from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.refinements import coupled
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, solid_shapes

@@ -24,10 +24,9 @@ from simspec.engines.gazebo.readback import expected, inventory, neutral, read_b
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.refinements import implicit_damping_armature, no_friction, planes_still
+from simspec.engines.kit.refinements import implicit_damping_armature, leans, no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features

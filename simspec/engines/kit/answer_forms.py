@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from simspec.control.reference import driven_joints
 from simspec.engines.kit import worker
 from simspec.engines.kit.arrays import SECONDS
-from simspec.engines.kit.identity import STATED
+from simspec.engines.kit.registry import STATED
 from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 

@@ -22,10 +22,8 @@ from simspec.distribution import NAME
 from simspec.distribution import requirements as own_requirements
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import EngineId, parse
-from simspec.engines.kit.installed import too_old
-from simspec.engines.kit.installing import how_to_install, why_not
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.installed import how_to_install, too_old, why_not
+from simspec.engines.kit.registry import EngineId, engines, find_engine, parse
 from simspec.errors import EngineError, SpecError, clipped, visible
 from simspec.outputs.cache import data_folder, is_complete, written_by_others
 from simspec.processes import ELSEWHERE, isolated

@@ -27,10 +27,9 @@ from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import demand_version, program_of
-from simspec.engines.kit.installing import not_installed
+from simspec.engines.kit.installed import not_installed
 from simspec.engines.kit.messages import DOING
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import demand_version, find_engine, program_of
 from simspec.engines.kit.request import write_request
 from simspec.engines.kit.warm import Forked, WarmProcesses
 from simspec.errors import EngineError, clipped, visible

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Final
 
 from simspec.dialects.mujoco.sidecar import COULOMB
-from simspec.engines.kit.coupled import coupled, in_force
 from simspec.engines.kit.deviations import Deviation, Reason, named_reasons, read_deviations
+from simspec.engines.kit.refinements import coupled, in_force
 from simspec.support.declarations import Level, Refinement, Support, approximate, exact, never
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import CollisionFilter, meeting_kinds, meeting_laws, solid_shapes

@@ -13,10 +13,9 @@ import numpy as np
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.refinements import static_planes
+from simspec.engines.kit.refinements import leans, static_planes
 from simspec.engines.kit.settings import Group, Setting, of_mobility
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import building

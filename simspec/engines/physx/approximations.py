@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.engines.kit.refinements import approximate_pairs, met_pairs
+from simspec.engines.kit.refinements import approximate_pairs, coupled, met_pairs
 from simspec.support.declarations import Refinement, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes

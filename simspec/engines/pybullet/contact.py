@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.refinements import coupled
 from simspec.engines.kit.settings import COARSE, SHARE, Group, Setting, of_thinnest
 from simspec.support.declarations import Level, Refinement, Table
 from simspec.support.features import Feature

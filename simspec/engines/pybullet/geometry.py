@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.dialects.pybullet.contact import faces_meet, margins_of
-from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.refinements import BLUNT, blunted
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.bullet_file import Block
 from simspec.errors import EngineError

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.engines.kit.refinements import approximate_pairs, met_pairs
+from simspec.engines.kit.refinements import approximate_pairs, coupled, met_pairs
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.commands.options import engine_names, interpreters, names_alone
-from simspec.engines.kit.identity import EngineId, demand_version, engine_name, parse
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import EngineId, demand_version, engine_name, find_engine, parse
 from simspec.errors import EngineError, SpecError
 
 

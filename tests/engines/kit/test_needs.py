@@ -13,7 +13,7 @@ from simspec.comparison.study import missing_engines
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import installed, process, registry
 from simspec.engines.kit.compiled import Compiled, Needs
-from simspec.engines.kit.installing import how_to_install, not_installed, why_not
+from simspec.engines.kit.installed import how_to_install, not_installed, why_not
 from simspec.errors import EngineError
 from tests.files import program
 
