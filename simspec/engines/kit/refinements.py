@@ -171,8 +171,8 @@ def implicit_damping_armature(title: str, short: str) -> Support:
     )
 
 
-# Detectors that find the distance of convex shapes by iterations: these end before the nearest point of a side that is curved, or
-# of many small faces. Measured with a ball of 1 cm at 150 points at each of 6 gaps, for 168 cylinders and hulls of 8 to 800
+# Detectors that find the distance of convex shapes by iterations: these end before the nearest point of a side that is curved,
+# or of many small faces. Measured with a ball of 1 cm at 150 points at each of 6 gaps, for 168 cylinders and hulls of 8 to 800
 # vertices: the side of a cylinder of 2 to 30 mm length is felt up to 0.25 mm inside of its place, 0.07 mm with 50 mm, 0.03 mm
 # with 200 mm; with a radius up to 4 mm, or a length up to 1 mm, it is exact to 0.05 mm. Hulls whose shortest edge is 1 cm and
 # more are exact to 0.03 mm, others to 0.25 mm; boxes, capsules, flat ends of cylinders and hulls of up to six faces to 0.01 mm.
