@@ -361,11 +361,11 @@ def reordered(file: str, name: str) -> Plant:
 
     def plant(files: Files) -> dict[str, str]:
         text = files[file]
-        one, other = [
+        match_, other = [
             pair for pair in itertools.pairwise(re.finditer(name, text)) if pair[0].group(1) != pair[1].group(1)
         ][-1]
-        (a, b), (c, d) = one.span(1), other.span(1)
-        return {**files, file: text[:a] + other.group(1) + text[b:c] + one.group(1) + text[d:]}
+        (a, b), (c, d) = match_.span(1), other.span(1)
+        return {**files, file: text[:a] + other.group(1) + text[b:c] + match_.group(1) + text[d:]}
 
     return plant
 

@@ -88,9 +88,9 @@ def _fields(value: Any, site: str = "", place: str = "") -> Iterator[tuple[Any, 
     for key, item in items:
         # what is keyed by names of the world is one site
         step = "*" if isinstance(value, list) else str(key)
-        own, there = f"{site}.{step}".lstrip("."), f"{place}.{key}".lstrip(".")
-        yield value, key, item, own, there
-        yield from _fields(item, own, there)
+        text, there = f"{site}.{step}".lstrip("."), f"{place}.{key}".lstrip(".")
+        yield value, key, item, text, there
+        yield from _fields(item, text, there)
 
 
 def _value_changes(
@@ -151,10 +151,10 @@ def obj_mutations(file: str, text: str, table: MutationTable) -> Iterator[Mutati
                     yield made(kind, f"obj/{word}", place, what, [*lines[:index], f"{word} {new}", *lines[index + 1 :]])
             yield made("element removed", f"obj/{word}", place, "", [*lines[:index], *lines[index + 1 :]])
             yield made("element doubled", f"obj/{word}", place, "", [*lines[: index + 1], *lines[index:]])
-        for one, other in itertools.pairwise(at):
+        for first, other in itertools.pairwise(at):
             swapped = list(lines)
-            swapped[one], swapped[other] = lines[other], lines[one]
-            yield made("swapped", f"obj/{word}", word, f"lines {one + 1} and {other + 1}", swapped)
+            swapped[first], swapped[other] = lines[other], lines[first]
+            yield made("swapped", f"obj/{word}", word, f"lines {first + 1} and {other + 1}", swapped)
     yield made("element added", "obj/v", "v", SPIKE, [*lines, SPIKE])
     spike = sum(line.startswith("v ") for line in lines) + 1
     used = [SPIKE, f"f 1 2 {spike}", f"f 2 3 {spike}", f"f 3 1 {spike}"]
@@ -191,8 +191,8 @@ class Tree:
             return _label(element)
         same = [child for child in above if child.tag == element.tag]
         named = element.get("name") or element.get("class")
-        own = _label(element) if named or len(same) == 1 else f"{element.tag}[{same.index(element)}]"
-        return f"{self.place(above)}/{own}"
+        label = _label(element) if named or len(same) == 1 else f"{element.tag}[{same.index(element)}]"
+        return f"{self.place(above)}/{label}"
 
 
 def xml_mutations(file: str, text: str, table: MutationTable) -> Iterator[Mutation]:
@@ -259,11 +259,11 @@ def _siblings(tree: Tree, made: Made) -> Iterator[Mutation]:
                 continue
             here = f"{tree.place(other)} with {tree.place(element)}"
             for name in [name for name in element.attrib if name in other.attrib]:
-                one, two = other.attrib[name], element.attrib[name]
+                entry, two = other.attrib[name], element.attrib[name]
                 other.set(name, two)
-                element.set(name, one)
-                yield made("swapped", f"{element.tag}@{name}", f"{here}@{name}", f"{one} with {two}")
-                other.set(name, one)
+                element.set(name, entry)
+                yield made("swapped", f"{element.tag}@{name}", f"{here}@{name}", f"{entry} with {two}")
+                other.set(name, entry)
                 element.set(name, two)
             if (element.text or "").strip() and (other.text or "").strip():
                 other.text, element.text = element.text, other.text
@@ -289,8 +289,8 @@ def _xml_additions(tree: Tree, additions: Sequence[Addition], made: Made) -> Ite
                 fresh = list(ElementTree.fromstring(f"<addition>{value}</addition>"))
                 element.extend(fresh)
                 yield made("element added", f"{element.tag}/{fresh[0].tag}", here, value)
-                for one in fresh:
-                    element.remove(one)
+                for entry in fresh:
+                    element.remove(entry)
             if row.once:
                 break
 

@@ -130,14 +130,14 @@ def _outwards(text: str, way: range, closing: str, opening: str, end: int) -> in
     return end
 
 
-def _apart(one: Edit, other: Edit) -> bool:
-    return one.mutation.file != other.mutation.file or one.high < other.low or other.high < one.low
+def _apart(edit: Edit, other: Edit) -> bool:
+    return edit.mutation.file != other.mutation.file or edit.high < other.low or other.high < edit.low
 
 
-def _same(one: str, other: str, most: int | None = None) -> int:
+def _same(name: str, other: str, most: int | None = None) -> int:
     """How many characters two texts begin with in common, of at most so many."""
-    low, high = 0, min(len(one), len(other)) if most is None else most
+    low, high = 0, min(len(name), len(other)) if most is None else most
     while low < high:
         middle = (low + high + 1) // 2
-        low, high = (middle, high) if one[low:middle] == other[low:middle] else (low, middle - 1)
+        low, high = (middle, high) if name[low:middle] == other[low:middle] else (low, middle - 1)
     return low

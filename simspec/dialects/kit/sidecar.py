@@ -43,8 +43,8 @@ class Target:
 
     def between(self, pair: Pair) -> Target:
         """The target with the settings that are in force between two materials (sorted names)."""
-        own = self.pair_settings.get(pair)
-        return dataclasses.replace(self, settings={**self.settings, **own}) if own else self
+        pair_setting = self.pair_settings.get(pair)
+        return dataclasses.replace(self, settings={**self.settings, **pair_setting}) if pair_setting else self
 
 
 def known(numbers: Surface, quantity: str) -> float:
@@ -112,13 +112,13 @@ class Sidecar:
         check_distinct((body.name for body in sidecar.bodies), "sidecar.bodies")
         check_known((body.kind for body in sidecar.bodies), JOINT_KINDS, "sidecar.bodies")
         check_known((sidecar.friction_cone,), FRICTION_CONES, "sidecar.friction_cone")
-        check_distinct((held.name for held in sidecar.constraints or ()), "sidecar.constraints")
-        check_distinct((one.name for one in sidecar.sums or ()), "sidecar.sums")
+        check_distinct((constraint.name for constraint in sidecar.constraints or ()), "sidecar.constraints")
+        check_distinct((sum_.name for sum_ in sidecar.sums or ()), "sidecar.sums")
         ends = (
             name
-            for held in sidecar.constraints or ()
-            if not isinstance(held, Follow)
-            for name in (held.first, held.second)
+            for constraint in sidecar.constraints or ()
+            if not isinstance(constraint, Follow)
+            for name in (constraint.first, constraint.second)
         )
         check_known(ends, [body.name for body in sidecar.bodies], "sidecar.constraints")
         if sidecar.passive is not None:
@@ -129,8 +129,8 @@ class Sidecar:
     def settings_between(self, first: str, second: str) -> Mapping[str, bool | int | float | str]:
         """The settings that are in force between two shapes."""
         for pair in self.pair_settings or ():
-            one, other = pair.shapes
-            if (first in one and second in other) or (second in one and first in other):
+            entry, other = pair.shapes
+            if (first in entry and second in other) or (second in entry and first in other):
                 return {**self.settings, **pair.settings}
         return self.settings
 

@@ -102,8 +102,8 @@ def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mappin
     }
     servos = {
         name: tree.JsonServo(kp, kd, limit)
-        for one in natives(world)
-        for name, kp, kd, limit in zip(one.joints, one.kp, one.kd, one.effort_limits, strict=True)
+        for native in natives(world)
+        for name, kp, kd, limit in zip(native.joints, native.kp, native.kd, native.effort_limits, strict=True)
     }
     used = {body.collision_group for body in world.bodies if solid_shapes(body)}
     document = tree.JsonWorld(
@@ -226,9 +226,9 @@ class LawSidecar(WorldSidecar):
         """Raise ValueError where the sidecar is of another world than ``document``, or where shapes have numbers of their own,
         which nothing would go by."""
         WorldSidecar.check_document(self, document)
-        told = {(law.first, law.second) for law in self.laws}
-        meets = {(one, other) for one, other, _ in document.meets}
-        if told != meets or any(layer for *_, layer in document.meets):
+        given = {(law.first, law.second) for law in self.laws}
+        meets = {(name, other) for name, other, _ in document.meets}
+        if given != meets or any(layer for *_, layer in document.meets):
             raise ValueError(f"the materials that meet in {WORLD} are not those of sidecar.laws")
         for body in document.bodies:
             for shape in body.shapes:
@@ -244,7 +244,7 @@ class LawDialect(WorldDialect, abstract=True):
     def fields(self, world: World, target: Target, document: JsonWorld) -> Mapping[str, Any]:
         # in a probe of two materials the plan may have more pairs than meet there
         laws = {(law.first, law.second): law for law in world.contact.pairs}
-        return {"laws": tuple(laws[one, other] for one, other, _ in document.meets)}
+        return {"laws": tuple(laws[name, other] for name, other, _ in document.meets)}
 
     def raise_(self, document: JsonWorld, sidecar: LawSidecar) -> ReadBack:
         return replace(super().raise_(document, sidecar), laws=sidecar.laws)

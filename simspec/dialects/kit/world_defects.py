@@ -129,7 +129,7 @@ def _exchanged(content: dict[str, Any]) -> None:
 
 def _pair_value(content: dict[str, Any]) -> None:
     """Halve ice's number in the layer where it meets rubber."""
-    layer = next(layer for one, other, layer in content["meets"] if {one, other} == {"ice", "rubber"})
+    layer = next(layer for entry, other, layer in content["meets"] if {entry, other} == {"ice", "rubber"})
     copies = body_of(content, "ice_cube")["shapes"][0]["copies"]
     next(copy for copy in copies if copy["layer"] == layer)["friction"] *= 0.5
 
@@ -262,11 +262,11 @@ def _number(name: str, by: float = 0.0, times: float = 1.0) -> Callable[[dict[st
 
 def _exchanged_laws(content: dict[str, Any]) -> None:
     """Ice and rubber, and rubber with itself, have each other's law."""
-    one = next(law for law in content["laws"] if {law["first"], law["second"]} == {"ice", "rubber"})
-    other = next(law for law in content["laws"] if law["first"] != law["second"] and law is not one)
+    entry = next(law for law in content["laws"] if {law["first"], law["second"]} == {"ice", "rubber"})
+    other = next(law for law in content["laws"] if law["first"] != law["second"] and law is not entry)
     names = ("first", "second")
-    for key in {*one, *other} - set(names):
-        one[key], other[key] = other[key], one[key]
+    for key in {*entry, *other} - set(names):
+        entry[key], other[key] = other[key], entry[key]
 
 
 LAW_DEFECTS: Mapping[str, Plant | str] = {

@@ -49,34 +49,34 @@ def reference(error_reduction: float, restitution: float, timestep: float) -> tu
 # --- hardness: a row each -----------------------------------------------------------------------------------------
 
 
-def _common(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+def _common(world: World, target: Target, surface: Surface, inverse_mass: float) -> Attributes:
     """Under friction with a cushion, which what bounces cannot have: a step that ends in it would take most of the bounce."""
     beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
-    solref = reference(beta, held.restitution or 0.0, dt)
+    solref = reference(beta, surface.restitution or 0.0, dt)
     impedance, cushion = (float(target.settings[name]) for name in ("contact_impedance", "friction_cushion"))
     solimp = _impedance(impedance)
     elliptic = world.contact.friction_cone == "elliptic"
-    if held.friction and not held.restitution and cushion and elliptic and not is_coulomb(target):
+    if surface.friction and not surface.restitution and cushion and elliptic and not is_coulomb(target):
         solimp = (CUSHION_START, impedance, cushion, *CUSHION_SHAPE)
     return (("solref", solref), ("solimp", solimp))
 
 
-def _time_constant(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+def _time_constant(world: World, target: Target, surface: Surface, inverse_mass: float) -> Attributes:
     """MuJoCo's own form: r̈ = −(2/T) v − r/(T ζ)²; its two numbers are T and ζ."""
-    spring = _of(held)
+    spring = _of(surface)
     solref = (spring.time_constant, spring.damping_ratio)
     return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
 
 
-def _stiffness(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+def _stiffness(world: World, target: Target, surface: Surface, inverse_mass: float) -> Attributes:
     """MuJoCo's numbers are accelerations: forces times the inverse masses of both bodies; the depth under a load is
     (1 − d) times the load over them."""
-    spring, yielding = _of(held), inverse_mass * (1.0 - SPRING_IMPEDANCE)
+    spring, yielding = _of(surface), inverse_mass * (1.0 - SPRING_IMPEDANCE)
     solref = (0.0 - spring.stiffness * yielding, 0.0 - spring.damping * yielding)
     return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
 
 
-def _native(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+def _native(world: World, target: Target, surface: Surface, inverse_mass: float) -> Attributes:
     return NATIVE_HARDNESS
 
 
@@ -89,13 +89,13 @@ HARDNESS: Mapping[str, Callable[[World, Target, Surface, float], Attributes]] = 
 """``solref`` and ``solimp`` by kind of hardness, from (world, target, surface, sum of both inverse masses in 1/kg)."""
 
 
-def _of(held: Surface) -> Hardness:
-    return held.hardness or Hardness()
+def _of(surface: Surface) -> Hardness:
+    return surface.hardness or Hardness()
 
 
-def contact_reference(world: World, target: Target, held: Surface, inverse_mass: float = 1.0) -> Attributes:
+def contact_reference(world: World, target: Target, surface: Surface, inverse_mass: float = 1.0) -> Attributes:
     """``solref`` and ``solimp`` of a surface; ``inverse_mass`` (1/kg) of both bodies together."""
-    return HARDNESS[_of(held).kind](world, target, held, inverse_mass)
+    return HARDNESS[_of(surface).kind](world, target, surface, inverse_mass)
 
 
 def limit_reference(world: World, target: Target) -> Attributes:
@@ -190,11 +190,11 @@ def default_classes(world: World, target: Target) -> tuple[MjcfDefault, ...]:
     """One class for each material, and the class of shapes that only show."""
     rows = [MjcfDefault(VISUAL_CLASS, (("geom", (("contype", 0), ("conaffinity", 0), ("group", 2))),))]
     for material in world.contact.materials:
-        held = target.plan.numbers[material.name, 0]
-        friction = (held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0)
-        surface: Attributes = (("condim", dimensions(held)), ("friction", friction))
+        number = target.plan.numbers[material.name, 0]
+        friction = (number.friction or 0.0, number.torsional_friction or 0.0, number.rolling_friction or 0.0)
+        surface: Attributes = (("condim", dimensions(number)), ("friction", friction))
         # no cushion: without an explicit pair's own reference for friction it does not help
-        solref = contact_reference(world, target, dataclasses.replace(held, friction=0.0))
+        solref = contact_reference(world, target, dataclasses.replace(number, friction=0.0))
         rows.append(MjcfDefault(MATERIAL_CLASS + material.name, (("geom", (*surface, *solref)),)))
     return tuple(rows)
 
@@ -261,25 +261,25 @@ def _rows(world: World, target: Target, laws: Mapping[Pair, PairContact], pairs:
     inverse = inverse_masses(world)
     rows = []
     for pair in pairs:
-        law, own_target = laws[pair], target.between(pair)
-        held = Surface(
+        law, local_target = laws[pair], target.between(pair)
+        surface = Surface(
             law.friction, law.torsional_friction, law.rolling_friction, law.restitution, hardness=law.hardness
         )
         for first, second in shape_pairs(world, [pair]):
             weight = inverse[first] + inverse[second] if law.hardness.kind == "stiffness" else 1.0
             values: dict[str, Value] = {
-                "condim": dimensions(held),
+                "condim": dimensions(surface),
                 "friction": (
                     *(law.friction, law.friction),
                     *(law.torsional_friction, law.rolling_friction, law.rolling_friction),
                 ),
-                **dict(contact_reference(world, own_target, held, weight)),
-                "solreffriction": friction_reference(world, own_target, law.hardness.kind),
+                **dict(contact_reference(world, local_target, surface, weight)),
+                "solreffriction": friction_reference(world, local_target, law.hardness.kind),
             }
             if margin := margins[first] + margins[second] if law.margin is None else law.margin:
                 values["margin"] = margin
-            own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
-            rows.append(MjcfPair(first, second, own))
+            local = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
+            rows.append(MjcfPair(first, second, local))
     return tuple(rows)
 
 
@@ -370,7 +370,7 @@ def check_laws(world: World) -> list[Problem]:
     inverse = inverse_masses(world) if springs else {}
     dt = world.physics.timestep
     for pair, spring in springs.items():
-        weights = {inverse[one] + inverse[two]: (one, two) for one, two in shape_pairs(world, [pair])}
+        weights = {inverse[name] + inverse[two]: (name, two) for name, two in shape_pairs(world, [pair])}
         for weight, shapes in weights.items():
             if math.isnan(weight):
                 message = (

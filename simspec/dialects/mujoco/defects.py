@@ -125,8 +125,8 @@ def _group(root: Element) -> None:
 def _pair_value(root: Element) -> None:
     """The friction of ice with rubber, in every explicit pair of the two."""
     for pair in _explicit(root, {"floor_ice", "rubber_cube_0"}, {"floor_rubber", "ice_cube_0"}):
-        one_value, other, *rest = floats(pair.attrib["friction"])
-        pair.set("friction", numbers((one_value / 2.0, other / 2.0, *rest)))
+        sliding, other, *rest = floats(pair.attrib["friction"])
+        pair.set("friction", numbers((sliding / 2.0, other / 2.0, *rest)))
 
 
 def _explicit(root: Element, *pairs: set[str]) -> list[Element]:

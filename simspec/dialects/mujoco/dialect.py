@@ -157,11 +157,11 @@ def _geom(geom: MjcfGeom, others: Sequence[Pose]) -> MjcfGeom:
 
 def sites_apart(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[MjcfSite, ...]]:
     """The sites of bodies, in pairs of which each constraint holds the frames together."""
-    pair = {site.name: site.name.rpartition("/")[0] for held in sites.values() for site in held}
+    pair = {site.name: site.name.rpartition("/")[0] for actual in sites.values() for site in actual}
     turned = {
         pair[site.name]
-        for held in sites.values()
-        for site in held
+        for actual in sites.values()
+        for site in actual
         if taken_for_one(Pose(site.position, site.orientation), Pose())
     }
     return {
@@ -169,9 +169,9 @@ def sites_apart(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[Mj
             dataclasses.replace(site, orientation=frames.multiply(site.orientation, CYCLE))
             if pair[site.name] in turned
             else site
-            for site in held
+            for site in actual
         )
-        for body, held in sites.items()
+        for body, actual in sites.items()
     }
 
 

@@ -179,7 +179,7 @@ class _Raising:
             if names[-1] in raised:
                 raise body.item.refused(f"a second body {names[-1]!r}")
             chain = rows.get(names[-1], ((names[-1], frames.IDENTITY),))
-            raised |= {one.name: one for one in self._body(body, chain, parent)}
+            raised |= {entry.name: entry for entry in self._body(body, chain, parent)}
         if (self._nq, self._nv) != (len(self._position), len(self._velocity)):
             raise ValueError(
                 f"{self._document.file}: the keyframe holds {len(self._position)} positions and {len(self._velocity)} "
@@ -340,21 +340,21 @@ class _Raising:
     def pairs(self) -> tuple[EnginePair, ...]:
         """The explicit pairs, sorted."""
         inverse = self._inverse_masses()
-        held = []
+        actual = []
         for pair in self._document.section("contact"):
             if pair.tag != "pair":
                 continue
             first, second = sorted((pair.text("geom1"), pair.text("geom2")))
             if first not in inverse or second not in inverse:
                 raise pair.refused(f"{first!r} with {second!r}, one of which is missing")
-            one, two, torsion, roll, other_roll = pair.numbers("friction", 5)
-            if one != two or roll != other_roll:
+            value, two, torsion, roll, other_roll = pair.numbers("friction", 5)
+            if value != two or roll != other_roll:
                 raise pair.refused(f"{first!r} with {second!r} is not isotropic")
             weight = inverse[first] + inverse[second]
             law = CommonLaw.of(self.timestep, self._sidecar.settings_between(first, second))
-            surface_held = self._surface(pair, (one, torsion, roll), law, weight)
-            held.append(EnginePair(first, second, surface_held, pair.number("margin")))
-        return tuple(sorted(held, key=lambda pair: (pair.first, pair.second)))
+            surface_actual = self._surface(pair, (value, torsion, roll), law, weight)
+            actual.append(EnginePair(first, second, surface_actual, pair.number("margin")))
+        return tuple(sorted(actual, key=lambda pair: (pair.first, pair.second)))
 
     def settings(self) -> dict[str, EngineValue]:
         """The solver settings that the file itself holds, as ``settings.NAME``, whatever stands beside it."""
@@ -370,7 +370,7 @@ class _Raising:
 
     def servos(self) -> tuple[EngineServo, ...]:
         """The actuators: position with kp and kv, velocity with kv; all on one joint, without gear."""
-        held = []
+        actual = []
         for item in self._document.section("actuator"):
             if item.tag not in ("position", "velocity") or _word(item, "ctrllimited", FLAG_WORDS):
                 raise item.refused("not an actuator that is read")
@@ -383,12 +383,12 @@ class _Raising:
                 if lower != -limit:
                     raise item.refused("the effort limit is not the same both ways")
             stiffness = item.number("kp") if "kp" in stated else 0.0
-            held.append(EngineServo(item.text("joint"), stiffness, item.number("kv"), limit))
-        return tuple(held)
+            actual.append(EngineServo(item.text("joint"), stiffness, item.number("kv"), limit))
+        return tuple(actual)
 
     def constraints(self) -> tuple[Constraint, ...]:
         """The equalities: of two joints, whose first follows the second, and of two sites."""
-        held: list[Constraint] = []
+        actual: list[Constraint] = []
         for item in self._document.section("equality"):
             name = item.text("name")
             if item.values.get("active", "true") != "true":
@@ -397,7 +397,7 @@ class _Raising:
                 offset, ratio, *more = item.numbers("polycoef", 5)
                 if any(more):
                     raise item.refused("is not linear")
-                held.append(Follow(name, item.text("joint1"), item.text("joint2"), ratio, offset))
+                actual.append(Follow(name, item.text("joint1"), item.text("joint2"), ratio, offset))
                 continue
             if item.tag not in ("connect", "weld") or item.values.get("torquescale", "1") != "1":
                 raise item.refused("not a constraint that is read")
@@ -406,10 +406,10 @@ class _Raising:
                 raise item.refused(f"there is no site {missing[0]!r}")
             (first, near), (second, far) = (self._end(*self._sites[end]) for end in ends)
             if item.tag == "connect":
-                held.append(Connect(name, first, second, near.position, far.position))
+                actual.append(Connect(name, first, second, near.position, far.position))
             else:
-                held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
-        return tuple(sorted(held, key=lambda constraint: constraint.name))
+                actual.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+        return tuple(sorted(actual, key=lambda constraint: constraint.name))
 
     @staticmethod
     def _of_sites(item: MjcfItem) -> tuple[str, str]:
@@ -427,7 +427,7 @@ class _Raising:
 
     def sums(self) -> tuple[JointSum, ...]:
         """The fixed tendons, whose lengths are sums of joint positions."""
-        held: list[JointSum] = []
+        joint_sums: list[JointSum] = []
         for item in self._document.section("tendon"):
             if item.tag != "fixed" or not item.values.keys() <= OF_SUM:
                 raise item.refused("not a tendon that is read")
@@ -447,8 +447,8 @@ class _Raising:
                 raise item.refused("has a spring that is slack over a range")
             numbers = item.number("stiffness"), rest[0], item.number("damping")
             friction = item.number("frictionloss")
-            held.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits, friction))
-        return tuple(sorted(held, key=lambda one: one.name))
+            joint_sums.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits, friction))
+        return tuple(sorted(joint_sums, key=lambda joint_sum: joint_sum.name))
 
     def _end(self, body: str, site: MjcfItem) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""

@@ -202,4 +202,4 @@ def origins(place: Pose, in_body: Sequence[Pose]) -> list[Pose]:
     """Of frames in one body's frame, which stands at ``place`` in its parent's: the first in the parent's, and each further one
     in that before it."""
     first = frames.compose(place, in_body[0])
-    return [first, *(frames.compose(frames.inverse(one), other) for one, other in pairwise(in_body))]
+    return [first, *(frames.compose(frames.inverse(first), other) for first, other in pairwise(in_body))]

@@ -120,13 +120,13 @@ def _rows_of(steps: int, every: int) -> int:
 
 def planned_rows(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
-    asked = operation.parameters
+    parameters = operation.parameters
     if operation.op in ("kinematics", "dynamics", "trials", "stopped", "windows"):
         return len(operation.arrays["q"])
     if operation.op in ("motion", "pushed", "prescribed", "respond", "run"):
-        return 1 + _rows_of(asked["steps"], asked["every"])
+        return 1 + _rows_of(parameters["steps"], parameters["every"])
     if operation.op == "drive":
-        return 1 + sum(_rows_of(steps, every) for steps, every in asked["phases"])
+        return 1 + sum(_rows_of(steps, every) for steps, every in parameters["phases"])
     return None
 
 

@@ -51,11 +51,11 @@ def read_back(value: Mapping[str, Any], foreign: bool = False) -> ReadBack:
     """The read-back from plain data; of a foreign file (``foreign``) with joints and shapes of kinds that simspec does
     not have. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
     try:
-        held: ReadBack = from_plain(ReadBack, value)
+        back: ReadBack = from_plain(ReadBack, value)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise BadAnswerError(clipped(f"no read-back: {type(error).__name__}: {error}")) from None
     seen = set()
-    for body in held.bodies:
+    for body in back.bodies:
         joint, place = body.joint, clipped(f"body {body.name!r}")
         if body.name in seen:
             raise BadAnswerError(f"{place} is duplicated")
@@ -75,10 +75,10 @@ def read_back(value: Mapping[str, Any], foreign: bool = False) -> ReadBack:
             if shape.kind not in SHAPE_KINDS and not foreign:
                 raise BadAnswerError(clipped(f"{place}: unknown kind of shape: {shape.kind!r}"))
     for name in ("unreadable", "inventory", "neutral"):
-        for key, one in getattr(held, name).items():
-            if not _plain_value(one) or (name == "unreadable" and not isinstance(one, str)):
-                raise BadAnswerError(clipped(f"{name}: {key} is a {type(one).__name__}"))
-    return held
+        for key, entry in getattr(back, name).items():
+            if not _plain_value(entry) or (name == "unreadable" and not isinstance(entry, str)):
+                raise BadAnswerError(clipped(f"{name}: {key} is a {type(entry).__name__}"))
+    return back
 
 
 def _plain_value(value: Any) -> bool:
@@ -110,15 +110,17 @@ def check_motion(operation: Operation, result: Mapping[str, Any], arrays: Mappin
 
 def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of a run, ``step`` as whole numbers: all rows there and finite, or, where it failed, all but the last."""
-    asked, failed, rows = operation.parameters, result["failed"], len(arrays["step"])
+    requested, failed, rows = operation.parameters, result["failed"], len(arrays["step"])
     planned, same = zeros((rows,), int), True
     for part in parts(rows, 8, planned, arrays["step"]):
-        planned[part] = np.minimum(np.arange(part.start, part.stop) * asked["every"], asked["steps"])
+        planned[part] = np.minimum(np.arange(part.start, part.stop) * requested["every"], requested["steps"])
         same = same and np.array_equal(arrays["step"][part], planned[part])
     if not rows or (rows != planned_rows(operation) and not failed):
-        raise BadAnswerError(f"{rows} rows, should be {planned_rows(operation)}, one every {asked['every']} steps")
+        raise BadAnswerError(f"{rows} rows, should be {planned_rows(operation)}, one every {requested['every']} steps")
     if not same:
-        raise BadAnswerError(f"the steps of its {rows} rows are not one every {asked['every']} of {asked['steps']}")
+        raise BadAnswerError(
+            f"the steps of its {rows} rows are not one every {requested['every']} of {requested['steps']}"
+        )
     if result["steps"] != planned[-1]:
         raise BadAnswerError(f"its last row is of step {planned[-1]}, and it reports {result['steps']} steps")
     if failed is not None and (failed["channel"] not in arrays or failed["step"] != result["steps"]):
@@ -127,7 +129,7 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
     for name in ("q", "v", "pose", "velocity", "energy", "control.target"):
         if name in arrays and not all_finite(arrays[name][:certain]):
             raise BadAnswerError(f"{name} is not finite, and the run is not reported as failed")
-    if "control" in asked:
+    if "control" in requested:
         _check_control(operation, result, arrays, certain)
     elif result["control"] is not None:
         raise BadAnswerError("controllers that were not requested")
@@ -165,20 +167,20 @@ def _check_seconds(result: Mapping[str, Any], seconds: np.ndarray) -> None:
 def _check_control(
     operation: Operation, result: Mapping[str, Any], arrays: Mapping[str, np.ndarray], certain: int
 ) -> None:
-    told = result["control"]
-    if told is None:
+    control = result["control"]
+    if control is None:
         raise BadAnswerError("the controllers are missing")
-    joints, columns = told["joints"], arrays["control.target"].shape[1]
-    if not len(joints) == len(told["error"]) == len(told["clipped"]) == columns or len(set(joints)) != columns:
+    joints, columns = control["joints"], arrays["control.target"].shape[1]
+    if not len(joints) == len(control["error"]) == len(control["clipped"]) == columns or len(set(joints)) != columns:
         raise BadAnswerError(f"{len(joints)} driven joints, and {columns} columns of them")
     if operation.world is not None:
         unknown = set(joints) - {body.joint.name for body in operation.world.bodies}
         missing = set(driven_joints(operation.world)) - set(joints)
         if unknown or missing:
-            odd = ", ".join(sorted(unknown | missing))
-            raise BadAnswerError(clipped(f"driven joints that are missing, or not the world's: {odd}"))
+            text = ", ".join(sorted(unknown | missing))
+            raise BadAnswerError(clipped(f"driven joints that are missing, or not the world's: {text}"))
     # the efforts of the engine's own controllers are not known: None in the count of clipped steps, NaN in the rows
-    known = np.array([one is not None for one in told["clipped"]], dtype=bool)
+    known = np.array([entry is not None for entry in control["clipped"]], dtype=bool)
     effort = arrays["control.effort"][:certain]
     for part in parts(len(effort), effort[:1].nbytes, effort):
         if not np.isfinite(effort[part][:, known]).all():
@@ -193,25 +195,23 @@ def _check_units(
         raise BadAnswerError("contact.unit and contact_units come together or not at all")
     if units is None:
         return
-    told, body = arrays["contact.unit"], arrays["contact.body"]
+    values, body = arrays["contact.unit"], arrays["contact.body"]
     bodies = np.array([unit["body"] for unit in units], dtype=np.int64)
     used = np.zeros(len(units), dtype=bool)
-    for part in parts(len(told), 64, told, body):
-        if ((told[part] < 0) | (told[part] >= len(units))).any():
+    for part in parts(len(values), 64, values, body):
+        if ((values[part] < 0) | (values[part] >= len(units))).any():
             raise BadAnswerError("contact.unit names units that are not in contact_units")
-        if (bodies[told[part]] != body[part]).any():
+        if (bodies[values[part]] != body[part]).any():
             raise BadAnswerError("contact.unit names units of other bodies than contact.body")
-        used[told[part]] = True
+        used[values[part]] = True
     for number in np.flatnonzero(used).tolist():
         unit = units[number]
         if not unit["shapes"]:
             raise BadAnswerError(f"contact_units: unit {number} touches, and has no shapes")
         if operation.world is not None:
-            known = {shape.name for shape in operation.world.bodies[unit["body"]].shapes}
-            if odd := set(unit["shapes"]) - known:
-                message = (
-                    f"contact_units: {sorted(odd)[0]!r} is no shape of {operation.world.bodies[unit['body']].name!r}"
-                )
+            body = operation.world.bodies[unit["body"]]
+            if unexpected := set(unit["shapes"]) - {shape.name for shape in body.shapes}:
+                message = f"contact_units: {sorted(unexpected)[0]!r} is no shape of {body.name!r}"
                 raise BadAnswerError(clipped(message))
 
 
@@ -260,7 +260,7 @@ def read_answers(folder: Path, operations: Sequence[Operation]) -> tuple[list[An
     names = ("engine_version", "python_version", "numpy_version", "platform", "machine")
     versions = {name: str(getattr(result, name)) for name in names}
     offset, answers = 0, []
-    total = sum(_bytes(one) for entry in result.operations for one in entry.arrays.values() if one.stored)
+    total = sum(_bytes(array) for entry in result.operations for array in entry.arrays.values() if array.stored)
     try:
         for index, (operation, entry) in enumerate(zip(operations, result.operations, strict=True)):
             try:
@@ -270,7 +270,7 @@ def read_answers(folder: Path, operations: Sequence[Operation]) -> tuple[list[An
                 if not operation.parameters.get("attempt", False):
                     raise BadAnswerError(message) from None
                 answers.append(_refused(entry, message))
-            offset += sum(_bytes(one) for one in entry.arrays.values() if one.stored)
+            offset += sum(_bytes(array) for array in entry.arrays.values() if array.stored)
     except OSError as error:
         raise BadAnswerError(f"its arrays cannot be read: {error.strerror or error}") from None
     return answers, versions, None
@@ -304,12 +304,12 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
     if entry.op != operation.op:
         raise BadAnswerError(f"answers {clipped(repr(entry.op))}")
     forms = FORMS[operation.op]
-    asked = conditions(operation)
-    wanted = {name: form for name, form in forms.items() if not form.when or form.when in asked}
+    requested = conditions(operation)
+    wanted = {name: form for name, form in forms.items() if not form.when or form.when in requested}
     needed = {name for name, form in wanted.items() if not form.optional}
     if not needed <= set(entry.arrays) <= set(wanted):
-        odd = ", ".join(sorted((set(entry.arrays) - set(wanted)) | (needed - set(entry.arrays))))
-        raise BadAnswerError(clipped(f"missing or unrequested arrays: {odd}"))
+        text = ", ".join(sorted((set(entry.arrays) - set(wanted)) | (needed - set(entry.arrays))))
+        raise BadAnswerError(clipped(f"missing or unrequested arrays: {text}"))
     dimensions = dimensions_of(operation)
     arrays = {}
     for name, described in entry.arrays.items():
@@ -320,9 +320,9 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
             offset += size
         else:
             arrays[name] = _read(folder / f"{index}.{name}.bin", described, 0, size)
-    result, held = entry.result, None
+    result, back = entry.result, None
     if operation.op in ("read_back", "foreign"):
-        held = read_back(result, foreign=operation.op == "foreign")
+        back = read_back(result, foreign=operation.op == "foreign")
     elif operation.op in RESULTS:
         result = _plain(RESULTS[operation.op], result)
     elif result:
@@ -335,7 +335,7 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
         check_contacts(arrays, len(arrays["pose"]), 0)
     elif operation.op == "touching":
         check_touching(result, arrays, dimensions)
-    return Answer(result, arrays, entry.load_seconds, entry.seconds, entry.log, held)
+    return Answer(result, arrays, entry.load_seconds, entry.seconds, entry.log, back)
 
 
 def _plain(model: type[BaseModel], value: dict[str, Any]) -> dict[str, Any]:
@@ -353,12 +353,14 @@ def _fit(name: str, described: Described, form: Form, dimensions: dict[str, int]
         raise BadAnswerError(f"{name} is of kind {described.kind}, should be {form.kind}")
     shape = described.shape
     expected = [
-        dimensions.setdefault(one, shape[k]) if isinstance(one, str) else one
-        for k, one in enumerate(form.shape)
+        dimensions.setdefault(entry, shape[k]) if isinstance(entry, str) else entry
+        for k, entry in enumerate(form.shape)
         if k < len(shape)
     ]
     if len(shape) != len(form.shape) or list(shape) != expected:
-        wanted = ", ".join(str(dimensions.get(one, one)) if isinstance(one, str) else str(one) for one in form.shape)
+        wanted = ", ".join(
+            str(dimensions.get(entry, entry)) if isinstance(entry, str) else str(entry) for entry in form.shape
+        )
         raise BadAnswerError(f"{name} has shape ({', '.join(map(str, shape))}), should be ({wanted})")
 
 

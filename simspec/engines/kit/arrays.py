@@ -54,15 +54,15 @@ def bodies_of(units: Sequence[CollisionUnit], pairs: np.ndarray) -> np.ndarray:
     return sorted_pairs(np.array([unit.body for unit in units], dtype=np.int64)[pairs]) if len(pairs) else pairs
 
 
-def pick_blocks(blocks: Sequence[np.ndarray], held: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+def pick_blocks(blocks: Sequence[np.ndarray], values: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
     """The parts of M for ``blocks`` (see :meth:`Engine.mass_blocks`), out of those that an engine holds: for each of its own
     trees the places (n,) in v and M (n, n) there."""
     found = [np.zeros((len(block), len(block))) for block in blocks]
     where = {int(place): (index, row) for index, block in enumerate(blocks) for row, place in enumerate(block)}
-    for places, mass in held:
+    for places, mass in values:
         wanted = [(number, *where[int(place)]) for number, place in enumerate(places) if int(place) in where]
         for index in {index for _, index, _ in wanted}:
-            theirs, ours = zip(*((number, row) for number, own, row in wanted if own == index), strict=True)
+            theirs, ours = zip(*((number, row) for number, local, row in wanted if local == index), strict=True)
             found[index][np.ix_(ours, ours)] = mass[np.ix_(theirs, theirs)]
     return found
 

@@ -81,16 +81,16 @@ def _work_off(
         # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
         signal.setitimer(signal.ITIMER_PROF, operations[place].get("cpu_seconds", 0.0))
         try:
-            entry, own = work(place)
+            entry, local = work(place)
         except Exception as error:  # what it refuses is this operation's answer
-            entry, own = {"refused": f"{type(error).__name__}: {error}"[:most]}, []
+            entry, local = {"refused": f"{type(error).__name__}: {error}"[:most]}, []
         with open(_numbers(folder, place), "wb") as file:
-            for value in own:
+            for value in local:
                 value.tofile(file)
         # the text last, and whole: it says that the operation is done
-        beside = folder / "attempt.part"
-        beside.write_text(json.dumps(entry), encoding="utf-8")
-        beside.replace(_text(folder, place))
+        path = folder / "attempt.part"
+        path.write_text(json.dumps(entry), encoding="utf-8")
+        path.replace(_text(folder, place))
         if "refused" in entry:
             return
 
@@ -99,10 +99,10 @@ def _arrays(entry: dict[str, Any], numbers: Path) -> list[Any]:
     """The arrays of an entry that are ``stored``, in its order."""
     found = []
     with open(numbers, "rb") as file:
-        for one in entry["arrays"].values():
-            if one["stored"]:
-                count = int(np.prod(one["shape"], dtype=np.int64))
-                found.append(np.fromfile(file, dtype=f"<{one['kind']}", count=count))
+        for array in entry["arrays"].values():
+            if array["stored"]:
+                count = int(np.prod(array["shape"], dtype=np.int64))
+                found.append(np.fromfile(file, dtype=f"<{array['kind']}", count=count))
     return found
 
 

@@ -105,7 +105,7 @@ class Walk:
             shapes,
             tuple(Unit(number, shape, copy) for number, (shape, copy) in enumerate(copies)),
             tuple(sorted(pairs)),
-            {frozenset((one, other)): layer for one, other, layer in document.meets},
+            {frozenset((name, other)): layer for name, other, layer in document.meets},
             frozenset(frozenset(pair) for pair in document.apart.groups),
         )
 
@@ -122,14 +122,14 @@ class Walk:
         """The distinct kinds of units, in the order of their first units."""
         return tuple(dict.fromkeys(unit.kind for unit in self.units))
 
-    def meet(self, one: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
+    def meet(self, entry: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
         """Whether units of two kinds touch: in the one layer of their materials, unless their groups ignore each other."""
-        layer = self._layers.get(frozenset((one[1], other[1])), -1)
-        return one[2] == other[2] == layer and frozenset((one[0], other[0])) not in self._ignored
+        layer = self._layers.get(frozenset((entry[1], other[1])), -1)
+        return entry[2] == other[2] == layer and frozenset((entry[0], other[0])) not in self._ignored
 
     def excluded_keys(self) -> np.ndarray:
         """The excluded pairs as sorted numbers (n,): smaller row × bodies + larger row."""
-        return np.array([one * len(self.bodies) + other for one, other in self.excluded], dtype=np.int64)
+        return np.array([index * len(self.bodies) + other for index, other in self.excluded], dtype=np.int64)
 
 
 def refuse(

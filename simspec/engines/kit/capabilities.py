@@ -87,8 +87,8 @@ def check_capabilities(engine: type, base: type, lacks: Mapping[Capability, str]
         raise TypeError(f"{owner}: LACKS gives no reason for {', '.join(silent)}")
     for capability, methods in METHODS.items():
         if capability in lacks:
-            if own := [name for name in methods if name in vars(engine)]:
-                raise TypeError(f"{owner} declares that it lacks {capability}, and defines {', '.join(own)}")
+            if local := [name for name in methods if name in vars(engine)]:
+                raise TypeError(f"{owner} declares that it lacks {capability}, and defines {', '.join(local)}")
             for name in methods:
                 setattr(engine, name, Lacking(capability, lacks[capability]))
         elif not is_program and (missing := [name for name in methods if not _defines(engine, name, base)]):

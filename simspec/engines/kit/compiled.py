@@ -211,7 +211,7 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
     variable, names = COMPILERS[what.language]
     given = _words(what, Missing.COMPILER, f"the environment variable {variable}", known.get(variable, ""))
     found = [shutil.which(name) for name in (given[:1] or names)]
-    program = next((one for one in found if one is not None), None)
+    program = next((entry for entry in found if entry is not None), None)
     if program is None:
         sought = f"{given[0]} (the environment variable {variable})" if given else " or ".join(names)
         raise what._error(Missing.COMPILER, f"no {what.language} compiler: {sought} is not on the path")
@@ -352,8 +352,8 @@ class Needs:
     def lacking(self) -> tuple[EngineError, ...]:
         """Why parts cannot be compiled, as far as that is known without doing it: compiler, pkg-config, libraries; and why the
         program cannot be used."""
-        asked = (*self.parts, *(() if self.program is None else (self.program,)))
-        return tuple(error for one in asked if (error := one.lacking()) is not None)
+        requested = (*self.parts, *(() if self.program is None else (self.program,)))
+        return tuple(error for entry in requested if (error := entry.lacking()) is not None)
 
     @property
     def packages(self) -> Mapping[str, str]:

@@ -63,8 +63,8 @@ def constraints_felt(world: World, title: str) -> Refinement | None:
     """Not supported where something in a held tree would not feel a constraint that is computed outside the engine
     (``title``)."""
     allowed, groups = CollisionFilter(world), rigid_groups(world)
-    for bodies, held in held_parts(world):
-        name = held[0].name
+    for bodies, actual in held_parts(world):
+        name = actual[0].name
         if served := natively_driven(bodies, world):
             return unsupported_if(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
         if rough := next((body.name for body in bodies if body.joint.dry_friction), None):
@@ -78,9 +78,9 @@ def constraints_felt(world: World, title: str) -> Refinement | None:
 
 def held_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
     """The bodies of the trees that constraints hold together, and those constraints; trees without any are left out."""
-    held = {name for constraint in world.constraints for name in members(constraint)}
+    constraints = {name for constraint in world.constraints for name in members(constraint)}
     for bodies in constrained_trees(world):
-        if any(body.name in held or body.joint.name in held for body in bodies):
+        if any(body.name in constraints or body.joint.name in constraints for body in bodies):
             yield bodies, within(world, bodies).constraints
 
 
@@ -99,17 +99,17 @@ class Outside:
     """The constraints of a loaded engine, and what acts along sums, computed from what it holds."""
 
     def __init__(self, engine: Engine, constraints: Sequence[Constraint], sums: Sequence[JointSum]):
-        held = engine.read_back()
-        world = World("", held.bodies, constraints=tuple(constraints), sums=tuple(sums))
+        back = engine.read_back()
+        world = World("", back.bodies, constraints=tuple(constraints), sums=tuple(sums))
         self._constraints = world.constraints
         self._along = JointSums(world.bodies, sums)
-        self._engine, self._timestep = engine, held.timestep
+        self._engine, self._timestep = engine, back.timestep
         self._nv = layout_of(world).nv
-        self._parts = [_part(world, bodies, own) for bodies, own in held_parts(world)]
+        self._parts = [_part(world, bodies, local) for bodies, local in held_parts(world)]
 
-    def told(self, held: ReadBack) -> ReadBack:
+    def told(self, back: ReadBack) -> ReadBack:
         """What an engine holds, with what is applied here."""
-        return dataclasses.replace(held, constraints=self._constraints, sums=self._along.sums)
+        return dataclasses.replace(back, constraints=self._constraints, sums=self._along.sums)
 
     def energy(self) -> float:
         """What the springs along sums store at the present state (J)."""
@@ -127,12 +127,12 @@ class Outside:
         bias = engine.bias_force()
         masses = engine.mass_blocks([part.v for part in self._parts])
         for part, mass in zip(self._parts, masses, strict=True):
-            own_q, own_v, own_poses = q[part.q], v[part.v], poses[part.rows]
-            jacobian = part.violation.jacobian(own_poses)
-            force = total[part.v] + part.joints.effort(own_q, own_v) - bias[part.v]
+            local_q, local_v, local_poses = q[part.q], v[part.v], poses[part.rows]
+            jacobian = part.violation.jacobian(local_poses)
+            force = total[part.v] + part.joints.effort(local_q, local_v) - bias[part.v]
             solved = np.linalg.solve(mass, np.column_stack([force, jacobian.T]))
-            free = own_v + dt * solved[:, 0]
-            wanted = jacobian @ free + part.violation.of(own_q, own_poses) / dt
+            free = local_v + dt * solved[:, 0]
+            wanted = jacobian @ free + part.violation.of(local_q, local_poses) / dt
             total[part.v] -= jacobian.T @ multipliers(jacobian @ solved[:, 1:], wanted) / dt
         return total
 
@@ -151,14 +151,14 @@ class GivenForces:
     ``energy`` differ from the engine's own."""
 
     def __init__(self, engine: Engine, passive: Passive):
-        held = engine.read_back()
-        world = World("", held.bodies)
+        back = engine.read_back()
+        world = World("", back.bodies)
         layout = layout_of(world)
         self._engine, self._nv = engine, layout.nv
         self._bodies, self._places = world.bodies, layout.velocity
         rows = {body.name: row for row, body in enumerate(world.bodies)}
         self._parents = [-1 if body.joint.parent is None else rows[body.joint.parent] for body in world.bodies]
-        gravity = np.array(held.gravity)
+        gravity = np.array(back.gravity)
         self._lifted = [
             (row, (entry.scale - 1.0) * body.inertial.mass * gravity, np.array(body.inertial.centre_of_mass))
             for entry in passive.gravity_scales
@@ -230,8 +230,8 @@ class _Drag:
     def __init__(self, world: World, around: Around):
         at = {body.name: row for row, body in enumerate(world.bodies)}
         self._rows = np.array([at[entry.body] for entry in around.boxes], dtype=np.intp)
-        told = (lumped_inertial(world, world.bodies[row]) for row in self._rows)
-        self._centres = np.array([inertial.centre_of_mass for inertial in told])
+        lumped_inertials = (lumped_inertial(world, world.bodies[row]) for row in self._rows)
+        self._centres = np.array([inertial.centre_of_mass for inertial in lumped_inertials])
         self._turns = matrices(np.array([entry.box.quaternion for entry in around.boxes]))
         self._flow = np.array(around.fluid.velocity)
         self._drag = Drag([entry.box.edges for entry in around.boxes], around.fluid)
@@ -284,16 +284,16 @@ class BeforeSteps:
         # the bias force that constraints are computed from has the weights as they are: the difference comes after them
         return total if given is None else total + given.weight()
 
-    def bias_force(self, own: Array) -> Array:
+    def bias_force(self, values: Array) -> Array:
         """h (nv,) in M v̇ + h = τ, from the engine's ``own``."""
-        return own if self.given is None else own - self.given.weight()
+        return values if self.given is None else values - self.given.weight()
 
     def potential(self) -> float:
         """What the potential energy (J) differs by from the engine's own."""
         differs = 0.0 if self.given is None else self.given.potential()
         return differs if self.held is None else differs + self.held.energy()
 
-    def told(self, held: ReadBack) -> ReadBack:
+    def told(self, back: ReadBack) -> ReadBack:
         """A read-back of what the engine itself holds, completed by what it is given."""
-        held = dataclasses.replace(held, bodies=with_passive(held.bodies, self.passive), fluid=fluid_of(self.passive))
-        return held if self.held is None else self.held.told(held)
+        back = dataclasses.replace(back, bodies=with_passive(back.bodies, self.passive), fluid=fluid_of(self.passive))
+        return back if self.held is None else self.held.told(back)

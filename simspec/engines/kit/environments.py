@@ -60,10 +60,10 @@ def in_order(engine: type[Engine], words: Iterable[str]) -> list[str]:
     return [named[version] for version in sorted(named)]
 
 
-def same_version(one: str, other: str) -> bool:
+def same_version(name: str, other: str) -> bool:
     """Whether two words name one version: 3.4 and 3.4.0 do."""
     try:
-        return Version(one) == Version(other)
+        return Version(name) == Version(other)
     except InvalidVersion:
         return False
 
@@ -82,8 +82,12 @@ def _packages(engine: type[Engine]) -> list[tuple[str, str]]:
 def _reaches(engine: type[Engine], rule: str, lowest: Version, highest: Version) -> bool:
     """Whether a package may have versions between two: of one with a rule no end needs to be its own, so that it is asked
     unless both ends lie on one side."""
-    rules = [SpecifierSet(rule)] if rule else [SpecifierSet(one) for one in engine.FORMER_DISTRIBUTIONS]
-    inside = [any(one.contains(end) for one in rules) for end in (lowest, highest)]
+    rules = (
+        [SpecifierSet(rule)]
+        if rule
+        else [SpecifierSet(former_distribution) for former_distribution in engine.FORMER_DISTRIBUTIONS]
+    )
+    inside = [any(rule.contains(end) for rule in rules) for end in (lowest, highest)]
     return any(inside) if rule else not all(inside)
 
 
@@ -201,11 +205,11 @@ def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None)
     for requirement in requirements(engine.EXTRA, environment) if engine.EXTRA else ():
         names = engine.distributions() if requirement.name == engine.DISTRIBUTION else (requirement.name,)
         found = next((version for name in names if (version := _installed(name)) is not None), None)
-        asked = f"simspec-physics[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
+        text = f"simspec-physics[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
         if found is None:
-            absent.append(f"{requirement.name} is not installed: {asked}")
+            absent.append(f"{requirement.name} is not installed: {text}")
         elif not _contains(requirement, found):
-            wrong.append(f"{requirement.name} {found} is installed: {asked}")
+            wrong.append(f"{requirement.name} {found} is installed: {text}")
     library = engine.NEEDS.library
     if library and package_version(library) is None and (found := package_version(library.split()[0])) is not None:
         wrong.append(f"version {found} of its library is installed: it asks for {library}")
@@ -308,9 +312,9 @@ def making(label: EngineId) -> list[list[str]]:
         raise EngineError(label.label, "there is no home folder to keep it in: XDG_DATA_HOME can name another")
     if (why := written_by_others(place.parent)) is not None:
         raise EngineError(label.label, f"the folder {place.parent} is not used: {why}; XDG_DATA_HOME can name another")
-    asked = requirement(engine, label.version)
-    laws = [str(one).partition(";")[0].strip() for one in requirements(LAWS)]
+    text = requirement(engine, label.version)
+    laws = [str(entry).partition(";")[0].strip() for entry in requirements(LAWS)]
     return [
         isolated("-m", "venv", str(place)),
-        isolated("-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws, python=str(python_of(place))),
+        isolated("-m", "pip", "install", text, *BESIDE, *engine.BESIDE, *laws, python=str(python_of(place))),
     ]

@@ -190,14 +190,14 @@ def _driven(exported: Exported, body: Body) -> Drive | None:
 def _static_tree(exported: Exported, body: Body) -> bool:
     """Whether a body is the root of a tree that cannot move, whose joint to the world is not in the file."""
     joint = body.joint
-    tree = {one.name for one in exported.bodies if one.model == body.model}
+    tree = {entry.name for entry in exported.bodies if entry.model == body.model}
     return _fixed_root(body) and tree <= exported.still and joint.name == f"{body.name}_joint"
 
 
 def _plane_and_many(exported: Exported) -> bool:
     """Whether a file has a plane, and ``MANY`` shapes or more of bodies that move."""
-    still = exported.still
-    moving = sum(len(_solids(body)) for body in exported.bodies if body.name not in still)
+    static = exported.still
+    moving = sum(len(_solids(body)) for body in exported.bodies if body.name not in static)
     planes = any(shape.kind == "plane" for body in exported.bodies for shape in _solids(body))
     return planes and moving >= MANY
 
@@ -283,7 +283,8 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "on a fixed root that stands elsewhere": _bodies(
         lambda exported, body: any(
-            one.name == body.joint.parent and _fixed_root(one) and one.joint.origin != Pose() for one in exported.bodies
+            entry.name == body.joint.parent and _fixed_root(entry) and entry.joint.origin != Pose()
+            for entry in exported.bodies
         )
     ),
     "several trees": _file(lambda exported: sum(body.joint.parent is None for body in exported.bodies) > 1),
@@ -330,8 +331,10 @@ class Own:
 def directions() -> Floats:
     """Unit vectors (26, 3): along the axes (+x −x +y −y +z −z), then to the edges and corners of a cube."""
     axes = [sign * row for row in np.eye(3) for sign in (1.0, -1.0)]
-    rest = [np.array(one, dtype=float) for one in itertools.product((-1, 0, 1), repeat=3) if np.count_nonzero(one) > 1]
-    return np.array([one / np.linalg.norm(one) for one in (*axes, *rest)])
+    rest = [
+        np.array(entry, dtype=float) for entry in itertools.product((-1, 0, 1), repeat=3) if np.count_nonzero(entry) > 1
+    ]
+    return np.array([axis / np.linalg.norm(axis) for axis in (*axes, *rest)])
 
 
 def support(vertices: Floats, count: int | None = None) -> tuple[float, ...]:
@@ -353,7 +356,7 @@ def _bound_memory() -> None:
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    least = min((one for one in (MEMORY, soft, hard) if one != resource.RLIM_INFINITY), default=MEMORY)
+    least = min((index for index in (MEMORY, soft, hard) if index != resource.RLIM_INFINITY), default=MEMORY)
     with contextlib.suppress(OSError, ValueError):  # a system without it
         resource.setrlimit(resource.RLIMIT_DATA, (least, hard))
 
@@ -387,8 +390,8 @@ class ForeignSession:
 
 def foreign_answer(session: Any, operation: Mapping[str, Any]) -> ReadBack:
     """The operation ``foreign``: ``file`` in ``language``, with the folders of ``packages``."""
-    held: ReadBack = session.load_foreign(Path(operation["file"]), operation["language"], operation["packages"])
-    return held
+    foreign: ReadBack = session.load_foreign(Path(operation["file"]), operation["language"], operation["packages"])
+    return foreign
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,13 +416,13 @@ def bodies_of_links(links: Sequence[HeldLink]) -> tuple[Body, ...]:
 
 
 def _body(link: HeldLink, at: Mapping[str, Pose]) -> Body:
-    inertial, joint, own = link.inertial, link.joint, at[link.name]
+    inertial, joint, pose = link.inertial, link.joint, at[link.name]
     centre = frames.subtract(inertial.centre_of_mass, link.anchor)
     if joint.kind == "free":
-        joint = dataclasses.replace(joint, position=(*own.position, *own.quaternion))
+        joint = dataclasses.replace(joint, position=(*pose.position, *pose.quaternion))
     else:
         above = at[link.parent] if link.parent is not None else Pose()
-        joint = dataclasses.replace(joint, parent=link.parent, origin=frames.compose(frames.inverse(above), own))
+        joint = dataclasses.replace(joint, parent=link.parent, origin=frames.compose(frames.inverse(above), pose))
     shapes = tuple(
         dataclasses.replace(shape, pose=Pose(frames.subtract(shape.pose.position, link.anchor), shape.pose.quaternion))
         for shape in link.shapes
@@ -434,9 +437,9 @@ def _point(pose: Pose, place: Vector3) -> Vector3:
 def told_apart(names: Sequence[str]) -> list[str]:
     """Names that an engine has twice, with a number."""
     counts: dict[str, int] = {}
-    apart = []
+    separate = []
     for place, name in enumerate(names):
         name = name or UNNAMED.format(place)
         counts[name] = counts.get(name, 0) + 1
-        apart.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
-    return apart
+        separate.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
+    return separate

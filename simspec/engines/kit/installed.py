@@ -139,7 +139,7 @@ def instances(
     ]
     ends = time.monotonic() + PATIENCE
     with ExitStack() as stack:
-        asked = {
+        requested = {
             label: stack.enter_context(_asked(interpreters[label], find_engine(label)))
             for label in ordered
             if label in interpreters and label not in not_queried
@@ -147,7 +147,7 @@ def instances(
         return [
             _closed(label, not_queried[label])
             if label in not_queried
-            else _instance(label, interpreters.get(label), asked.get(label), ends)
+            else _instance(label, interpreters.get(label), requested.get(label), ends)
             for label in ordered
         ]
 
@@ -158,23 +158,23 @@ def _closed(label: str, why: str) -> Instance:
     return Instance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
 
 
-def _instance(label: str, python: str | None, asked: _Asked | None, ends: float) -> Instance:
+def _instance(label: str, python: str | None, interpreter: _Asked | None, ends: float) -> Instance:
     engine = find_engine(label)
     version, numpy, problem = None, None, None
     try:
-        if asked is None:
+        if interpreter is None:
             import numpy as np  # slow to import, and needed here alone
 
             version, numpy = engine.version(), np.__version__
         else:
-            version, numpy = _answer(asked, ends)
+            version, numpy = _answer(interpreter, ends)
         if not engine.distributions():
             version = engine.version()  # the machine's, whatever the interpreter
     except NoVersionError as error:
         problem = f"{python} {error}"
     else:
         if version is None:
-            problem = _how_to_install(engine) if asked is None else _not_there(python, engine)
+            problem = _how_to_install(engine) if interpreter is None else _not_there(python, engine)
         else:
             problem = other_version(label, version) or too_old(engine, version)
     return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
@@ -185,8 +185,8 @@ def version_in(python: str, label: str) -> str:
     """The version of an engine in the interpreter ``python``, which is asked once in the life of this process. Raises
     EngineError where it gives none, or another than the label names."""
     ends = time.monotonic() + PATIENCE
-    with _asked(python, find_engine(label)) as asked:
-        instance = _instance(label, python, asked, ends)
+    with _asked(python, find_engine(label)) as interpreter:
+        instance = _instance(label, python, interpreter, ends)
     if instance.version is None or instance.problem is not None:
         raise EngineError(label, instance.problem or "gave no version")
     return instance.version
@@ -242,15 +242,15 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
             process.stdout.close()
 
 
-def _answer(asked: _Asked, ends: float) -> tuple[str | None, str | None]:
+def _answer(interpreter: _Asked, ends: float) -> tuple[str | None, str | None]:
     """The versions of the engine and of numpy that an interpreter gives; None: it does not have it. Raises NoVersionError."""
-    if isinstance(asked, NoVersionError):
-        raise asked
-    if asked.stdout is None:
+    if isinstance(interpreter, NoVersionError):
+        raise interpreter
+    if interpreter.stdout is None:
         raise AssertionError("started with a pipe")
-    lines = _output(asked.stdout, ends).decode(errors="replace").strip().splitlines() or [""]
+    lines = _output(interpreter.stdout, ends).decode(errors="replace").strip().splitlines() or [""]
     try:
-        code = asked.wait(max(0.0, ends - time.monotonic()))
+        code = interpreter.wait(max(0.0, ends - time.monotonic()))
     except subprocess.TimeoutExpired:
         raise NoVersionError(f"gave no version within {PATIENCE:g} s") from None
     try:

@@ -150,36 +150,37 @@ def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier])
     kind_of: dict[str, tuple[bool, str, str, int]] = {}
     of_body: dict[str, set[str]] = {}
     of_group: dict[str, set[str]] = {}
-    for one in carriers:
-        kind = (groups[one.body] == "world", collision_group[one.body], one.material, one.layer)
-        kind_of[one.name] = kind
-        kinds.setdefault(kind, set()).add(one.name)
-        of_body.setdefault(one.body, set()).add(one.name)
-        of_group.setdefault(groups[one.body], set()).add(one.name)
+    for item in carriers:
+        kind = (groups[item.body] == "world", collision_group[item.body], item.material, item.layer)
+        kind_of[item.name] = kind
+        kinds.setdefault(kind, set()).add(item.name)
+        of_body.setdefault(item.body, set()).add(item.name)
+        of_group.setdefault(groups[item.body], set()).add(item.name)
 
-    def meet(one: tuple[bool, str, str, int], other: tuple[bool, str, str, int]) -> bool:
-        pair = (min(one[1], other[1]), max(one[1], other[1]))
-        return not (one[0] and other[0]) and pair not in ignored and plan.meet(one[2:], other[2:])
+    def meet(entry: tuple[bool, str, str, int], other: tuple[bool, str, str, int]) -> bool:
+        pair = (min(entry[1], other[1]), max(entry[1], other[1]))
+        return not (entry[0] and other[0]) and pair not in ignored and plan.meet(entry[2:], other[2:])
 
     by_kind = {
-        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held)
+        kind: frozenset(name for other, actual in kinds.items() if not meet(kind, other) for name in actual)
         for kind in kinds
     }
     named = _named_partners(world, of_body)
     return {
-        f"apart.{one.name}": named_set(
-            (by_kind[kind_of[one.name]] | named.get(one.body, set()) | of_group[groups[one.body]]) - {one.name}
+        f"apart.{carrier.name}": named_set(
+            (by_kind[kind_of[carrier.name]] | named.get(carrier.body, set()) | of_group[groups[carrier.body]])
+            - {carrier.name}
         )
-        for one in carriers
+        for carrier in carriers
     }
 
 
 def _named_partners(world: World, of_body: Mapping[str, set[str]]) -> dict[str, set[str]]:
     """For each body that the world excludes from touching another the carriers of those."""
     found: dict[str, set[str]] = {}
-    for one, other in world.contact.excluded_bodies:
-        found.setdefault(one, set()).update(of_body.get(other, ()))
-        found.setdefault(other, set()).update(of_body.get(one, ()))
+    for name, other in world.contact.excluded_bodies:
+        found.setdefault(name, set()).update(of_body.get(other, ()))
+        found.setdefault(other, set()).update(of_body.get(name, ()))
     return found
 
 

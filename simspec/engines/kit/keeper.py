@@ -45,16 +45,16 @@ def keep(folder: Path, seconds: float, most: int, command: list[str], ending: in
     parent, keeper = os.getppid(), os.getpid()
     _prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the engine starts and leaves behind becomes the keeper's
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    heard, told = os.pipe()
-    alive, held = os.pipe()
-    os.set_blocking(told, False)
+    heard, given = os.pipe()
+    alive, actual = os.pipe()
+    os.set_blocking(given, False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
-    signal.set_wakeup_fd(told)
+    signal.set_wakeup_fd(given)
     child = os.fork()
     if child == 0:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        for descriptor in (heard, told, held, *([] if ending is None else [ending])):
+        for descriptor in (heard, given, actual, *([] if ending is None else [ending])):
             os.close(descriptor)
         _begin(keeper, alive, most)
         _work(folder, command)
@@ -79,8 +79,8 @@ def keep(folder: Path, seconds: float, most: int, command: list[str], ending: in
     finally:
         _end(child, status is not None)
     if ending is not None:
-        told_status = status if status is not None else (128 + signal.SIGKILL) << 8
-        os.write(ending, told_status.to_bytes(4, "little"))
+        given_status = status if status is not None else (128 + signal.SIGKILL) << 8
+        os.write(ending, given_status.to_bytes(4, "little"))
     if status is None:
         return 128 + signal.SIGKILL
     if os.WIFSIGNALED(status):
@@ -171,7 +171,7 @@ def _end(child: int, ended: bool) -> None:
 
 def _children() -> list[int]:
     """The keeper's children, where the system says."""
-    own, found = os.getpid(), []
+    number, found = os.getpid(), []
     if not sys.platform.startswith("linux"):
         return found
     for name in os.listdir("/proc"):
@@ -181,7 +181,7 @@ def _children() -> list[int]:
                     fields = file.read().rpartition(b")")[2].split()
             except OSError:
                 continue  # ended meanwhile
-            if int(fields[1]) == own:
+            if int(fields[1]) == number:
                 found.append(int(name))
     return found
 

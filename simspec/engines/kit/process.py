@@ -179,8 +179,8 @@ def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
     """Have the warm process of an engine started that requests will be forked from, without waiting for it; nothing of one that
     is a program of its own, or without ``warm``."""
     kind = find_engine(engine)
-    own = getattr(kind.command, "__func__", None) is not Engine.command.__func__  # type: ignore[attr-defined]
-    if warm is not None and not own:
+    is_program = getattr(kind.command, "__func__", None) is not Engine.command.__func__  # type: ignore[attr-defined]
+    if warm is not None and not is_program:
         warm.begin(kind, program_of(python or sys.executable), _environment())
 
 
@@ -221,8 +221,8 @@ class Running:
         words = with_search_path(keeper.__file__, *given, python=program)
         forked = None
         if warm is not None and command is None:
-            asked = (program, deadline + GRACE, RECORDED_BYTES)
-            forked = warm.fork(find_engine(engine), folder, asked, environment)
+            requested = (program, deadline + GRACE, RECORDED_BYTES)
+            forked = warm.fork(find_engine(engine), folder, requested, environment)
         self._process = forked or self._new(words, environment, python)
         self._log = _Log(self._process.stdout)
 
@@ -257,18 +257,18 @@ class Running:
             code = self._process.wait(timeout=max(0.0, self._ends - time.perf_counter()))
         except subprocess.TimeoutExpired:
             self.kill()
-            at, told = self._at_work()
+            at, text = self._at_work()
             raise EngineError(
-                self.engine, f"no result within its deadline of {self._deadline:g} s{told}; killed{self._tail()}", at
+                self.engine, f"no result within its deadline of {self._deadline:g} s{text}; killed{self._tail()}", at
             ) from None
         wall = time.perf_counter() - self._started
         self.kill()  # what it left behind must not change what is read now
         try:
             answers, versions, refused = read_answers(self._folder, self._operations)
         except FileNotFoundError:
-            at, told = self._at_work()
+            at, text = self._at_work()
             raise EngineError(
-                self.engine, f"the process {_ending(code)} without a result{told}{self._tail()}", at
+                self.engine, f"the process {_ending(code)} without a result{text}{self._tail()}", at
             ) from None
         except BadAnswerError as error:
             raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
@@ -294,9 +294,9 @@ class Running:
 
     def _tell(self, progress: Callable[[float], None] | None, doing: Callable[[str], None] | None) -> None:
         """Pass on what is done, and the share of it. It is a courtesy: what says nothing sensible says nothing."""
-        if doing is not None and (told := self._told()) != self._doing:
-            self._doing = told
-            doing(told)
+        if doing is not None and (text := self._told()) != self._doing:
+            self._doing = text
+            doing(text)
         if progress is None:
             return
         try:

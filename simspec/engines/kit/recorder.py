@@ -117,14 +117,14 @@ class Contacts:
     def add(self, row: int, found: dict[str, np.ndarray]) -> int:
         """Add the contacts of a row. Returns the bytes that were written because of it. Raises ValueError where units are told
         of some rows only."""
-        count, told = len(found["distance"]), CONTACT_UNIT in found
+        count, given = len(found["distance"]), CONTACT_UNIT in found
         if not count:
-            self._empty_told = told
+            self._empty_told = given
             return 0
-        if self._told is not None and told != self._told:
+        if self._told is not None and given != self._told:
             raise ValueError("the units of contacts are told of some rows only")
-        self._told = told
-        if told:
+        self._told = given
+        if given:
             self._blocks[CONTACT_UNIT].append(np.asarray(found[CONTACT_UNIT]).reshape(count, 2))
         self._blocks["row"].append(np.full(count, row, dtype=np.int64))
         for name, shape in CONTACT_FIELDS.items():
@@ -207,10 +207,10 @@ class Stepper:
             quick = self._joints = session.actuate(control.q_places, control.v_places)
             if outer is not None:
                 self._joints = PushedJoints(session, outer, quick, control.q_places, control.v_places)
-            own, at = control.native, control.native_places
-            if own is not None:
+            native, at = control.native, control.native_places
+            if native is not None:
                 places = control.q_places[at], control.v_places[at]
-                self._servos = session.track(*places, own.stiffness, own.damping, own.limit)
+                self._servos = session.track(*places, native.stiffness, native.damping, native.limit)
 
     def advance(self, done: int, count: int) -> None:
         """Do steps ``done`` … ``done + count − 1`` of the run."""
@@ -407,9 +407,9 @@ def _which_contact(found: dict[str, np.ndarray], done: int) -> dict[str, Any] | 
 
 def _tell(place: Path, share: float) -> None:
     """Write the share that is done, whole: who looks meanwhile must not see half a number."""
-    beside = place.with_name(f"{place.name}.new")
-    beside.write_text(f"{share:.6f}", encoding="ascii")
-    beside.replace(place)
+    name = place.with_name(f"{place.name}.new")
+    name.write_text(f"{share:.6f}", encoding="ascii")
+    name.replace(place)
 
 
 def record(
@@ -446,12 +446,12 @@ def record(
     done = 0
     begun = time.perf_counter()
     progress = operation.get("progress")
-    told = begun
+    last_progress = begun
     while True:
         if not recording.take(done) or done >= steps:
             break
-        if progress is not None and time.perf_counter() - told >= progress["every"]:
-            told = time.perf_counter()
+        if progress is not None and time.perf_counter() - last_progress >= progress["every"]:
+            last_progress = time.perf_counter()
             _tell(Path(progress["file"]), done / steps)
         count = min(every, steps - done)
         stepper.advance(done, count)
@@ -470,7 +470,7 @@ def record(
         result["control"] = {
             "joints": control.joints,
             "error": [float(value) if np.isfinite(value) else None for value in control.error],
-            "clipped": [None if own else int(count) for own, count in zip(native, control.clipped, strict=True)],
+            "clipped": [None if local else int(count) for local, count in zip(native, control.clipped, strict=True)],
         }
     written = recording.arrays()
     if "contact.unit" in written:

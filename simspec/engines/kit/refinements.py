@@ -77,13 +77,13 @@ def still_or_light(why: str) -> Support:
     their common centre of mass. ``why`` names the body as ``{name}``."""
 
     def refine(world: World) -> Refinement | None:
-        groups, told = rigid_groups(world), lumped(world)
+        groups, inertials = rigid_groups(world), lumped(world)
         heavy = (
             body.name
             for body in world.bodies
             if body.joint.kind == "fixed"
             and groups[body.name] != "world"
-            and told.get(body.name, body.inertial).mass > 0.0
+            and inertials.get(body.name, body.inertial).mass > 0.0
         )
         name = next(heavy, None)
         return unsupported_if(None if name is None else why.format(name=repr(name)))
@@ -113,15 +113,15 @@ def planes_still(why: str) -> Refine:
     return refine
 
 
-def met_pairs(world: World, told: Mapping[Pair, str]) -> Mapping[Pair, str]:
+def met_pairs(world: World, given: Mapping[Pair, str]) -> Mapping[Pair, str]:
     """Of what is told of sorted pairs of kinds of shapes, that of those that may meet here."""
     met = meeting_kinds(world)
-    return {pair: how for pair, how in told.items() if pair in met}
+    return {pair: how for pair, how in given.items() if pair in met}
 
 
-def approximate_pairs(told: Mapping[Pair, str], short: str) -> Refinement:
+def approximate_pairs(given: Mapping[Pair, str], short: str) -> Refinement:
     """Approximate, with what is told of each pair of kinds of shapes; ``short`` is one line on what is lost."""
-    how = "; ".join(f"{one} and {other}: {lost}" for (one, other), lost in told.items())
+    how = "; ".join(f"{name} and {other}: {lost}" for (name, other), lost in given.items())
     return Refinement(Level.APPROXIMATE, how, short)
 
 

@@ -307,9 +307,9 @@ def check_pair_settings(
     ``engines.NAME.pairs.FIRST.SECOND.SETTING``."""
     problems: list[Problem] = []
     by_pair = [name for name, setting in engine.SETTINGS.items() if setting.by_pair]
-    for (first, second), own in pairs.items():
+    for (first, second), pair in pairs.items():
         place = f"engines.{engine.NAME}.pairs.{first}.{second}"
-        shared = [name for name, _ in own if name in engine.SETTINGS and name not in by_pair]
+        shared = [name for name, _ in pair if name in engine.SETTINGS and name not in by_pair]
         wrong = [
             Problem(
                 f"{engine.NAME}'s setting {name!r} has one value for all contacts, none for each pair of materials",
@@ -320,8 +320,8 @@ def check_pair_settings(
             )
             for name in shared
         ]
-        wrong += _wrong_settings(engine, place, [(name, value) for name, value in own if name not in shared], by_pair)
-        problems += wrong or _idle(engine, place, dict(own), dict(settings))
+        wrong += _wrong_settings(engine, place, [(name, value) for name, value in pair if name not in shared], by_pair)
+        problems += wrong or _idle(engine, place, dict(pair), dict(settings))
     return problems
 
 
@@ -349,15 +349,17 @@ def _wrong_settings(
     return problems
 
 
-def _idle(engine: type[HasSettings], place: str, given: Mapping[str, Any], beside: Mapping[str, Any]) -> list[Problem]:
+def _idle(
+    engine: type[HasSettings], place: str, given: Mapping[str, Any], alongside: Mapping[str, Any]
+) -> list[Problem]:
     """The settings of those given at a place that do nothing with each other and those ``beside`` them."""
     defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
-    why = idle_settings(engine, {**defaults, **beside, **given})
+    why = idle_settings(engine, {**defaults, **alongside, **given})
     problems = []
     for name, value in given.items():
         if name not in why or (needs := engine.SETTINGS[name].needs) is None:
             continue
-        acts = " or ".join(_told(needs[0], one) for one in needs[1])
+        acts = " or ".join(_told(needs[0], entry) for entry in needs[1])
         problems.append(
             Problem(
                 f"{engine.NAME}'s setting {name!r} has no effect {why[name]}",

@@ -139,8 +139,8 @@ class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self._before = None
         super().load(folder, sidecar)
-        told = self._simulation
-        before = BeforeSteps(self, told.passive, told.constraints, told.sums)
+        simulation = self._simulation
+        before = BeforeSteps(self, simulation.passive, simulation.constraints, simulation.sums)
         self._before = before if before.needed else None
 
     def _held(self) -> ReadBack:
@@ -148,8 +148,8 @@ class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
         raise NotImplementedError
 
     def read_back(self) -> ReadBack:
-        held = self._held()
-        return held if self._before is None else self._before.told(held)
+        back = self._held()
+        return back if self._before is None else self._before.told(back)
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         if self._before is None:

@@ -90,18 +90,18 @@ class _Server:
     def _heard(self) -> dict[str, Any]:
         """What it tells; empty when it is gone or says nothing sensible in time."""
         try:
-            told = json.loads(self._connection.recv(warm_server.MESSAGE))
+            content = json.loads(self._connection.recv(warm_server.MESSAGE))
         except (OSError, ValueError):
             return {}
-        return told if isinstance(told, dict) else {}
+        return content if isinstance(content, dict) else {}
 
     def fork(self, folder: Path, seconds: float, most: int) -> Forked | None:
         """A keeper at work on a request; None where the process is gone."""
         with contextlib.ExitStack() as passed, contextlib.ExitStack() as kept:
             ends = []
-            for own_writes in (True, False, False):
+            for local_writes in (True, False, False):
                 reading, writing = os.pipe()
-                mine, theirs = (writing, reading) if own_writes else (reading, writing)
+                mine, theirs = (writing, reading) if local_writes else (reading, writing)
                 kept.callback(os.close, mine)
                 passed.callback(os.close, theirs)
                 ends.append((mine, theirs))

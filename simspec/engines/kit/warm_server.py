@@ -61,13 +61,13 @@ def serve(program: str, descriptor: int) -> None:
         worker, keeper = _module("worker"), _module("keeper")
         worker._make_simspec_importable()
         try:
-            told = _prepare(program)
+            prepare = _prepare(program)
         except (
             Exception
         ) as error:  # whatever it is: the starting process takes a process for each request, which says it
-            told = {"error": f"{type(error).__name__}: {error}"[:2000]}
-        connection.send(json.dumps(told).encode())
-        if "error" in told:
+            prepare = {"error": f"{type(error).__name__}: {error}"[:2000]}
+        connection.send(json.dumps(prepare).encode())
+        if "error" in prepare:
             return
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for keepers: they tell how they ended
         while True:
@@ -83,7 +83,7 @@ def serve(program: str, descriptor: int) -> None:
             connection.send(json.dumps({"pid": child}).encode())
 
 
-def _keep(keeper: Any, asked: dict[str, Any], descriptors: list[int]) -> None:
+def _keep(keeper: Any, requested: dict[str, Any], descriptors: list[int]) -> None:
     """Become the keeper of one request; never returns."""
     code = 1
     try:
@@ -95,8 +95,8 @@ def _keep(keeper: Any, asked: dict[str, Any], descriptors: list[int]) -> None:
         os.dup2(output, 2)
         for each in (given, output):
             os.close(each)
-        os.chdir(asked["folder"])
-        code = keeper.keep(Path(asked["folder"]), asked["seconds"], asked["bytes"], [], ending)
+        os.chdir(requested["folder"])
+        code = keeper.keep(Path(requested["folder"]), requested["seconds"], requested["bytes"], [], ending)
     except BaseException:  # whatever it is, it ends this process and no other
         import traceback
 

@@ -93,8 +93,8 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     stored: list[Any] = []
     sessions = _Sessions(engine_class)
     placed = [
-        {**asked, "artifacts": folder / asked["artifacts"], "place": folder / f"{index}."}
-        for index, asked in enumerate(request["operations"])
+        {**operation, "artifacts": folder / operation["artifacts"], "place": folder / f"{index}."}
+        for index, operation in enumerate(request["operations"])
     ]
     arrays = _requested(folder, request)
     index = 0
@@ -112,9 +112,9 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
         index += len(answers)
         if index == len(placed) or not sessions.shares(placed[index]):
             sessions.close()  # while this operation is said to be at work: a crash in closing is its own
-        for entry, own in answers:
+        for entry, local in answers:
             entries.append(entry)
-            stored += own
+            stored += local
     return (
         {
             "status": "ok",

@@ -138,7 +138,7 @@ class WorldSimulation(Generic[SidecarType]):
             for place, body in zip(self.q_places, bodies, strict=True)
             if body.joint.kind in QUATERNION_JOINTS
         ]
-        self._units = [(row, one.name) for row, body in enumerate(bodies) for one in body.shapes if one.copies]
+        self._units = [(row, shape.name) for row, body in enumerate(bodies) for shape in body.shapes if shape.copies]
         self._quaternions = np.array(turns, dtype=np.intp).reshape(-1, 4)
 
     def normalised(self, q: np.ndarray) -> np.ndarray:

@@ -128,13 +128,13 @@ class WarpModel(EngineModel):
             return float(1.0 / np.square(self._model.impratio_invsqrt.numpy().astype(float))[0])
         if name == "disableflags":
             return int(self._model.disableflags) | (int(self.file.disableflags) & self._given[0])
-        told = getattr(self.file, name)
+        given = getattr(self.file, name)
         if name not in type(self._model).__dataclass_fields__:
-            return told
-        own = getattr(self._model, name)
-        if not hasattr(own, "numpy"):
-            return own
-        found, like = np.asarray(own.numpy()), np.asarray(told)
+            return given
+        local = getattr(self._model, name)
+        if not hasattr(local, "numpy"):
+            return local
+        found, like = np.asarray(local.numpy()), np.asarray(given)
         if found.size != like.size:
             raise EngineError(ENGINE, f"holds {found.size} numbers of {name}, MuJoCo {like.size}")
         found = found.reshape(like.shape).astype(like.dtype)
@@ -181,10 +181,10 @@ MOST_TORSIONAL_RATIO = 1000.0
 def weightless_rub(world: World) -> Refinement | None:
     """Refused where a body without mass has shapes with friction on what moves."""
     groups = rigid_groups(world)
-    rubbing = {name for pair, law in meeting_laws(world).items() if rubs(law) for name in pair}
+    friction = {name for pair, law in meeting_laws(world).items() if rubs(law) for name in pair}
     for body in world.bodies:
         weightless = not body.inertial.mass and groups[body.name] != "world"
-        if weightless and any(shape.material in rubbing for shape in solid_shapes(body)):
+        if weightless and any(shape.material in friction for shape in solid_shapes(body)):
             return unsupported_if(
                 f"{body.name!r} has no mass and touches with friction, of which MuJoCo Warp's solver makes no numbers (NaN) "
                 "within 0.1 s, in single precision (measured); give it mass, or its shapes to the body that carries it"

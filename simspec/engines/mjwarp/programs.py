@@ -153,9 +153,9 @@ def _rows_of_one(model: Any) -> int:
 
 
 def _other_rows(model: Any) -> int:
-    rubbing = np.count_nonzero(model.dof_frictionloss) + np.count_nonzero(model.tendon_frictionloss)
+    friction = np.count_nonzero(model.dof_frictionloss) + np.count_nonzero(model.tendon_frictionloss)
     limits = 2 * (np.count_nonzero(model.jnt_limited) + np.count_nonzero(model.tendon_limited))
-    return int(rubbing + limits)
+    return int(friction + limits)
 
 
 class Programs:
@@ -252,8 +252,8 @@ class Programs:
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts of the last run that are within their margin, and the force of each row of constraints."""
-        held, count = self._data.contact, int(self._numbers("nacon")[0])
-        found = {name: _own(getattr(held, name).numpy()[:count]) for name in CONTACTS}
+        actual, count = self._data.contact, int(self._numbers("nacon")[0])
+        found = {name: _own(getattr(actual, name).numpy()[:count]) for name in CONTACTS}
         there = (found["dist"] <= found["includemargin"]) & (found["type"] & 1 == 1)
         return {name: values[there] for name, values in found.items()} | {
             "force": _own(self._data.efc.force.numpy()[0])

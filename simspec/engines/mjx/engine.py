@@ -97,7 +97,9 @@ class MjxModel(EngineModel):
     def field(self, name: str) -> Any:
         model = self._model
         owners = (model, model._impl)
-        owner = next((own for own in owners if name in type(own).__dataclass_fields__ and name != "_impl"), self.file)
+        owner = next(
+            (owner for owner in owners if name in type(owner).__dataclass_fields__ and name != "_impl"), self.file
+        )
         value = getattr(owner, name)
         return np.asarray(value) if hasattr(value, "shape") else value
 
@@ -158,8 +160,8 @@ def _small_enough(world: World) -> Refinement | None:
     kinds = {shape.name: shape.kind for body in world.bodies for shape in solid_shapes(body)}
     rows = 0
     for pair, law in meeting_laws(world).items():
-        for one, other in shape_pairs(world, [pair]):
-            points = 1 if "sphere" in (kinds[one], kinds[other]) else FACE
+        for name, other in shape_pairs(world, [pair]):
+            points = 1 if "sphere" in (kinds[name], kinds[other]) else FACE
             rows += points * (RUBBING if rubs(law) else 1)
             if rows > most:
                 return unsupported_if(_TOO_MANY)

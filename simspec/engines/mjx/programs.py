@@ -130,8 +130,8 @@ def name_of(program: str, *given: Any) -> str | None:
     digest = hashlib.sha256(_maker())
     try:
         _add(digest, (program, len(given)))
-        for one in given:
-            leaves, form = tree_util.tree_flatten(one)
+        for entry in given:
+            leaves, form = tree_util.tree_flatten(entry)
             _add_form(digest, form)
             _add(digest, [(np.shape(leaf), np.dtype(leaf.dtype).str) for leaf in leaves])
     except TypeError:
@@ -189,10 +189,10 @@ def _maker() -> bytes:
     import jaxlib
     import mujoco
 
-    told = {name: value for name, value in sorted(os.environ.items()) if name.startswith(("JAX_", "XLA_", "MJX_"))}
+    given = {name: value for name, value in sorted(os.environ.items()) if name.startswith(("JAX_", "XLA_", "MJX_"))}
     code = Path(__file__).read_bytes()
     parts = [version("mujoco-mjx"), mujoco.__version__, jax.__version__, jaxlib.__version__, np.__version__]
-    parts += [platform.python_version(), *processor(), repr(told), repr(XLA), hashlib.sha256(code).hexdigest()]
+    parts += [platform.python_version(), *processor(), repr(given), repr(XLA), hashlib.sha256(code).hexdigest()]
     return "\0".join(parts).encode()
 
 
@@ -202,10 +202,10 @@ def _add_form(digest: Any, form: Any) -> None:
     if node is None:  # a leaf
         digest.update(b"*")
         return
-    kind, told = node
+    kind, given = node
     parts = form.children()
     digest.update(f"{kind.__module__}.{kind.__qualname__} {len(parts)} ".encode())
-    _add(digest, told)
+    _add(digest, given)
     for part in parts:
         _add_form(digest, part)
 
@@ -223,8 +223,8 @@ def _add(digest: Any, value: Any) -> None:
         digest.update(np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple | list):
         digest.update(f"{type(value).__name__} {len(value)};".encode())
-        for one in value:
-            _add(digest, one)
+        for entry in value:
+            _add(digest, entry)
     else:
         raise TypeError(f"{type(value)} is not told by a text")
 
@@ -260,9 +260,9 @@ class Programs:
     @functools.cached_property
     def _arrays(self) -> tuple[Any, Any]:
         flatten = self._modules.jax.tree_util.tree_flatten
-        held, self._held_form = flatten(_bare(self._model))
+        actual, self._held_form = flatten(_bare(self._model))
         blank, self._blank_form = flatten(self.blank)
-        return held, blank
+        return actual, blank
 
     def run(self, name: str, *given: Numbers | np.int64) -> Arrays:
         """The arrays of a program (:data:`ANSWERS`), for positions, velocities and, for ``step``, the accelerations of the step
@@ -315,13 +315,13 @@ the forms of what is first given, since ``jax.jit`` would trace again where an a
 class _Work:
     """What programs do, of any model and data of these forms."""
 
-    def __init__(self, jax: Any, mjx: Any, held_form: Any, blank_form: Any):
+    def __init__(self, jax: Any, mjx: Any, actual_form: Any, blank_form: Any):
         self.jax, self._mjx = jax, mjx
-        self.held_form, self.blank_form = held_form, blank_form
+        self.held_form, self.blank_form = actual_form, blank_form
 
     def _begun(self, arrays: Any, q: Any, v: Any) -> tuple[Any, Any]:
-        held, blank = arrays
-        model, data = self.held_form.unflatten(held), self.blank_form.unflatten(blank)
+        actual, blank = arrays
+        model, data = self.held_form.unflatten(actual), self.blank_form.unflatten(blank)
         return model, data.replace(qpos=q, qvel=v)
 
     def _placed(self, arrays: Any, q: Any, v: Any) -> tuple[Any, Any]:
@@ -334,10 +334,10 @@ class _Work:
         data = self.jax.lax.fori_loop(
             0, count, lambda _, before: self._same_forms(self._mjx.step(model, before), before), data
         )
-        own = data._impl
+        impl = data._impl
         return {
-            **{"q": data.qpos, "v": data.qvel, "warm": data.qacc_warmstart, "force": own.efc_force},
-            **self._contacts(own.contact),
+            **{"q": data.qpos, "v": data.qvel, "warm": data.qacc_warmstart, "force": impl.efc_force},
+            **self._contacts(impl.contact),
         }
 
     def _same_forms(self, after: Any, before: Any) -> Any:

@@ -146,9 +146,9 @@ class Expectation:
 
     # --- contact numbers ------------------------------------------------------------------------------------------
 
-    def reference(self, held: Surface, inverse_mass: float, cushion: bool, settings: Mapping[str, Any]) -> Reference:
+    def reference(self, surface: Surface, inverse_mass: float, cushion: bool, settings: Mapping[str, Any]) -> Reference:
         """Of a law."""
-        hardness = held.hardness or Hardness()
+        hardness = surface.hardness or Hardness()
         high = float(settings["contact_impedance"])
         if hardness.kind == "native":
             return DEFAULT_REFERENCE, DEFAULT_IMPEDANCE
@@ -157,11 +157,11 @@ class Expectation:
         if hardness.kind == "stiffness":
             share = (1.0 - SOFT) * inverse_mass
             return (-hardness.stiffness * share, -hardness.damping * share), flat_impedance(SOFT)
-        taken_back, bounce = float(settings["contact_error_reduction"]), held.restitution or 0.0
+        taken_back, bounce = float(settings["contact_error_reduction"]), surface.restitution or 0.0
         solref = (-taken_back / self.dt**2, -(1.0 + bounce) / self.dt)
         depth = float(settings["friction_cushion"])
         cushioned = cushion and not self.coulomb and self.world.contact.friction_cone == "elliptic"
-        soft = cushioned and depth and held.friction and not bounce
+        soft = cushioned and depth and surface.friction and not bounce
         return solref, ((CUSHION, high, depth, 0.5, 2.0) if soft else flat_impedance(high))
 
     def geom(self, shape: Shape) -> Law:
@@ -169,16 +169,16 @@ class Expectation:
         group = GROUP[shape.collision, shape.visual]
         return _law(surface, self.reference(surface, 1.0, False, self.settings))._replace(group=group)
 
-    def pair(self, law: PairContact, one: str, other: str) -> Law:
+    def pair(self, law: PairContact, name: str, other: str) -> Law:
         """The numbers of an explicit pair of two shapes, by their names."""
         surface = Surface(law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness)
         settings = {**self.settings, **self.own.get((law.first, law.second), {})}
-        inverse_mass = self._inverse_mass(one) + self._inverse_mass(other)
+        inverse_mass = self._inverse_mass(name) + self._inverse_mass(other)
         numbers = _law(surface, self.reference(surface, inverse_mass, True, settings))
         return numbers._replace(slip_rate=self._slip_rate(law.hardness.kind, settings))
 
-    def margin(self, law: PairContact, one: str, other: str) -> float:
-        return self.owners[one][1].margin + self.owners[other][1].margin if law.margin is None else law.margin
+    def margin(self, law: PairContact, name: str, other: str) -> float:
+        return self.owners[name][1].margin + self.owners[other][1].margin if law.margin is None else law.margin
 
     def joint(self, body: Body) -> ExpectedJoint:
         """A free joint starts with the body's centre of mass in its place, a ball unturned."""
@@ -222,7 +222,7 @@ class Expectation:
         most = sum(number[a] * (number[b] if a != b else number[b] / 2) for a, b in (*must, *may))
         all_there = most <= int(self.settings["explicit_pairs_limit"])
         chosen = [*must, *may] if all_there else must
-        return [(pair, one, two) for pair in chosen for one, two in shape_pairs(self.world, [pair])], all_there
+        return [(pair, name, two) for pair in chosen for name, two in shape_pairs(self.world, [pair])], all_there
 
     def _slip_rate(self, kind: str, settings: Mapping[str, Any]) -> float:
         """1/s at which friction takes back slip."""
@@ -316,48 +316,48 @@ class Touching:
         ignored = {frozenset(groups) for groups in self.world.contact.ignored_groups}
         found: dict[Kinds, list[tuple[str, str]]] = {}
         for kind in kinds:
-            apart = frozenset(
+            separate = frozenset(
                 other
                 for other in kinds
                 if frozenset((kind[0], other[0])) in ignored or frozenset((kind[1], other[1])) in passing
             )
-            found.setdefault(apart, []).append(kind)
+            found.setdefault(separate, []).append(kind)
         return found
 
     def by_bodies(self) -> bool:
         """Whether masks have too few bits, and bodies are excluded pair by pair."""
-        return sum(bool(apart) for apart in self._classes) > CLASSES_OF_MASKS
+        return sum(bool(class_) for class_ in self._classes) > CLASSES_OF_MASKS
 
     def masks(self) -> dict[str, Any]:
         """Classes of shapes by their masks: members, and the classes that they touch."""
         names: dict[Any, list[str]] = {}
-        row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
+        row = {kind: name for name, kinds in self._classes.items() for kind in kinds}
         by_bodies = self.by_bodies()
         for body in self.world.bodies:
             for shape in body.shapes:
                 kind = (body.collision_group, shape.material)
-                own = None if not shape.collision else frozenset() if by_bodies else row[kind]
-                names.setdefault(own, []).append(shape.name)
-        first = {own: min(some) for own, some in names.items()}
+                passing = None if not shape.collision else frozenset() if by_bodies else row[kind]
+                names.setdefault(passing, []).append(shape.name)
+        first = {name: min(some) for name, some in names.items()}
         found: dict[str, Any] = {}
-        for own, some in names.items():
-            apart = own or frozenset()
+        for passing, some in names.items():
+            separate = passing or frozenset()
             touches = (
                 ()
-                if own is None
+                if passing is None
                 else (
                     name
                     for other, name in first.items()
-                    if other is not None and not self._keeps_apart(apart, other, row)
+                    if other is not None and not self._keeps_apart(separate, other, row)
                 )
             )
-            found[f"masks.{first[own]}.members"] = tuple(sorted(some))
-            found[f"masks.{first[own]}.touches"] = tuple(sorted(touches))
+            found[f"masks.{first[passing]}.members"] = tuple(sorted(some))
+            found[f"masks.{first[passing]}.touches"] = tuple(sorted(touches))
         return found
 
     @staticmethod
     def _keeps_apart(apart: Kinds, other: Kinds, row: Mapping[tuple[str, str], Kinds]) -> bool:
-        return any(kind in apart for kind, own in row.items() if own == other)
+        return any(kind in apart for kind, passing in row.items() if passing == other)
 
     def excluded(self) -> set[tuple[str, str]]:
         """Pairs of solid bodies: named by the world, of one rigid moving group, or kept apart where masks cannot."""
@@ -371,7 +371,7 @@ class Touching:
         for members in rigid.values():
             found |= {(a, b) for a in members for b in members if a < b}
         if self.by_bodies():
-            row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
+            row = {kind: name for name, kinds in self._classes.items() for kind in kinds}
             kinds = {body.name: {(body.collision_group, s.material) for s in self.solid[body.name]} for body in bodies}
             found |= {
                 (a, b) for a in names for b in names if a < b and all(k in row[j] for j in kinds[a] for k in kinds[b])

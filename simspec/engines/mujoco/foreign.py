@@ -82,7 +82,7 @@ class _Held:
     def read_back(self) -> ReadBack:
         model = self._model
         option = model.opt
-        bodies = tuple(one for index in range(1, model.nbody) for one in self._chain(index))
+        bodies = tuple(body for index in range(1, model.nbody) for body in self._chain(index))
         shapes = self._shapes(0)
         if shapes:
             bodies = (Body(WORLD, WORLD, Inertial(0.0), Joint("", "fixed"), shapes), *bodies)
@@ -118,10 +118,10 @@ class _Held:
             return
         for joint in range(first, first + count):
             last = joint == first + count - 1
-            held = self._joint(joint, parent, origin)
-            own = name if last else f"{name}/{held.name or joint - first}"
-            yield Body(own, root, inertial if last else Inertial(0.0), held, self._shapes(index) if last else ())
-            parent = own
+            actual = self._joint(joint, parent, origin)
+            text = name if last else f"{name}/{actual.name or joint - first}"
+            yield Body(text, root, inertial if last else Inertial(0.0), actual, self._shapes(index) if last else ())
+            parent = text
             if not last:
                 step = frames.subtract(_vector(model.jnt_pos[joint + 1]), _vector(model.jnt_pos[joint]))
                 origin = Pose(step)
@@ -175,7 +175,7 @@ class _Held:
             numbers = zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
             size = tuple(2.0 * value if halved else value for value, halved in numbers)
         friction = model.geom_friction[geom].tolist()
-        held = Shape(
+        shape = Shape(
             self._name("GEOM", geom),
             kind,
             size,
@@ -183,13 +183,13 @@ class _Held:
             collision=self._collides(geom),
             visual=int(model.geom_group[geom]) in VISIBLE_GROUPS,
         )
-        return dataclasses.replace(held, surfaces=(Surface(friction[0], friction[1], friction[2]),))
+        return dataclasses.replace(shape, surfaces=(Surface(friction[0], friction[1], friction[2]),))
 
     def _collides(self, geom: int) -> bool:
         """Whether a geom's bits let it touch any geom of the file, or another like itself."""
         model = self._model
-        own = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
-        return bool(((own[0] & model.geom_conaffinity) | (own[1] & model.geom_contype)).any())
+        local = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+        return bool(((local[0] & model.geom_conaffinity) | (local[1] & model.geom_contype)).any())
 
     def _vertices(self, mesh: int) -> Any:
         """The vertices of a mesh's convex hull, else all: in the geom's frame, which MuJoCo puts at the centre of mass."""

@@ -260,7 +260,7 @@ class Inventory:
         }
         geom = self._names["geom"]
         pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
-        self._names["pair"] = [",".join(sorted((geom[one], geom[other]))) for one, other in pairs]
+        self._names["pair"] = [",".join(sorted((geom[entry], geom[other]))) for entry, other in pairs]
         self._names["body"] = ["world", *(world_name(name) for name in self._names["body"][1:])]
         self._names["dof"] = [self._names["jnt"][joint] for joint in model.dof_jntid.tolist()]
 
@@ -354,8 +354,8 @@ class Inventory:
         names = self._names["body"]
         found = {}
         for signature in self._model.exclude_signature.tolist():
-            one, two = sorted((names[signature >> GROUP_OF_ID], names[signature & ((1 << GROUP_OF_ID) - 1)]))
-            found[f"exclude.{one},{two}"] = True
+            entry, two = sorted((names[signature >> GROUP_OF_ID], names[signature & ((1 << GROUP_OF_ID) - 1)]))
+            found[f"exclude.{entry},{two}"] = True
         return found
 
     def _sleep(self) -> dict[str, str]:
@@ -393,15 +393,15 @@ def expected_inventory(e: Expectation) -> dict[str, Any]:
                 found[f"geom.{shape.name}.margin"] = shape.margin
         if margin := max((shape.margin for shape in e.solid[body.name]), default=0.0):
             found[f"body.{body.name}.margin"] = margin  # MuJoCo's, of bodies' bounding boxes
-    for pair, one, other in e.explicit[0]:
-        found |= PAIR.expect(e.pair(e.laws[pair], one, other), f"pair.{one},{other}")
-        if margin := e.margin(e.laws[pair], one, other):
-            found[f"pair.{one},{other}.margin"] = margin
+    for pair, entry, other in e.explicit[0]:
+        found |= PAIR.expect(e.pair(e.laws[pair], entry, other), f"pair.{entry},{other}")
+        if margin := e.margin(e.laws[pair], entry, other):
+            found[f"pair.{entry},{other}.margin"] = margin
     for constraint in world.constraints:
         found |= EQUALITY.expect((e, constraint), f"eq.{constraint.name}")
     for summed in world.sums:
         found |= TENDON.expect(e.tendon(summed), f"tendon.{summed.name}")
-    found |= e.touching.masks() | {f"exclude.{one},{two}": True for one, two in e.touching.excluded()}
+    found |= e.touching.masks() | {f"exclude.{name},{two}": True for name, two in e.touching.excluded()}
     found["body.world.mass"] = 0.0
     carried = absorbed(world)
     found |= {

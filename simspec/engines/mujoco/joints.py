@@ -30,7 +30,10 @@ def explicit_servos_hold(world: World) -> Refinement | None:
     """Not supported where MuJoCo's explicit actuators are unstable."""
     from simspec.control.stability import unstable
 
-    given = tuple(dataclasses.replace(one, law="pd") if one.law == "native" else one for one in world.controllers)
+    given = tuple(
+        dataclasses.replace(controller, law="pd") if controller.law == "native" else controller
+        for controller in world.controllers
+    )
     try:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:
@@ -39,10 +42,10 @@ def explicit_servos_hold(world: World) -> Refinement | None:
         )
     if not found:
         return None
-    one = found[0]
+    instability = found[0]
     return unsupported_if(
-        f"its actuators are explicit in time, and the gains of {one.controller!r} diverge at {one.timestep:.6g} s; the largest "
-        f"stable step is {one.largest_stable_step:.3g} s"
+        f"its actuators are explicit in time, and the gains of {instability.controller!r} diverge at "
+        f"{instability.timestep:.6g} s; the largest stable step is {instability.largest_stable_step:.3g} s"
     )
 
 
@@ -131,12 +134,12 @@ class Between:
         self._levels = [_Level(kind, steps) for (_, kind), steps in sorted(levels.items())]
 
     def add(
-        self, held: np.ndarray, poses: np.ndarray, velocities: np.ndarray, q: np.ndarray, v: np.ndarray
+        self, values: np.ndarray, poses: np.ndarray, velocities: np.ndarray, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Poses (rows, 7) and velocities (rows, 6) of all bodies, from those that the model has, which ``held`` (rows,) marks,
         and its coordinates."""
-        all_poses, all_velocities = np.empty((len(held), 7)), np.empty((len(held), 6))
-        all_poses[held], all_velocities[held] = poses, velocities
+        all_poses, all_velocities = np.empty((len(values), 7)), np.empty((len(values), 6))
+        all_poses[values], all_velocities[values] = poses, velocities
         for level in self._levels:
             level.fill(all_poses, all_velocities, q, v)
         return all_poses, all_velocities

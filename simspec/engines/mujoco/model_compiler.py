@@ -92,8 +92,8 @@ def read_request(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is asked for, and the files by their names, the main one first: a length (8 bytes, little-endian), as much JSON with
     ``files`` (names and sizes), then the files one after the other."""
     (size,) = struct.unpack("<Q", stream.read(8))
-    asked = json.loads(stream.read(size))
-    return asked, {name: stream.read(length) for name, length in asked["files"]}
+    content = json.loads(stream.read(size))
+    return content, {name: stream.read(length) for name, length in content["files"]}
 
 
 def compiled(spec: Any, model: Any) -> dict[str, Any]:
@@ -220,9 +220,9 @@ def stable_step(model: Any) -> float | None:
         for part in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
             if model.wrap_type[part] == int(mujoco.mjtWrap.mjWRAP_JOINT):
                 along[tendon, model.jnt_dofadr[model.wrap_objid[part]]] += model.wrap_prm[part]
-    own = np.diag(damping), np.diag(stiffness)
-    damping = own[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
-    stiffness = own[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
+    array = np.diag(damping), np.diag(stiffness)
+    damping = array[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
+    stiffness = array[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
     if not (damping.any() or stiffness.any() or model.opt.viscosity):
         return None
     data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
@@ -316,7 +316,7 @@ def _model(spec: Any) -> Any:
     return spec.compile()
 
 
-def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
+def answer(requested: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     """Compile the first of the files; the others are what it names. Raises what the engine raises."""
     import mujoco
 
@@ -326,8 +326,8 @@ def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     spec = mujoco.MjSpec.from_string(main.decode(), include=models, assets=assets)
     model = _model(spec)
     answered: dict[str, Any] = {"version": mujoco.mj_versionString(), "model": compiled(spec, model)}
-    if "random" in asked and model.nv:
-        answered["dynamics"] = dynamics(model, *asked["random"])
+    if "random" in requested and model.nv:
+        answered["dynamics"] = dynamics(model, *requested["random"])
     return answered
 
 
@@ -356,7 +356,7 @@ def prepare() -> None:
 def main() -> None:
     """Answer one request."""
     memory = int(sys.argv[2])
-    told = os.dup(1)
+    dup = os.dup(1)
     os.dup2(2, 1)  # what the engine prints is not the answer
     try:
         answered = answer(*read_request(sys.stdin.buffer))
@@ -369,5 +369,5 @@ def main() -> None:
             "unknown exception" in str(error) and f": mostly that {memory / 2**20:.0f} MiB of memory are not enough"
         )
         text = json.dumps({"error": f"{error}{unknown or ''}"})
-    with os.fdopen(told, "wb") as stream:
+    with os.fdopen(dup, "wb") as stream:
         stream.write(text.encode())

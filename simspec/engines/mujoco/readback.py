@@ -103,7 +103,7 @@ def _single(values: Any) -> tuple[float, ...]:
 def frame_sites(mujoco: Any, model: Any) -> dict[str, int]:
     """The sites that stand for named frames, which are those that no equality is of, in the order of their names."""
     of_site = mujoco.mjtObj.mjOBJ_SITE
-    held = {
+    actual = {
         int(site)
         for row in range(model.neq)
         if int(model.eq_objtype[row]) == int(of_site)
@@ -112,7 +112,7 @@ def frame_sites(mujoco: Any, model: Any) -> dict[str, int]:
     named = {
         mujoco.mj_id2name(model, of_site, site) or f"site {site}": site
         for site in range(model.nsite)
-        if site not in held
+        if site not in actual
     }
     return dict(sorted(named.items()))
 
@@ -136,13 +136,13 @@ class _ReadBack:
 
     def world(self) -> ReadBack:
         place = {name: index for index, name in enumerate(self._names["BODY"])}
-        held = {
+        actual = {
             body.name: body
             for name, chain in chains(self._sidecar).items()
             for body in self._bodies(place[file_name(name)], chain)
         }
         bodies = tuple(
-            dataclasses.replace(held[body.name], model=model)
+            dataclasses.replace(actual[body.name], model=model)
             for body, model in zip(self._sidecar.bodies, self._sidecar.models, strict=True)
         )
         option = self._model.opt
@@ -178,33 +178,33 @@ class _ReadBack:
         """The equalities as simspec writes them, of two joints and of two sites; others are counted (``count.neq``)."""
         model, kinds = self._model, self._mujoco.mjtEq.__members__
         names = {int(kinds[name]): word for name, word in EQUALITIES.items()}
-        held: list[Constraint] = []
+        actual: list[Constraint] = []
         for row in range(model.neq):
             name = self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_EQUALITY, row) or ""
             kind = names.get(int(model.eq_type[row]))
-            one, other, data = int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), model.eq_data[row].tolist()
+            index, other, data = int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), model.eq_data[row].tolist()
             if kind is None or not model.eq_active0[row]:
                 continue
             if kind == "follow":
                 joints = self._names["JOINT"]
                 if any(data[2:5]) or other < 0:
                     continue
-                held.append(Follow(name, joints[one], joints[other], data[1], data[0]))
+                actual.append(Follow(name, joints[index], joints[other], data[1], data[0]))
                 continue
             if int(model.eq_objtype[row]) != int(self._mujoco.mjtObj.mjOBJ_SITE):
                 continue
-            (first, near), (second, far) = self._end(one), self._end(other)
+            (first, near), (second, far) = self._end(index), self._end(other)
             if kind == "connect":
-                held.append(Connect(name, first, second, near.position, far.position))
+                actual.append(Connect(name, first, second, near.position, far.position))
             else:
-                held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
-        return tuple(sorted(held, key=lambda constraint: constraint.name))
+                actual.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+        return tuple(sorted(actual, key=lambda constraint: constraint.name))
 
     def _sums(self) -> tuple[JointSum, ...]:
         """The fixed tendons; others are told by what their rows are not (``count.nwrap``, ``tendon.type``)."""
         model, joints = self._model, self._names["JOINT"]
         of_joint = int(self._mujoco.mjtWrap.mjWRAP_JOINT)
-        held: list[JointSum] = []
+        joint_sums: list[JointSum] = []
         for row in range(model.ntendon):
             parts = range(model.tendon_adr[row], model.tendon_adr[row] + model.tendon_num[row])
             if any(int(model.wrap_type[part]) != of_joint for part in parts):
@@ -216,7 +216,7 @@ class _ReadBack:
             if slack != taut:
                 raise EngineError("mujoco", f"tendon {row} has a spring that is slack from {slack} to {taut}")
             lower, upper = model.tendon_range[row].tolist()
-            held.append(
+            joint_sums.append(
                 JointSum(
                     self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_TENDON, row) or "",
                     weights,
@@ -227,7 +227,7 @@ class _ReadBack:
                     float(model.tendon_frictionloss[row]),
                 )
             )
-        return tuple(sorted(held, key=lambda one: one.name))
+        return tuple(sorted(joint_sums, key=lambda joint_sum: joint_sum.name))
 
     def _frames(self) -> tuple[Frame, ...]:
         return tuple(Frame(name, *self._end(site)) for name, site in frame_sites(self._mujoco, self._model).items())
@@ -338,8 +338,8 @@ class _ReadBack:
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         surfaces: tuple[Surface, ...] = ()
         if collides:
-            held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
-            friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
+            actual = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
+            friction, solref, solimp = (tuple(numbers.tolist()) for numbers in actual)
             surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, self._law),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
@@ -417,13 +417,13 @@ class _ReadBack:
         for pair in range(model.npair):
             ends = (int(model.pair_geom1[pair]), int(model.pair_geom2[pair]))
             first, second = sorted(self._names["GEOM"][end] for end in ends)
-            one, two, torsion, roll, other_roll = model.pair_friction[pair].tolist()
-            if one != two or roll != other_roll:
+            sliding, other_sliding, torsion, roll, other_roll = model.pair_friction[pair].tolist()
+            if sliding != other_sliding or roll != other_roll:
                 raise EngineError("mujoco", f"the explicit pair of {first!r} and {second!r} is not isotropic")
             inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
             solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
             condim = int(model.pair_dim[pair])
             law = CommonLaw.of(float(model.opt.timestep), self._sidecar.settings_between(first, second))
-            held = surface(condim, (one, torsion, roll), solref, solimp, law, inverse_mass)
-            found.append(EnginePair(first, second, held, float(model.pair_margin[pair])))
-        return tuple(sorted(found, key=lambda held: (held.first, held.second)))
+            stored = surface(condim, (sliding, torsion, roll), solref, solimp, law, inverse_mass)
+            found.append(EnginePair(first, second, stored, float(model.pair_margin[pair])))
+        return tuple(sorted(found, key=lambda actual: (actual.first, actual.second)))

@@ -101,9 +101,9 @@ def _no_friction(world: World, why: str) -> Refinement | None:
 
 def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:
     """Refused, as ``why`` says, where a ``kind`` of shape may meet others than ``exactly``."""
-    for one, other in sorted(meeting_kinds(world)):
-        met = other if one == kind else one
-        if kind in (one, other) and met not in exactly:
+    for name, other in sorted(meeting_kinds(world)):
+        met = other if name == kind else name
+        if kind in (name, other) and met not in exactly:
             return unsupported_if(f"a {kind} may meet a {met}: {why}")
     return None
 

@@ -81,9 +81,9 @@ class MujocoSimulation(Engine, abstract=True):
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self._make_states()
         coulomb = self._sidecar.settings["friction"] == COULOMB
-        held = Equalities(mujoco, self.model, self.data) if self.model.neq else None
-        self._coulomb = Coulomb(mujoco, self.model, self.data, held) if coulomb else None
-        self._stepper = self._coulomb or held
+        equalities = Equalities(mujoco, self.model, self.data) if self.model.neq else None
+        self._coulomb = Coulomb(mujoco, self.model, self.data, equalities) if coulomb else None
+        self._stepper = self._coulomb or equalities
         self._index(self._sidecar.bodies)
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
         if key < 0:
@@ -106,10 +106,10 @@ class MujocoSimulation(Engine, abstract=True):
     def _check_flags(self) -> None:
         """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
         bits = self._mujoco.mjtEnableBit.__members__
-        asked = {f"mjENBL_{name.upper()}" for name, on in FLAGS if on} | {"mjENBL_MULTICCD"}
+        requested = {f"mjENBL_{name.upper()}" for name, on in FLAGS if on} | {"mjENBL_MULTICCD"}
         if self._sidecar.settings.get("sleeping", False):  # not there when off
-            asked.add("mjENBL_SLEEP")
-        on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
+            requested.add("mjENBL_SLEEP")
+        on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in requested]
         if on:
             raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")
 
@@ -309,14 +309,14 @@ class MujocoSimulation(Engine, abstract=True):
         data = self.data
         if data.ncon == 0:
             return empty_contacts()
-        held = data.contact
+        contact = data.contact
         return {
-            "body": self._world_index[self.model.geom_bodyid[held.geom]],
-            "position": held.pos.copy(),
-            "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
-            "distance": held.dist - held.includemargin,
-            "normal_force": self._normal_forces(held.efc_address, held.dim),
-            "unit": held.geom.astype(np.int64),
+            "body": self._world_index[self.model.geom_bodyid[contact.geom]],
+            "position": contact.pos.copy(),
+            "normal": -contact.frame[:, :3],  # MuJoCo's points from the first to the second
+            "distance": contact.dist - contact.includemargin,
+            "normal_force": self._normal_forces(contact.efc_address, contact.dim),
+            "unit": contact.geom.astype(np.int64),
         }
 
     def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:

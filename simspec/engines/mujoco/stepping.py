@@ -172,10 +172,10 @@ class Coulomb:
         key = (address.tobytes(), dim.tobytes(), friction.tobytes(), native.tobytes())
         if key != self._key:
             self._key = key
-            held = (dim >= 3) & (address >= 0)  # negative: asleep, or between bodies that cannot move
+            actual = (dim >= 3) & (address >= 0)  # negative: asleep, or between bodies that cannot move
             if self._some_native:
-                held &= native[:, 0] == native[:, 1]
-            self._rows = self._rows_of(address[held], dim[held], friction[held]) if held.any() else None
+                actual &= native[:, 0] == native[:, 1]
+            self._rows = self._rows_of(address[actual], dim[actual], friction[actual]) if actual.any() else None
         return self._rows
 
     def _solve(self, rows: _Cone | _Pyramid) -> None:
@@ -251,8 +251,8 @@ class _Contacts:
         """Whether nothing slips, nor arrives: all μ|v| together below ``near`` (m/s), all approaches below ``ARRIVING`` times
         that. Sums of squares, which are a few times as quick as the largest."""
         slip, approach = self._before, velocity[self.normal]
-        still = float(np.vdot(slip, slip)) < near * near
-        return still and float(approach @ approach) < (ARRIVING * near) ** 2
+        static = float(np.vdot(slip, slip)) < near * near
+        return static and float(approach @ approach) < (ARRIVING * near) ** 2
 
 
 class _Cone(_Contacts):
@@ -304,8 +304,8 @@ class _Pyramid(_Contacts):
         self._plus = np.where(self._live, address[:, None] + 2 * places, address[:, None])
         self._minus = np.where(self._live, self._plus + 1, address[:, None])
         self.normal = np.concatenate([self._plus[self._live], self._minus[self._live]])
-        own = np.broadcast_to(np.arange(address.size)[:, None], self._live.shape)[self._live]
-        self._own = np.concatenate([own, own])
+        values = np.broadcast_to(np.arange(address.size)[:, None], self._live.shape)[self._live]
+        self._own = np.concatenate([values, values])
         self.gain, self.most = _gains(friction)
 
     def begin(self, velocity: np.ndarray, reference: np.ndarray, dt: float) -> None:

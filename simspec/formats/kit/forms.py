@@ -104,26 +104,26 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     elif isinstance(form, TupleOf):
         if type(value) is not list or len(value) != len(form.forms):
             raise ValueError(f"{at} is {_shown(value)}, should be a list of {len(form.forms)}")
-        for index, (item, own) in enumerate(zip(value, form.forms, strict=True)):
-            check_fields(item, own, f"{at}.{index}")
+        for index, (item, local) in enumerate(zip(value, form.forms, strict=True)):
+            check_fields(item, local, f"{at}.{index}")
     elif isinstance(form, ListOf):
         if form.length is not None and len(value) != form.length:
             raise ValueError(f"{at} has {len(value)} entries, should have {form.length}")
-        for index, one in enumerate(value):
-            check_fields(one, form.form, f"{at}.{index}")
+        for index, entry in enumerate(value):
+            check_fields(entry, form.form, f"{at}.{index}")
         if form.distinct:
             check_distinct(value, at)
     elif isinstance(form, MapOf):
-        for name, one in value.items():
-            check_fields(one, form.form, f"{at}.{name}")
+        for name, entry in value.items():
+            check_fields(entry, form.form, f"{at}.{name}")
     elif isinstance(form, dict):
         needed = {name for name in form if not name.endswith("?")}
-        known = {name.removesuffix("?"): one for name, one in form.items()}
+        known = {name.removesuffix("?"): entry for name, entry in form.items()}
         wrong = sorted(needed - value.keys()), sorted(value.keys() - known.keys())
         if any(wrong):
             raise ValueError(f"{at} lacks the fields {wrong[0]} and has {wrong[1]}, which are not known")
-        for name, one in value.items():
-            check_fields(one, known[name], f"{at}.{name}")
+        for name, entry in value.items():
+            check_fields(entry, known[name], f"{at}.{name}")
     elif form is not object and not _is(value, form):
         raise ValueError(f"{at} is {_shown(value)}, should be {WORDS[form]}")
 
@@ -171,7 +171,7 @@ def typed(kind: Any, value: Any) -> Any:
     origin, items = typing.get_origin(kind), typing.get_args(kind)
     if origin is tuple:
         kinds = [items[0]] * len(value) if len(items) == 2 and items[1] is Ellipsis else items
-        return tuple(typed(own, item) for own, item in zip(kinds, value, strict=True))
+        return tuple(typed(kind, item) for kind, item in zip(kinds, value, strict=True))
     if origin in (dict, Mapping):
         return {name: typed(items[1], item) for name, item in value.items()}
     if origin in (typing.Union, types.UnionType):

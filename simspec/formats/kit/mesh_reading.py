@@ -63,12 +63,12 @@ def _check_top(top: Indices, rows: int, columns: int) -> None:
     """That each cell is two triangles along its diagonal; ``top``: of each triangle the places of its corners in the grid."""
     least = top.argmin(axis=1)[:, None]
     turned = np.take_along_axis(top, (least + np.arange(3)) % 3, axis=1)
-    own = {tuple(corners) for corners in turned.tolist()}
+    local = {tuple(corners) for corners in turned.tolist()}
     wanted = set()
     for row in range(rows - 1):
         for at in range(row * columns, row * columns + columns - 1):
             wanted |= {(at, at + 1, at + columns + 1), (at, at + columns + 1, at + columns)}
-    if own != wanted or len(top) != len(wanted):
+    if local != wanted or len(top) != len(wanted):
         raise ValueError("its cells are not all two triangles along the diagonal from the least x and y")
 
 

@@ -119,11 +119,11 @@ def _row(body: Body, depth: int, carriers: Sequence[Body]) -> BodyRow:
 
 def carrier_frames(rows: Sequence[BodyRow], world: World) -> Mapping[str, Quaternion]:
     """What stands between two joints of one body, by name: the orientation of its frame in the body's, all joints at zero."""
-    held = carried(world)
+    carriers = carried(world)
     return {
         carrier.name: frame.quaternion
         for row in rows
-        for carrier, (_, frame) in zip(held.get(row.body.name, ()), row.joints[:-1], strict=True)
+        for carrier, (_, frame) in zip(carriers.get(row.body.name, ()), row.joints[:-1], strict=True)
     }
 
 
@@ -391,15 +391,15 @@ def equalities(world: World, more: Attributes = ()) -> tuple[MjcfEquality, ...]:
     for constraint in world.constraints:
         if isinstance(constraint, Follow):
             coefficients = (constraint.offset, constraint.ratio, 0.0, 0.0, 0.0)
-            own: Attributes = (
+            attributes: Attributes = (
                 ("joint1", constraint.joint),
                 ("joint2", constraint.leader),
                 ("polycoef", coefficients),
             )
-            written.append(MjcfEquality("joint", constraint.name, (*own, *more)))
+            written.append(MjcfEquality("joint", constraint.name, (*attributes, *more)))
         else:
-            own = (("site1", f"{SITE}{constraint.name}/1"), ("site2", f"{SITE}{constraint.name}/2"))
-            written.append(MjcfEquality(constraint.kind, constraint.name, (*own, *more)))
+            attributes = (("site1", f"{SITE}{constraint.name}/1"), ("site2", f"{SITE}{constraint.name}/2"))
+            written.append(MjcfEquality(constraint.kind, constraint.name, (*attributes, *more)))
     return tuple(written)
 
 
@@ -410,23 +410,23 @@ def tendons(world: World, limited: Attributes = (), rubbed: Attributes = ()) -> 
     """One fixed tendon for each sum; ``limited``, ``rubbed``: attributes of those with limits, and with dry friction."""
     return tuple(
         MjcfTendon(
-            one.name,
-            one.joints,
-            (*_acting(one), *(limited if one.position_limits else ()), *(rubbed if one.dry_friction else ())),
+            sum_.name,
+            sum_.joints,
+            (*_acting(sum_), *(limited if sum_.position_limits else ()), *(rubbed if sum_.dry_friction else ())),
         )
-        for one in world.sums
+        for sum_ in world.sums
     )
 
 
-def _acting(one: JointSum) -> Attributes:
+def _acting(joint_sum: JointSum) -> Attributes:
     """What acts along it. The length of a fixed tendon is the sum itself, of joint positions as the file counts them."""
     attributes: list[tuple[str, Value]] = [
-        ("limited", one.position_limits is not None),
-        ("range", one.position_limits or (0.0, 0.0)),
-        ("stiffness", one.stiffness),
-        ("springlength", one.rest),
-        ("damping", one.damping),
-        ("frictionloss", one.dry_friction),
+        ("limited", joint_sum.position_limits is not None),
+        ("range", joint_sum.position_limits or (0.0, 0.0)),
+        ("stiffness", joint_sum.stiffness),
+        ("springlength", joint_sum.rest),
+        ("damping", joint_sum.damping),
+        ("frictionloss", joint_sum.dry_friction),
         ("margin", 0.0),
     ]
     return tuple(attributes)

@@ -27,9 +27,9 @@ def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[st
 
     Raises UnsupportedError where there are more classes than bits, and some shapes of two bodies may touch and others not.
     """
-    apart = _apart(world)
+    separate = _apart(world)
     kinds = sorted({(body.collision_group, shape.material) for body in world.bodies for shape in solid_shapes(body)})
-    rows = {kind: frozenset(other for other in kinds if apart(kind, other)) for kind in kinds}
+    rows = {kind: frozenset(other for other in kinds if separate(kind, other)) for kind in kinds}
     # kinds that keep apart from the same others are one class: they touch each other all or not at all
     classes = sorted({row: kind for kind, row in reversed(rows.items()) if row}.values())
     if not classes:
@@ -50,11 +50,11 @@ def _apart(world: World) -> Callable[[Kind, Kind], bool]:
     ignored = set(world.contact.ignored_groups)
     passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
 
-    def apart(one: Kind, other: Kind) -> bool:
-        groups, materials = (tuple(sorted(names)) for names in zip(one, other, strict=True))
+    def separate(kind: Kind, other: Kind) -> bool:
+        groups, materials = (tuple(sorted(names)) for names in zip(kind, other, strict=True))
         return groups in ignored or materials in passing
 
-    return apart
+    return separate
 
 
 def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tuple[str, str]]:
@@ -65,13 +65,13 @@ def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tu
         if kinds:
             members.setdefault(kinds, []).append(body.name)
     found: list[tuple[str, str]] = []
-    for one, names in members.items():
+    for name, names in members.items():
         for other, others in members.items():
-            apart = [b in rows[a] for a in one for b in other]
-            if not any(apart):
+            separate = [b in rows[a] for a in name for b in other]
+            if not any(separate):
                 continue
             pairs = {(min(a, b), max(a, b)) for a in names for b in others if a != b}
-            if pairs and not all(apart):
+            if pairs and not all(separate):
                 raise UnsupportedError([_too_many_classes(*min(pairs))])
             found.extend(pairs)
     return sorted(set(found))

@@ -242,8 +242,8 @@ def _reference(law: PairContact) -> tuple[float, float]:
 
 def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
     """Whether two geoms of these materials have this law by the language's rule."""
-    own = _own_laws(world)
-    first, second = (own[name] for name in pair)
+    contacts = _own_laws(world)
+    first, second = (contacts[name] for name in pair)
     larger = tuple(max(values) for values in zip(_friction(first), _friction(second), strict=True))
     return (
         law.margin is None
@@ -264,9 +264,9 @@ def _upper_bound(world: World, pairs: list[Pair]) -> float:
 
 def _classes(world: World) -> Iterator[MjcfDefault]:
     yield MjcfDefault(VISUAL, (("geom", (("contype", 0), ("conaffinity", 0))),))
-    own = _own_laws(world)
+    contacts = _own_laws(world)
     for material in world.contact.materials:
-        law = own[material.name]
+        law = contacts[material.name]
         reference = _reference(law)
         attributes: Attributes = (("condim", dimensions(law)), ("friction", _friction(law)))
         if reference != NATIVE_REFERENCE:
@@ -286,8 +286,8 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
         )
         for first, second in shape_pairs(world, [pair]):
             margin = margins[first] + margins[second] if law.margin is None else law.margin
-            own: Attributes = (("margin", margin),) if margin else ()
-            yield tree.MjcfPair(first, second, (*attributes, *own))
+            local: Attributes = (("margin", margin),) if margin else ()
+            yield tree.MjcfPair(first, second, (*attributes, *local))
 
 
 # --- bodies -------------------------------------------------------------------------------------------------------

@@ -282,11 +282,11 @@ class MjcfClasses:
 
     def _with_own(self, outer: Mapping[str, Mapping[str, str]], element: XmlElement) -> Mapping[str, Mapping[str, str]]:
         """The defaults of a class: those around it, overridden by its own."""
-        own = [child for child in element.children if child.tag not in ("default", "include")]
-        if not own:
+        children = [child for child in element.children if child.tag not in ("default", "include")]
+        if not children:
             return outer
         resolved = dict(outer)
-        for child in own:
+        for child in children:
             parts: dict[str, dict[str, str]] = {child.tag: dict(child.attributes)}
             if child.tag in ACTUATORS:  # what is not of one kind alone holds for all
                 parts = {ACTUATOR: {}, child.tag: {}}
@@ -302,9 +302,11 @@ class MjcfClasses:
         self._counted(element, len(resolved))
         return resolved
 
-    def _overridden(self, element: XmlElement, earlier: Mapping[str, str], own: Mapping[str, str]) -> Mapping[str, str]:
+    def _overridden(
+        self, element: XmlElement, earlier: Mapping[str, str], local: Mapping[str, str]
+    ) -> Mapping[str, str]:
         """``earlier`` without what ``own`` says in another way: one orientation, in whichever words."""
-        if earlier.keys().isdisjoint(ORIENTATIONS) or ORIENTATIONS.isdisjoint(own):
+        if earlier.keys().isdisjoint(ORIENTATIONS) or ORIENTATIONS.isdisjoint(local):
             return earlier
         left = {name: value for name, value in earlier.items() if name not in ORIENTATIONS}
         self._counted(element, len(left))

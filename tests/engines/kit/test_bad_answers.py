@@ -123,7 +123,7 @@ def entry(change):
 
 
 def result(**values):
-    return entry(lambda one: one["result"].update(values))
+    return entry(lambda item: item["result"].update(values))
 
 
 def array(name: str, change):
@@ -179,20 +179,20 @@ BAD = {
     "no operations": told(lambda content: content.update(operations=[])),
     "operations of a word": told(lambda content: content.update(operations="none")),
     "twice the operations": told(lambda content: content.update(operations=content["operations"] * 2)),
-    "another operation": entry(lambda one: one.update(op="motion")),
+    "another operation": entry(lambda item: item.update(op="motion")),
     "a list for an entry": told(lambda content: content.update(operations=[[]])),
     "unknown key": told(lambda content: content.update(more=1)),
     "version of a list": told(lambda content: content.update(engine_version=[4, 0])),
     "long version": told(lambda content: content.update(engine_version="9" * 1_000_000)),
     "version of words": told(lambda content: content.update(engine_version="what it likes")),
     "version that is not seen": told(lambda content: content.update(engine_version="1.0\u202e")),
-    "log of a word": entry(lambda one: one.update(log="words")),
-    "log without end": entry(lambda one: one.update(log=["x"] * 100_000)),
-    "NaN seconds": entry(lambda one: one.update(seconds=float("nan"))),
-    "negative seconds": entry(lambda one: one.update(load_seconds=-1.0)),
+    "log of a word": entry(lambda item: item.update(log="words")),
+    "log without end": entry(lambda item: item.update(log=["x"] * 100_000)),
+    "NaN seconds": entry(lambda item: item.update(seconds=float("nan"))),
+    "negative seconds": entry(lambda item: item.update(load_seconds=-1.0)),
     "infinite seconds": result(step_seconds=float("inf")),
     "seconds of a word": result(cpu_seconds="1.0"),
-    "no steps": entry(lambda one: one["result"].pop("steps") and None),
+    "no steps": entry(lambda item: item["result"].pop("steps") and None),
     "too few steps": result(steps=3),
     "negative steps": result(steps=-400),
     "steps of true": result(steps=True),
@@ -201,24 +201,24 @@ BAD = {
     "failed in nothing": result(failed={"step": 400, "channel": "colour", "place": []}),
     "control unasked": result(control={"joints": ["a"], "error": [0.0], "clipped": [0]}),
     "an array more": entry(
-        lambda one: one["arrays"].update(more={"kind": "f8", "shape": [1], "stored": False}),
+        lambda item: item["arrays"].update(more={"kind": "f8", "shape": [1], "stored": False}),
     ),
     "a name of 10 MB": entry(
-        lambda one: one["arrays"].update({"n" * 10_000_000: {"kind": "f8", "shape": [1], "stored": False}}),
+        lambda item: item["arrays"].update({"n" * 10_000_000: {"kind": "f8", "shape": [1], "stored": False}}),
     ),
     "a name that climbs": entry(
-        lambda one: one["arrays"].update({"../../../etc/passwd": {"kind": "f8", "shape": [1], "stored": False}}),
+        lambda item: item["arrays"].update({"../../../etc/passwd": {"kind": "f8", "shape": [1], "stored": False}}),
     ),
-    "an array less": entry(lambda one: one["arrays"].pop("pose") and None),
-    "objects": entry(lambda one: one["arrays"]["pose"].update(kind="O")),
-    "another kind": entry(lambda one: one["arrays"]["pose"].update(kind="i8")),
-    "another shape": entry(lambda one: one["arrays"]["pose"].update(shape=[11, 3, 6])),
-    "shape of words": entry(lambda one: one["arrays"]["pose"].update(shape=["11", "3", "7"])),
-    "negative shape": entry(lambda one: one["arrays"]["pose"].update(shape=[-1, 3, 7])),
-    "a bomb": entry(lambda one: one["arrays"]["pose"].update(shape=[2**50, 3, 7])),
-    "many bodies": entry(lambda one: [found.update(shape=[11, 5, *found["shape"][2:]])
-                                      for name, found in one["arrays"].items() if name in ("pose", "velocity")] and None),
-    "stored where it is not": entry(lambda one: one["arrays"]["pose"].update(stored=True)),
+    "an array less": entry(lambda item: item["arrays"].pop("pose") and None),
+    "objects": entry(lambda item: item["arrays"]["pose"].update(kind="O")),
+    "another kind": entry(lambda item: item["arrays"]["pose"].update(kind="i8")),
+    "another shape": entry(lambda item: item["arrays"]["pose"].update(shape=[11, 3, 6])),
+    "shape of words": entry(lambda item: item["arrays"]["pose"].update(shape=["11", "3", "7"])),
+    "negative shape": entry(lambda item: item["arrays"]["pose"].update(shape=[-1, 3, 7])),
+    "a bomb": entry(lambda item: item["arrays"]["pose"].update(shape=[2**50, 3, 7])),
+    "many bodies": entry(lambda item: [found.update(shape=[11, 5, *found["shape"][2:]])
+                                      for name, found in item["arrays"].items() if name in ("pose", "velocity")] and None),
+    "stored where it is not": entry(lambda item: item["arrays"]["pose"].update(stored=True)),
     "missing array": lambda answer: (answer / "0.pose.bin").unlink(),
     "short array": resized("0.pose.bin", lambda content: content[:-8]),
     "long array": resized("0.pose.bin", lambda content: content + b"\0" * 8),
@@ -234,20 +234,20 @@ BAD = {
     "contact of no unit": array("contact.unit", put((0, 1), 99)),
     "contact of less than a unit": array("contact.unit", put((0, 1), -1)),
     "contact of another body's unit": array("contact.unit", lambda numbers: numbers.__setitem__(0, numbers[0, ::-1])),
-    "units without contacts of them": entry(lambda one: one["arrays"].pop("contact.unit") and None),
+    "units without contacts of them": entry(lambda item: item["arrays"].pop("contact.unit") and None),
     "contacts of units that are not told": result(contact_units=None),
-    "units of other shapes": entry(lambda one: one["result"].update(
-        contact_units=[{**unit, "shapes": ["nothing"]} for unit in one["result"]["contact_units"]])),
-    "units of no shapes": entry(lambda one: one["result"].update(
-        contact_units=[{**unit, "shapes": []} for unit in one["result"]["contact_units"]])),
+    "units of other shapes": entry(lambda item: item["result"].update(
+        contact_units=[{**unit, "shapes": ["nothing"]} for unit in item["result"]["contact_units"]])),
+    "units of no shapes": entry(lambda item: item["result"].update(
+        contact_units=[{**unit, "shapes": []} for unit in item["result"]["contact_units"]])),
     "NaN in a force": array("contact.normal_force", put(0, np.nan)),
     "seconds that fall": array("seconds", put((3, 0), 0.0)),
     "seconds before the begin": array("seconds", put((0, 4), -1e-9)),
     "NaN seconds in a row": array("seconds", put((2, 5), np.nan)),
     "infinite seconds in a row": array("seconds", put((-1, 3), np.inf)),
     "more seconds than in all": array("seconds", put((-1, 1), 1e6)),
-    "five kinds of seconds": entry(lambda one: one["arrays"]["seconds"].update(shape=[11, 5])),
-    "seconds of fewer rows": entry(lambda one: one["arrays"]["seconds"].update(shape=[10, 6])),
+    "five kinds of seconds": entry(lambda item: item["arrays"]["seconds"].update(shape=[11, 5])),
+    "seconds of fewer rows": entry(lambda item: item["arrays"]["seconds"].update(shape=[10, 6])),
     "result.json a folder": replaced("result.json", lambda path: path.mkdir()),
     "array a folder": replaced("0.pose.bin", lambda path: path.mkdir()),
 }  # fmt: skip
@@ -285,8 +285,8 @@ def after(engine: str) -> str:
 
 def runs_beside(bad: str, engine: str, good, tmp_path, others: tuple[str, ...]):
     """The runs of an engine that is spoilt, and of others after it that are not."""
-    pythons = {one: answering(tmp_path / one, good[one].answer) for one in others} | {engine: bad}
-    artifacts = {one: good[one].artifacts for one in ENGINES}
+    pythons = {other: answering(tmp_path / other, good[other].answer) for other in others} | {engine: bad}
+    artifacts = {engine: good[engine].artifacts for engine in ENGINES}
     return run_all(scene(), (engine, *others), artifacts=artifacts, pythons=pythons, deadline=30.0)
 
 
@@ -296,9 +296,12 @@ def test_all_engines_but_the_spoilt_one_come_out_whole(kind, good, tmp_path):
     shutil.copytree(good["dart"].answer, spoilt)
     if kind is not None:
         BAD[kind](spoilt)
-    others = tuple(one for one in ENGINES if one != "dart")
+    others = tuple(engine for engine in ENGINES if engine != "dart")
     runs = runs_beside(answering(tmp_path / "bad", spoilt), "dart", good, tmp_path, others)
-    assert {one for one in ENGINES if runs[one].failed is None} == {*others, *(["dart"] if kind is None else [])}
+    assert {engine for engine in ENGINES if runs[engine].failed is None} == {
+        *others,
+        *(["dart"] if kind is None else []),
+    }
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -469,15 +472,15 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
         name: {"kind": "f8", "shape": shape, "stored": True}
         for name, shape in {"time": [3], "pose": [3, 2, 7], "velocity": [3, 1, 6]}.items()
     }
-    one = {"op": "drive", "load_seconds": 0.0, "seconds": 0.0, "log": [], "result": {}, "arrays": described}
+    item = {"op": "drive", "load_seconds": 0.0, "seconds": 0.0, "log": [], "result": {}, "arrays": described}
     names = dict.fromkeys(("engine", "engine_version", "numpy_version", "python_version", "platform", "machine"), "x1")
     (tmp_path / "result.json").write_text(
-        json.dumps({"schema": worker.SCHEMA, "status": "ok", **names, "operations": [one]})
+        json.dumps({"schema": worker.SCHEMA, "status": "ok", **names, "operations": [item]})
     )
     (tmp_path / "result.bin").write_bytes(b"\0" * 8 * (3 + 42 + 18))
-    asked = Operation("drive", {"timestep": 1e-3, "phases": [[2, 1]]}, {"effort": np.zeros((1, 1))})
+    operation = Operation("drive", {"timestep": 1e-3, "phases": [[2, 1]]}, {"effort": np.zeros((1, 1))})
     with pytest.raises(BadAnswerError, match=r"velocity has shape \(3, 1, 6\), should be \(3, 2, 6\)"):
-        read_answers(tmp_path, [asked])
+        read_answers(tmp_path, [operation])
 
 
 def test_every_operation_declares_its_answer():

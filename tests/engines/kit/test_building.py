@@ -82,8 +82,8 @@ def test_shapes_and_their_copies_are_numbered() -> None:
         (2, 0, "u", 2.0),
     ]
     assert [(unit.of.number, unit.copy.layer) for unit in walk.units] == [(0, 0), (0, 1), (1, 1), (2, 0)]
-    zero, one, other, ignored = walk.kinds
-    pairs = ((zero, zero), (one, other), (one, one), (zero, other), (zero, ignored))
+    zero, entry, other, ignored = walk.kinds
+    pairs = ((zero, zero), (entry, other), (entry, entry), (zero, other), (zero, ignored))
     assert [walk.meet(*pair) for pair in pairs] == [True, True, False, False, False]
 
 

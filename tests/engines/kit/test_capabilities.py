@@ -53,14 +53,14 @@ def test_what_an_engine_lacks_raises_the_declared_reason(capability):
 
 
 def test_what_is_derived_of_it_raises_the_same_reason():
-    class Still(make(ALL)):
+    class static(make(ALL)):
         def get_state(self):
             return [0.0], [0.0]
 
     with pytest.raises(EngineError, match="does not support mass_matrix: only falls"):
-        Still().mass_matrix()
+        static().mass_matrix()
     with pytest.raises(EngineError, match="does not support pair_detection: only falls"):
-        Still().detect_contacts()
+        static().detect_contacts()
 
 
 @pytest.mark.parametrize("capability", Capability)
@@ -71,7 +71,7 @@ def test_an_engine_that_declares_nothing_lacking_defines_the_methods(capability)
             make(without(capability), **rest)
 
 
-@pytest.mark.parametrize("capability", [one for one in Capability if one is not Capability.NATIVE_CONTROLLERS])
+@pytest.mark.parametrize("capability", [entry for entry in Capability if entry is not Capability.NATIVE_CONTROLLERS])
 def test_an_engine_cannot_define_what_it_declares_as_lacking(capability):
     with pytest.raises(TypeError, match=f"declares that it lacks {capability}, and defines {METHODS[capability][0]}"):
         make(ALL, **{METHODS[capability][0]: lambda self: None})
@@ -127,14 +127,16 @@ def test_the_engines_of_simspec_say_what_they_lack(name):
     engine = engines()[name]
     for capability, methods in METHODS.items():
         for method in methods:
-            held = next(vars(parent)[method] for parent in engine.__mro__ if method in vars(parent))
-            assert isinstance(held, Lacking) == (capability in engine.LACKS)
+            var = next(vars(parent)[method] for parent in engine.__mro__ if method in vars(parent))
+            assert isinstance(var, Lacking) == (capability in engine.LACKS)
 
 
 def test_the_matrix_shows_them_with_their_reasons():
     page, data = matrix.markdown(), matrix.engine_data()
     for name, engine in engines().items():
-        assert data[name]["capabilities"] == {one.value: one not in engine.LACKS for one in Capability}
+        assert data[name]["capabilities"] == {
+            capability.value: capability not in engine.LACKS for capability in Capability
+        }
         for capability, reason in engine.LACKS.items():
             assert data[name]["lacks"][capability.value] == reason
             assert f"{name}, `{capability}`: {reason}" in page

@@ -109,8 +109,8 @@ def test_two_at_once_compile_once(place):
     program(place / "bin" / "cc", (place / "bin" / "cc").read_text().replace(";; esac", "; sleep 0.5;; esac"))
     command = [sys.executable, "-c", text, str(place / "part.c")]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    said = {one.communicate()[0] for one in both}
-    assert [one.returncode for one in both] == [0, 0]
+    said = {popen.communicate()[0] for popen in both}
+    assert [popen.returncode for popen in both] == [0, 0]
     assert len(said) == 1
     assert count(place) == 1
 
@@ -179,10 +179,10 @@ def test_words_that_are_none_are_told(place, monkeypatch):
     assert error.missing is Missing.COMPILER
     assert "the environment variable CC is no list of words: No closing quotation: cc '-DA" in str(error)
     monkeypatch.delenv("CC")
-    asked = "#!/bin/sh\ncase $1 in --cflags) {}; esac\n"
-    program(place / "bin" / "pkg-config", asked.format('echo "\'-DA";'))
+    text = "#!/bin/sh\ncase $1 in --cflags) {}; esac\n"
+    program(place / "bin" / "pkg-config", text.format('echo "\'-DA";'))
     assert "what pkg-config says (--cflags) is no list of words" in str(failure(of(place, packages=("toys",))))
-    program(place / "bin" / "pkg-config", asked.format("exit 5;"))
+    program(place / "bin" / "pkg-config", text.format("exit 5;"))
     compiled._recipe.cache_clear()
     assert "pkg-config --cflags ended with code 5" in str(failure(of(place, packages=("toys",))))
 
@@ -206,13 +206,13 @@ def test_a_process_that_is_killed_while_it_compiles_leaves_nothing_in_the_way(pl
         "print(Compiled('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
     )
     command = [sys.executable, "-c", text, str(place / "part.c")]
-    one = subprocess.Popen(command, start_new_session=True)
+    popen = subprocess.Popen(command, start_new_session=True)
     ends = time.monotonic() + 20.0
     while count(place) == 0:
         assert time.monotonic() < ends
         time.sleep(0.02)
-    one.kill()
-    one.wait()
+    popen.kill()
+    popen.wait()
     assert [name for name in left(place) if name.startswith("tmp-")]
     program(place / "bin" / "cc", quick)
     compiled._recipe.cache_clear()

@@ -130,7 +130,7 @@ def test_requests_have_the_published_form(point_mass, tmp_path):
     text = (place / "request.json").read_text()
     jsonschema.validate(json.loads(text), request_schema())
     assert str(tmp_path) not in text
-    assert [one["artifacts"] for one in json.loads(text)["operations"]] == ["artifacts/0", "artifacts/0"]
+    assert [operation["artifacts"] for operation in json.loads(text)["operations"]] == ["artifacts/0", "artifacts/0"]
     assert (place / "artifacts" / "0" / "point.txt").read_text() == (folder / "point.txt").read_text()
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({**json.loads(text), "schema": 2}, request_schema())

@@ -21,19 +21,19 @@ def program(folder: Path, text: str) -> str:
 
 
 def row(label: str, python: str):
-    return next(one for one in instances({label: python}) if one.label == label)
+    return next(instance for instance in instances({label: python}) if instance.label == label)
 
 
 def test_without_interpreters_these_are_the_known_engines():
     rows = instances({})
-    assert [one.label for one in rows] == list(engines())
-    for one in rows:
-        engine = engines()[one.engine]
-        assert (one.version, one.python, one.dialect, one.format) == (
+    assert [instance.label for instance in rows] == list(engines())
+    for entry in rows:
+        engine = engines()[entry.engine]
+        assert (entry.version, entry.python, entry.dialect, entry.format) == (
             *(engine.version(), None),
             *(engine.DIALECT, format_of(engine)),
         )
-        assert (one.problem is None) == (one.version is not None)
+        assert (entry.problem is None) == (entry.version is not None)
 
 
 @pytest.mark.parametrize("name", list(engines()))
@@ -42,19 +42,23 @@ def test_versions_stand_beside_their_engine(name):
     if version is None:
         pytest.skip("this interpreter has no version to find")
     first = version.split(".")[0]
-    rows = [one for one in instances({f"{name}@{first}": sys.executable}, [name, f"{name}@999"]) if one.engine == name]
-    assert [(one.label, one.version, one.python) for one in rows] == [
+    rows = [
+        instance
+        for instance in instances({f"{name}@{first}": sys.executable}, [name, f"{name}@999"])
+        if instance.engine == name
+    ]
+    assert [(instance.label, instance.version, instance.python) for instance in rows] == [
         (name, version, None),
         (f"{name}@{first}", version, sys.executable),
         (f"{name}@999", version, None),
     ]
-    assert [one.problem is None for one in rows] == [True, True, False]
+    assert [instance.problem is None for instance in rows] == [True, True, False]
     assert f"is version {version}, not 999" in str(rows[2].problem)
 
 
 def test_an_interpreter_of_a_name_stands_in_for_this_one(tmp_path):
-    rows = [one for one in instances({"dart": program(tmp_path, "exit 3")}) if one.engine == "dart"]
-    assert [(one.label, one.version) for one in rows] == [("dart", None)]
+    rows = [instance for instance in instances({"dart": program(tmp_path, "exit 3")}) if instance.engine == "dart"]
+    assert [(instance.label, instance.version) for instance in rows] == [("dart", None)]
 
 
 @pytest.mark.parametrize(
@@ -77,9 +81,9 @@ def test_an_interpreter_of_a_name_stands_in_for_this_one(tmp_path):
     ],
 )
 def test_a_broken_interpreter_is_a_row_with_its_reason(tmp_path, text, words):
-    one = row("dart@6", program(tmp_path, text))
-    assert one.version is None
-    assert words in str(one.problem)
+    entry = row("dart@6", program(tmp_path, text))
+    assert entry.version is None
+    assert words in str(entry.problem)
 
 
 def test_an_interpreter_that_is_none(tmp_path):

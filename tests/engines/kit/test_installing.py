@@ -31,27 +31,27 @@ def test_an_engine_without_wheels_for_a_python_says_so():
 
 
 def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path):
-    asked = []
+    requested = []
     pybullet = engines()["pybullet"]
     monkeypatch.setattr(pybullet, "version", classmethod(lambda cls: None))
     monkeypatch.setattr(selection, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
-    monkeypatch.setattr(run, "run_world", lambda options, world, chosen, *_: asked.append(chosen) or 0)
+    monkeypatch.setattr(run, "run_world", lambda options, world, chosen, *_: requested.append(chosen) or 0)
     words = ["run", "bouncing-ball", "--all-engines", "--out", str(tmp_path)]
     assert cli.main(words) == 0
-    assert asked[0].engines == tuple(name for name in INSTALLED if name != "pybullet")
-    assert str(asked[0].not_taken["pybullet"]) == (
+    assert requested[0].engines == tuple(name for name in INSTALLED if name != "pybullet")
+    assert str(requested[0].not_taken["pybullet"]) == (
         "cannot be installed on Python 3.12; --python pybullet=PATH runs it in another Python"
     )
     # an interpreter of its own makes it one of them again; who names it gets it, or the error
     assert cli.main([*words, "--python", "pybullet=/some/python"]) == 0
     assert cli.main(["run", "bouncing-ball", "--engine", "pybullet", "--out", str(tmp_path)]) == 0
-    assert [one.engines for one in asked[1:]] == [tuple(INSTALLED), ("pybullet",)]
-    assert [one.named for one in asked] == [False, False, True]
+    assert [entry.engines for entry in requested[1:]] == [tuple(INSTALLED), ("pybullet",)]
+    assert [entry.named for entry in requested] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", sorted({engine.EXTRA for engine in engines().values()} - {""}))
 def test_an_engines_extra_pulls_what_verify_and_run_need(name):
-    [engine] = [one for one in engines().values() if name == one.EXTRA]
+    [engine] = [engine for engine in engines().values() if name == engine.EXTRA]
     assert requirements(name)[0] >= {engine.DISTRIBUTION, "pin"}
 
 

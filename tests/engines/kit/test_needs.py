@@ -51,13 +51,13 @@ def test_without_a_compiler_it_is_not_installed_and_says_so_everywhere(toys, tmp
     program(tmp_path / "bin" / "pkg-config", f'#!/bin/sh\nexec {os.path.realpath(shutil.which("pkg-config"))} "$@"\n')
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     assert toys.version() is None
-    told = not_installed(toys)
-    assert told.startswith("not installed (toys-part (part.c) cannot be compiled: no C compiler")
-    assert told.endswith(": apt-get install libtoys-dev gcc")
-    assert missing_engines(["toys"]) == {"toys": told}
-    assert selection.available({}).not_taken["toys"].reason == told
-    [row] = [one for one in installed.instances({}) if one.engine == "toys"]
-    assert (row.version, row.problem) == (None, told)
+    text = not_installed(toys)
+    assert text.startswith("not installed (toys-part (part.c) cannot be compiled: no C compiler")
+    assert text.endswith(": apt-get install libtoys-dev gcc")
+    assert missing_engines(["toys"]) == {"toys": text}
+    assert selection.available({}).not_taken["toys"].reason == text
+    [row] = [instance for instance in installed.instances({}) if instance.engine == "toys"]
+    assert (row.version, row.problem) == (None, text)
     process._installed.cache_clear()
     with pytest.raises(EngineError, match="no C compiler"):
         process.call("toys", tmp_path, [])
@@ -81,5 +81,5 @@ def test_the_words_are_those_of_every_way():
 
 def test_another_interpreter_has_the_machines_library(toys, tmp_path):
     python = program(tmp_path / "python", f'#!/bin/sh\nexec {sys.executable} "$@"\n')
-    [row] = [one for one in installed.instances({"toys": str(python)}) if one.label == "toys"]
+    [row] = [instance for instance in installed.instances({"toys": str(python)}) if instance.label == "toys"]
     assert (row.version, row.problem) == ("1.2", None)

@@ -82,8 +82,8 @@ def stub(monkeypatch, tmp_path):
     def at_work(what: str, *before: str, deadline: float = 30.0, **parameters):
         given = {"attempt": True, "cpu_seconds": 0.5}
         first = [
-            Operation("read_back", {"artifacts": str(folder_of(f"{index} {one}")), **given})
-            for index, one in enumerate(before)
+            Operation("read_back", {"artifacts": str(folder_of(f"{index} {name}")), **given})
+            for index, name in enumerate(before)
         ]
         return call("stub", folder_of(what), [*first, Operation("read_back", parameters)], deadline=deadline)
 
@@ -196,7 +196,7 @@ CHANNELS = {"pose": (1, 7), "velocity": (1, 6), "q": (2,), "v": (2,), "energy": 
 def test_every_channel_is_looked_at(what, value, tmp_path):
     """A run whose positions are numbers and whose velocities are none is not finite either, and so on for each channel."""
 
-    class Odd(Growing):
+    class unexpected(Growing):
         LACKS: ClassVar = {key: why for key, why in Growing.LACKS.items() if key is not Capability.ENERGY}
 
         def found(self, name):
@@ -217,7 +217,7 @@ def test_every_channel_is_looked_at(what, value, tmp_path):
         def step(self, count, effort=None):
             self.height += count
 
-    odd = Odd()
+    odd = unexpected()
     odd.height = -1.0
     operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose", "energy"]}
     result, arrays = record(session_of(odd, tmp_path), {}, operation, tmp_path / "0.")
@@ -252,14 +252,14 @@ def test_a_long_run_says_how_far_it_is(monkeypatch):
     assert all(0.0 <= share < 1.0 for share in said)
 
 
-@pytest.mark.parametrize("own", [None, "3"])
-def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tmp_path, own):
+@pytest.mark.parametrize("threads", [None, "3"])
+def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tmp_path, threads):
     """A threaded BLAS sums in another order from run to run: what an engine's process sees is looked at in that process."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     for name in names:
         monkeypatch.delenv(name, raising=False)
-        if own is not None:
-            monkeypatch.setenv(name, own)
+        if threads is not None:
+            monkeypatch.setenv(name, threads)
     seen = tmp_path / "seen.json"
     python = tmp_path / "python"
     script = (
@@ -269,4 +269,4 @@ def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tm
     python.chmod(0o755)
     with pytest.raises(EngineError):  # it gives no result: what it saw is all that is wanted
         run(worlds.damped_springs(), "mujoco", python=str(python))
-    assert json.loads(seen.read_text()) == dict.fromkeys(names, own or "1")
+    assert json.loads(seen.read_text()) == dict.fromkeys(names, threads or "1")

@@ -30,8 +30,8 @@ def test_rows_are_stored_once_and_in_order(rows, bodies, chunk):
         for row in wanted:
             columns.row()[:] = row
             columns.done()
-        told = columns.close()
-        pose, time = (read(folder, name, told[name]) for name in ("pose", "time"))
+        close = columns.close()
+        pose, time = (read(folder, name, close[name]) for name in ("pose", "time"))
     assert pose.reshape(rows, 7 * bodies).tolist() == wanted[:, :-1].tolist()
     assert time.tolist() == wanted[:, -1].tolist()
 
@@ -50,8 +50,8 @@ def test_contacts_are_stored_once_and_with_their_rows(counts, chunk):
                 for name, shape in CONTACT_FIELDS.items()
             }
             contacts.add(row, found)
-        told = contacts.close()
-        row_of = read(folder, "contact.row", told["contact.row"])
-        distance = read(folder, "contact.distance", told["contact.distance"])
+        close = contacts.close()
+        row_of = read(folder, "contact.row", close["contact.row"])
+        distance = read(folder, "contact.distance", close["contact.distance"])
     assert row_of.tolist() == [row for row, count in enumerate(counts) for _ in range(count)]
     assert distance.tolist() == list(range(begun))

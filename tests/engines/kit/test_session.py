@@ -171,7 +171,7 @@ def test_an_unknown_engine_and_missing_artifacts_are_told(folder):
 def test_every_operation_says_what_it_needs():
     stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "stopped", "windows", "run"}
     other = {"foreign"}  # it loads a file of its own
-    assert {name for name, one in OPERATIONS.items() if one.needs is Condition.FRESH} == stepping | other
+    assert {name for name, operation in OPERATIONS.items() if operation.needs is Condition.FRESH} == stepping | other
     assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
 
 
@@ -193,20 +193,20 @@ def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_p
     oracle = Oracle(world)
     q, v = random_states(world, 3)
     state = {"q": q, "v": v}
-    still = {"q": q[0], "v": 0.0 * v[0], "effort": 0.0 * v[0], "rubbing": np.zeros(0, np.int64)}
+    static = {"q": q[0], "v": 0.0 * v[0], "effort": 0.0 * v[0], "rubbing": np.zeros(0, np.int64)}
     questions = {
         "read_back": Operation("read_back", world=world),
         "kinematics": Operation("kinematics", {}, state, world),
         "dynamics": dynamics_operation(oracle, q, v),
         "touching": Operation("touching", {}, state, world),
-        "motion": Operation("motion", {"steps": 5, "every": 5}, still, world),
+        "motion": Operation("motion", {"steps": 5, "every": 5}, static, world),
     }
     order = ["read_back", "read_back", "kinematics", "dynamics", "touching", "read_back", "motion", "kinematics"]
     shared = call(name, folder, [questions[op] for op in order]).answers
     assert [answer.load_seconds > 0.0 for answer in shared] == [True, False, False, False, False, True, True, True]
-    own = {op: call(name, folder, [question]).answers[0] for op, question in questions.items()}
+    answers = {op: call(name, folder, [question]).answers[0] for op, question in questions.items()}
     for op, together in zip(order, shared, strict=True):
-        alone = own[op]
+        alone = answers[op]
         assert together.held == alone.held
         assert together.result == alone.result
         assert together.arrays.keys() == alone.arrays.keys()

@@ -36,8 +36,8 @@ def nearly_aligned(extent):
         place = near(generator, extent)
         tensor = frames.rotate_inertia(place.quaternion, (0.01, 0.015, 0.02, 0.0, 0.0, 0.0))
         inertial = WorldInertial(1.0, place.position, tensor)
-        own = dataclasses.replace(shape, pose=near(generator, extent), collision=False, material="")
-        bodies.append(dataclasses.replace(body, inertial=inertial, shapes=(own,)))
+        local = dataclasses.replace(shape, pose=near(generator, extent), collision=False, material="")
+        bodies.append(dataclasses.replace(body, inertial=inertial, shapes=(local,)))
     return worlds.world(tuple(bodies))
 
 
@@ -53,8 +53,8 @@ def test_frames_that_are_nearly_the_bodys_are_computed_with_as_they_are(extent, 
         mujoco.mj_kinematics(engine.model, engine.data)
         poses, _ = engine.body_states()
         for number, body in enumerate(world.bodies):
-            held = Pose(tuple(poses[number, :3].tolist()), tuple(poses[number, 3:].tolist()))
-            place = frames.compose(held, body.shapes[0].pose).position
+            pose = Pose(tuple(poses[number, :3].tolist()), tuple(poses[number, 3:].tolist()))
+            place = frames.compose(pose, body.shapes[0].pose).position
             assert np.abs(engine.data.geom_xpos[number] - place).max() < 1e-14
     assert not differences(as_held(world)[0].inertial, engine.read_back().bodies[0].inertial)
 
@@ -91,5 +91,5 @@ def test_both_sites_of_a_constraint_are_turned_alike():
     other = MjcfSite("constraint/glue/1", (0.0, 0.0, 0.0), frames.IDENTITY)
     made = sites_apart({"a": (close, other), "b": (far,)})
     assert made["a"][1] == other
-    first, second = (frames.multiply(one.orientation, (0.5, 0.5, 0.5, 0.5)) for one in (close, far))
+    first, second = (frames.multiply(site.orientation, (0.5, 0.5, 0.5, 0.5)) for site in (close, far))
     assert (made["a"][0].orientation, made["b"][0].orientation) == (first, second)

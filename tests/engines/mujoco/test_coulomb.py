@@ -114,8 +114,8 @@ def test_an_off_centre_hit_of_balls_of_unequal_mass(load):
     """Each has the whole of the one impulse: along the line of centres (1 + e) m v_n, across μ times that, and its spin."""
     angle, friction, e, speed, masses = math.asin(0.5), 0.3, 0.5, 2.0, (1.0, 3.0)
     start = -0.2 * math.cos(angle) - speed * DT * 3.5
-    one, other = ball("one", (start, 0.0, 5.0), (speed, 0.0, 0.0)), ball("two", (0.0, 0.1, 5.0), mass=masses[1])
-    engine = load(coulomb(scene(one, other, friction=friction, restitution=e, floor=False)))
+    entry, other = ball("one", (start, 0.0, 5.0), (speed, 0.0, 0.0)), ball("two", (0.0, 0.1, 5.0), mass=masses[1])
+    engine = load(coulomb(scene(entry, other, friction=friction, restitution=e, floor=False)))
     engine.step(8)
     _, velocity = engine.body_states()
     reduced = masses[0] * masses[1] / sum(masses)
@@ -225,9 +225,9 @@ def test_native_contact_stays_out_of_it(load):
     body = box("one", (0.0, 0.0, 0.021), (1.0, 0.3, 0.0))
     world = scene(body, hardness=Hardness("native"))
     accept = ("contact.hardness.native",)
-    own = worlds.with_options(world, "mujoco", accept=accept)
-    asked = worlds.with_options(world, "mujoco", accept=accept, settings=(("friction", "coulomb"),))
-    np.testing.assert_array_equal(motion_of(load(asked)), motion_of(load(own)))
+    local = worlds.with_options(world, "mujoco", accept=accept)
+    options = worlds.with_options(world, "mujoco", accept=accept, settings=(("friction", "coulomb"),))
+    np.testing.assert_array_equal(motion_of(load(options)), motion_of(load(local)))
 
 
 def heap(**settings):
@@ -241,10 +241,10 @@ def heap(**settings):
 
 
 def test_the_same_run_twice_gives_the_same_bits_whatever_is_asked_between(load):
-    asked, quiet = load(heap()), load(heap())
-    begin = asked.get_state()
+    requested, quiet = load(heap()), load(heap())
+    begin = requested.get_state()
     rows = []
-    for engine, curious in ((asked, True), (quiet, False)):
+    for engine, curious in ((requested, True), (quiet, False)):
         found = []
         for _ in range(400):
             engine.step(1)
@@ -254,11 +254,11 @@ def test_the_same_run_twice_gives_the_same_bits_whatever_is_asked_between(load):
         rows.append(found)
     np.testing.assert_array_equal(*rows)
     # and from its beginning again, without a memory
-    asked.set_state(*begin)
+    requested.set_state(*begin)
     again = []
     for _ in range(400):
-        asked.step(1)
-        again.append(np.concatenate(asked.get_state()))
+        requested.step(1)
+        again.append(np.concatenate(requested.get_state()))
     np.testing.assert_array_equal(again, rows[0])
 
 
@@ -296,20 +296,20 @@ def test_files_say_the_mode_and_its_numbers(tmp_path):
     assert sidecar["explicit_pairs"] is True
     assert "<pair " not in files["model.xml"].split("</default>")[-1]
     assert "0.01 0.999 0.0001" not in files["model.xml"]
-    own = compile_world(scene(box("one", (0.0, 0.0, 0.02))), ["mujoco"])["mujoco"].files
-    assert "0.01 0.999 0.0001" in own["model.xml"]
-    assert json.loads(own["sidecar.json"])["settings"]["friction"] == "native"
+    local = compile_world(scene(box("one", (0.0, 0.0, 0.02))), ["mujoco"])["mujoco"].files
+    assert "0.01 0.999 0.0001" in local["model.xml"]
+    assert json.loads(local["sidecar.json"])["settings"]["friction"] == "native"
 
 
 def test_what_the_engine_holds_is_what_the_mode_asks_for(load):
     """Every number of the engine, as part of the proof compares it."""
     body = box("one", (0.0, 0.0, 0.02))
     for world in (scene(body), scene(body, restitution=0.3), scene(body, cone="pyramid-inscribed")):
-        for one in (world, coulomb(world)):
-            engine = load(one)
-            held = engine.read_back()
-            checks = compare(one, held, MuJoCo.RULES, MuJoCo.LAYERS)
-            checks += inventory_checks(MuJoCo.expected_inventory(one, held.neutral), held.inventory)
+        for entry in (world, coulomb(world)):
+            engine = load(entry)
+            back = engine.read_back()
+            checks = compare(entry, back, MuJoCo.RULES, MuJoCo.LAYERS)
+            checks += inventory_checks(MuJoCo.expected_inventory(entry, back.neutral), back.inventory)
             assert [check for check in checks if not check.passed] == []
 
 

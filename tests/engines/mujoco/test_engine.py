@@ -221,26 +221,26 @@ def test_motion_is_the_oracles(name, load):
 def test_asking_never_disturbs_the_motion(load):
     """A run that asks everything at every tenth step equals a bare loop to the last bit; contacts included."""
     world = dataclasses.replace(worlds.shapes_world(ALL_SHAPES), physics=Physics(timestep=0.002, steps=500))
-    asked, bare = load(world), load(world)
+    requested, bare = load(world), load(world)
     for _ in range(50):
-        asked.step(10)
-        before = asked.contacts()
-        asked.detect_contacts()
-        for name, values in asked.contacts().items():
+        requested.step(10)
+        before = requested.contacts()
+        requested.detect_contacts()
+        for name, values in requested.contacts().items():
             np.testing.assert_array_equal(values, before[name])
-        asked.body_states()
-        asked.mass_matrix()
-        asked.bias_force()
-        asked.energy()
-        asked.read_back()
+        requested.body_states()
+        requested.mass_matrix()
+        requested.bias_force()
+        requested.energy()
+        requested.read_back()
     model = bare.model
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     for _ in range(500):
         mujoco.mj_step(model, data)
-    assert asked.data.ncon > 0
-    np.testing.assert_array_equal(asked.data.qpos, data.qpos)
-    np.testing.assert_array_equal(asked.data.qvel, data.qvel)
+    assert requested.data.ncon > 0
+    np.testing.assert_array_equal(requested.data.qpos, data.qpos)
+    np.testing.assert_array_equal(requested.data.qvel, data.qvel)
 
 
 def test_set_state_forgets_everything(load):
@@ -252,8 +252,8 @@ def test_set_state_forgets_everything(load):
     engine.step(100, np.ones(len(v)))
     engine.set_state(q, v)
     engine.step(300)
-    for one, other in zip(first, engine.get_state(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for entry, other in zip(first, engine.get_state(), strict=True):
+        np.testing.assert_array_equal(entry, other)
 
 
 def test_effort_is_held_and_forgotten(load):

@@ -46,7 +46,7 @@ def test_what_is_accepted_is_compiled_and_is_in_the_decisions():
     world = ramp(f"engines.mujoco.accept=[contact.friction.impact, {BOX}]").resolve()
     for label, level in ((OLD, Level.APPROXIMATE), ("mujoco@3.4.0", Level.EXACT)):
         compiled = compile_world(world, [label])[label]
-        assert {one.feature: one.level for one in compiled.decisions}[Feature.SHAPE_BOX] is level
+        assert {decision.feature: decision.level for decision in compiled.decisions}[Feature.SHAPE_BOX] is level
 
 
 @pytest.mark.parametrize("world", [worlds.spheres(2), shipped.hinges()], ids=lambda world: world.name)
@@ -73,13 +73,13 @@ def test_a_version_s_needs_are_written_into_the_spec(tmp_path, monkeypatch, caps
 
 def test_deviations_of_earlier_releases_count_there_alone():
     law = next(iter(worlds.spheres(1).contact.pairs))
-    bounded = [one for one in MUJOCO.CONTACT_DEVIATIONS if one.until]
-    assert {"rest", "push", "stop"} <= {one.probe for one in bounded}
-    rest = next(one for one in bounded if one.probe == "rest")
+    bounded = [contact_deviation for contact_deviation in MUJOCO.CONTACT_DEVIATIONS if contact_deviation.until]
+    assert {"rest", "push", "stop"} <= {deviation.probe for deviation in bounded}
+    rest = next(deviation for deviation in bounded if deviation.probe == "rest")
     for version, counts in (("3.3.7", True), ("3.4.0", False), ("4.0.1", False), (None, False), ("main", False)):
         assert rest.counts_for(law, "elliptic", 0.001, {}, version=version) is counts
     for name in ("mjx", "mjwarp"):
-        assert not any(one.until for one in find_engine(name).CONTACT_DEVIATIONS)
+        assert not any(contact_deviation.until for contact_deviation in find_engine(name).CONTACT_DEVIATIONS)
         assert not find_engine(name).SUPPORT[Feature.SHAPE_BOX].since
 
 

@@ -31,10 +31,10 @@ def test_it_holds_heights_to_single_precision_of_their_range(scale):
     heights = scale * np.array(GROUND[HEIGHTFIELD_HEAD:]).reshape(3, 4)
     shape = dataclasses.replace(floor.shapes[0], size=heightfield_size(0.8, 0.6, 0.2, heights))
     model = loaded(dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(shape,)), *base.bodies[1:])))
-    held = model.hfield_size[0, 2] * np.asarray(model.hfield_data, dtype=float).reshape(3, 4)
-    assert np.abs(held - heights).max() <= 2.0**-25 * heights.max()
+    actual = model.hfield_size[0, 2] * np.asarray(model.hfield_data, dtype=float).reshape(3, 4)
+    assert np.abs(actual - heights).max() <= 2.0**-25 * heights.max()
     if scale == 1.0:
-        assert 0.0 < field_distance(GROUND, heightfield_size(0.8, 0.6, 0.2, held)) < 3e-8 * 0.12 / 0.8
+        assert 0.0 < field_distance(GROUND, heightfield_size(0.8, 0.6, 0.2, actual)) < 3e-8 * 0.12 / 0.8
 
 
 def test_a_ball_touches_it_where_the_triangles_are():
@@ -71,8 +71,8 @@ def test_faces_and_edges_are_accepted_by_name():
         assert ground_held(ground(("sphere", kind))) is ROCKS
     assert ROCKS.level is FEW.level is Level.APPROXIMATE
     world = ground(("box",))
-    apart = dataclasses.replace(world.contact, excluded_bodies=(("box", "floor"),))
-    assert ground_held(dataclasses.replace(world, contact=apart)) is None
+    contact = dataclasses.replace(world.contact, excluded_bodies=(("box", "floor"),))
+    assert ground_held(dataclasses.replace(world, contact=contact)) is None
 
 
 def test_what_covers_more_triangles_than_mujoco_has_contacts_is_told():

@@ -195,11 +195,11 @@ def test_what_is_otherwise_is_noticed_by_its_name(name, tmp_path):
     assert name in {key for key in unlike if not _same(expected.get(key), found.inventory.get(key))}
 
 
-def _same(one, other):
+def _same(entry, other):
     try:
-        return np.allclose(np.asarray(one, float), np.asarray(other, float), rtol=1e-9, atol=0.0)
+        return np.allclose(np.asarray(entry, float), np.asarray(other, float), rtol=1e-9, atol=0.0)
     except (TypeError, ValueError):
-        return one == other
+        return entry == other
 
 
 def test_settings_are_the_worlds_not_the_sidecars(tmp_path):

@@ -35,7 +35,7 @@ def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, 
     files["model.xml"] = files["model.xml"].replace(text, other, 1)
     write_folder(files, tmp_path / engine)
     proof = verify(world, [engine], artifacts={engine: tmp_path / engine}, levels=["L0", "L1", "L2"]).engines[engine]
-    failed = {(one.level, one.name) for one in proof.checks if not one.passed}
+    failed = {(check.level, check.name) for check in proof.checks if not check.passed}
     assert failed == {("L0", check), ("L2", check)}
 
 

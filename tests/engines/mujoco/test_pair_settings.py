@@ -39,9 +39,9 @@ BY_PAIR = [name for name, setting in SETTINGS.items() if setting.by_pair]
 NAMES = ("solref", "solimp", "solreffriction")
 
 
-def world_of(own, **options):
+def world_of(local, **options):
     """Two materials in all ways, with settings of pairs: {(first, second): {name: value}}."""
-    pairs = tuple(PairSettings(*pair, tuple(sorted(values.items()))) for pair, values in sorted(own.items()))
+    pairs = tuple(PairSettings(*pair, tuple(sorted(values.items()))) for pair, values in sorted(local.items()))
     return worlds.with_options(worlds.table(LAWS), "mujoco", pairs=pairs, **options)
 
 
@@ -60,8 +60,8 @@ def numbers(world):
     for pair in root.findall("contact/pair"):
         key = tuple(sorted((material[pair.get("geom1")], material[pair.get("geom2")])))
         values = {**defaults, **pair.attrib}
-        held_numbers = {name: [float(x) for x in values[name].split()] for name in NAMES}
-        found.setdefault(key, []).append(held_numbers)
+        actual_numbers = {name: [float(x) for x in values[name].split()] for name in NAMES}
+        found.setdefault(key, []).append(actual_numbers)
     for key, rows in found.items():  # but for stiffness, which depends on masses, pairs of shapes have the same numbers
         if (law := laws[key]).hardness.kind != "stiffness":
             assert rows == [rows[0]] * len(rows), law
@@ -70,8 +70,13 @@ def numbers(world):
 
 def test_the_settings_of_a_pair_are_those_of_its_contacts_alone():
     plain = numbers(world_of({}))
-    own = {"contact_impedance": 0.997, "contact_error_reduction": 0.25, "friction_cushion": 0.0, "friction_rate": 50.0}
-    changed = numbers(world_of({("finger", "wood"): own}))
+    local = {
+        "contact_impedance": 0.997,
+        "contact_error_reduction": 0.25,
+        "friction_cushion": 0.0,
+        "friction_rate": 50.0,
+    }
+    changed = numbers(world_of({("finger", "wood"): local}))
     assert {pair for pair in plain if changed[pair] != plain[pair]} == {("finger", "wood")}
     dt = 0.001
     pair = changed["finger", "wood"]
@@ -98,13 +103,15 @@ def test_all_settings_by_pair_are_tried():
 
 @settings(max_examples=40, deadline=None)
 @given(own_settings, st.sampled_from(["elliptic", "pyramid-inscribed"]), st.sampled_from(["native", "coulomb"]))
-def test_whatever_they_are_the_reader_and_the_engine_hold_them(own, cone, friction):
+def test_whatever_they_are_the_reader_and_the_engine_hold_them(local, cone, friction):
     """The reader of files finds the world's laws, and all numbers that the engine holds are those expected."""
     if friction == "coulomb":
-        own = {pair: {n: v for n, v in values.items() if not n.startswith("friction")} for pair, values in own.items()}
-        own = {pair: values for pair, values in own.items() if values}
+        local = {
+            pair: {n: v for n, v in values.items() if not n.startswith("friction")} for pair, values in local.items()
+        }
+        local = {pair: values for pair, values in local.items() if values}
     accept = ("contact.friction.impact", f"contact.cone.{cone}")
-    world = world_of(own, settings=(("friction", friction),), accept=accept)
+    world = world_of(local, settings=(("friction", friction),), accept=accept)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
     with TemporaryDirectory() as place:
         folder = written(world, Path(place) / "files")
@@ -118,7 +125,7 @@ def test_whatever_they_are_the_reader_and_the_engine_hold_them(own, cone, fricti
             engine.close()
     for pairs in (read.pairs, back.pairs):
         there = {tuple(sorted((material[pair.first], material[pair.second]))) for pair in pairs}
-        assert there >= set(own)
+        assert there >= set(local)
         for pair in pairs:
             law = LAWS[tuple(sorted((material[pair.first], material[pair.second])))]
             assert pair.surface.hardness == Hardness("common")
@@ -168,8 +175,8 @@ def test_a_defect_in_the_numbers_of_one_pair_is_noticed(name, tmp_path):
 
 def test_numbers_of_another_pair_are_no_common_law(tmp_path):
     """Each pair is read with its own settings, so that two that are exchanged do not pass."""
-    own = {("finger", "wood"): {"contact_impedance": 0.997}, ("wood", "wood"): {"contact_impedance": 0.995}}
-    folder = written(world_of(own), tmp_path / "files")
+    local = {("finger", "wood"): {"contact_impedance": 0.997}, ("wood", "wood"): {"contact_impedance": 0.995}}
+    folder = written(world_of(local), tmp_path / "files")
     path = folder / "model.xml"
     text = path.read_text()
     swapped = text.replace("0.997", "@").replace("0.995", "0.997").replace("@", "0.995")
@@ -180,12 +187,15 @@ def test_numbers_of_another_pair_are_no_common_law(tmp_path):
 
 SIDECAR_DAMAGE = {
     "a setting of all contacts": (
-        lambda own: own["settings"].update(iterations=3),
+        lambda local: local["settings"].update(iterations=3),
         "iterations is no setting of a pair",
     ),
-    "another kind": (lambda own: own["settings"].update(friction_rate="fast"), "friction_rate is no setting of a pair"),
-    "three materials": (lambda own: own["between"].append("x"), "between"),
-    "no shapes": (lambda own: own.pop("shapes"), "shapes"),
+    "another kind": (
+        lambda local: local["settings"].update(friction_rate="fast"),
+        "friction_rate is no setting of a pair",
+    ),
+    "three materials": (lambda local: local["between"].append("x"), "between"),
+    "no shapes": (lambda local: local.pop("shapes"), "shapes"),
 }
 
 
@@ -206,10 +216,10 @@ def test_the_order_of_two_shapes_does_not_matter(tmp_path):
     folder = written(world_of({("finger", "wood"): OWN}), tmp_path / "files")
     sidecar = MujocoSidecar.of(read_sidecar(folder))
     (pair,) = sidecar.pair_settings
-    one, other = (names[0] for names in pair.shapes)
-    for ends in ((one, other), (other, one)):
+    entry, other = (names[0] for names in pair.shapes)
+    for ends in ((entry, other), (other, entry)):
         assert sidecar.settings_between(*ends) == {**sidecar.settings, **OWN}
-    assert sidecar.settings_between(one, one) == sidecar.settings_between(other, other) == sidecar.settings
+    assert sidecar.settings_between(entry, entry) == sidecar.settings_between(other, other) == sidecar.settings
 
 
 def test_a_sidecar_of_a_world_without_them_says_nothing_of_them():
@@ -221,16 +231,16 @@ def test_more_pairs_of_shapes_than_are_listed_are_refused():
     larger = worlds.table({("finger", "finger"): 0.3, ("finger", "wood"): 0.4, ("wood", "wood"): 0.4})
     limited = worlds.with_options(larger, "mujoco", settings=(("explicit_pairs_limit", 1),))
     compile_world(limited, ["mujoco"])
-    own = (PairSettings("finger", "wood", (("contact_impedance", 0.997),)),)
+    local = (PairSettings("finger", "wood", (("contact_impedance", 0.997),)),)
     with pytest.raises(UnsupportedError, match="settings of their own"):
-        compile_world(worlds.with_options(limited, "mujoco", pairs=own), ["mujoco"])
+        compile_world(worlds.with_options(limited, "mujoco", pairs=local), ["mujoco"])
 
 
 def test_probes_of_a_pair_have_its_settings(tmp_path):
     world = world_of({("finger", "wood"): OWN, ("wood", "wood"): {"contact_impedance": 0.99}})
     whole = held(world, find_engine("mujoco"), written(world, tmp_path / "files"))
-    (own,) = of_pair(whole, "wood", "wood").options.pairs
-    assert own == PairSettings("wood", "wood", (("contact_impedance", 0.99),))
+    (local,) = of_pair(whole, "wood", "wood").options.pairs
+    assert local == PairSettings("wood", "wood", (("contact_impedance", 0.99),))
     assert len(of_pair(whole, "finger", "wood").options.pairs) == 2
     assert of_pair(whole, "finger", "finger").options.pairs == ()
     law = next(pair for pair in world.contact.pairs if (pair.first, pair.second) == ("finger", "wood"))
@@ -263,10 +273,10 @@ def test_a_setting_has_an_effect_exactly_in_the_contacts_that_its_declaration_sa
         contact = dataclasses.replace(base.contact, friction_cone=cone, pairs=pairs)
         world = dataclasses.replace(base, contact=contact)
         law = next(pair for pair in pairs if pair.first != pair.second)
-        held_numbers = numbers(world)["finger", "wood"]
+        actual_numbers = numbers(world)["finger", "wood"]
         if cone != "elliptic" or not law.friction:
-            del held_numbers["solreffriction"]
-        return held_numbers, SETTINGS[name].by_pair.idle(law, cone)
+            del actual_numbers["solreffriction"]
+        return actual_numbers, SETTINGS[name].by_pair.idle(law, cone)
 
     if kind in ("time constant", "stiffness") and cone != "elliptic":
         with pytest.raises(UnsupportedError, match="pyramid"):
@@ -280,11 +290,11 @@ def test_settings_of_pairs_that_do_nothing_are_warnings(tmp_path, capsys):
     path = tmp_path / "m.yaml"
     path.write_text(SLICK, encoding="utf-8")
     assert main(["check", str(path)]) == 0
-    told = capsys.readouterr().err
-    assert "m.yaml:19:58: warning: engines.mujoco.pairs.0.settings.friction_rate: friction_rate has no effect" in told
-    assert "found:   no friction" in told
-    assert "m.yaml:23:13: warning: engines.mujoco.at_timestep.0.pairs.0: no shapes of wood and wood can touch" in told
-    assert told.count("warning") == 2
+    err = capsys.readouterr().err
+    assert "m.yaml:19:58: warning: engines.mujoco.pairs.0.settings.friction_rate: friction_rate has no effect" in err
+    assert "found:   no friction" in err
+    assert "m.yaml:23:13: warning: engines.mujoco.at_timestep.0.pairs.0: no shapes of wood and wood can touch" in err
+    assert err.count("warning") == 2
     assert main(["check", str(path), "--strict"]) == 2
     wrong = "engines.mujoco.at_timestep.0.pairs.0.settings.iterations"
     assert main(["check", str(path), "--set", f"{wrong}=3"]) == 2
@@ -327,11 +337,13 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_settings_of_a_pair_are_errors_at_their_place(name):
-    own, message = WRONG[name]
+    local, message = WRONG[name]
     chosen = (("friction", "coulomb"),) if name == "without effect" else ()
     with pytest.raises(UnsupportedError, match=message) as error:
-        compile_world(world_of({("finger", "wood"): own}, settings=chosen), ["mujoco"])
-    assert [problem.path for problem in error.value.problems] == [f"engines.mujoco.pairs.finger.wood.{next(iter(own))}"]
+        compile_world(world_of({("finger", "wood"): local}, settings=chosen), ["mujoco"])
+    assert [problem.path for problem in error.value.problems] == [
+        f"engines.mujoco.pairs.finger.wood.{next(iter(local))}"
+    ]
 
 
 @pytest.mark.parametrize("engine", ["pybullet", "dart", "drake"])
@@ -342,11 +354,11 @@ def test_engines_without_settings_of_pairs_refuse_them(engine):
 
 
 def test_a_run_with_them_is_another_case_and_keeps_them():
-    plain, own = world_of({}), world_of({("finger", "wood"): OWN})
+    plain, local = world_of({}), world_of({("finger", "wood"): OWN})
     versions = {"engine_version": "1"}
-    assert Case(plain, "mujoco").key(versions) != Case(own, "mujoco").key(versions)
-    others = tuple(options for options in own.engines if options.engine != "mujoco")
-    without = dataclasses.replace(own, engines=(EngineOptions("mujoco"), *others))
-    assert Case(own, "pybullet").key(versions) == Case(without, "pybullet").key(versions)
-    changed = Case(own, "mujoco", (("iterations", 7),)).resolved
-    assert changed.options("mujoco").pairs == own.options("mujoco").pairs
+    assert Case(plain, "mujoco").key(versions) != Case(local, "mujoco").key(versions)
+    others = tuple(options for options in local.engines if options.engine != "mujoco")
+    without = dataclasses.replace(local, engines=(EngineOptions("mujoco"), *others))
+    assert Case(local, "pybullet").key(versions) == Case(without, "pybullet").key(versions)
+    changed = Case(local, "mujoco", (("iterations", 7),)).resolved
+    assert changed.options("mujoco").pairs == local.options("mujoco").pairs

@@ -72,9 +72,9 @@ def test_another_joint_is_seen_in_the_text_and_in_the_model(change, load_files, 
     files = emit(world)
     changed = {**files, MODEL: change(files[MODEL])}
     assert changed != files
-    held = load_files(MuJoCo, changed).read_back().bodies
+    actual = load_files(MuJoCo, changed).read_back().bodies
     in_text = MujocoDialect().read(write(changed, tmp_path / "text")).bodies
-    for bodies in (held, in_text):
+    for bodies in (actual, in_text):
         assert differences(as_held(world), bodies)
 
 

@@ -34,9 +34,9 @@ DOUBTED = "{} overlaps of hulls may be told too deep by more than 1e-8 m"
 
 def vertices_of(library: Any, geom: Any) -> tuple[float, ...]:
     """The vertices (flat, m) that a hull's geom has."""
-    held = (ctypes.c_double * (3 * library.hull_vertices(geom, None)))()
-    library.hull_vertices(geom, held)
-    return tuple(held)
+    actual = (ctypes.c_double * (3 * library.hull_vertices(geom, None)))()
+    library.hull_vertices(geom, actual)
+    return tuple(actual)
 
 
 def check_solid(engine: str, name: str, size: tuple[float, ...]) -> None:
