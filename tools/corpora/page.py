@@ -21,7 +21,7 @@ SAME = 1e-9
 """Largest relative deviation of an imported MJCF file's dynamics from the original's."""
 AIMS = {"mujoco": 98.0, "pybullet": 95.0, "dart": 95.0}
 """Per cent of imported URDF files that are to be certified."""
-MARKS = {"certified": "yes", "apart": "apart", "fails": "**no**", "refused": "–", "not asked": "·"}
+MARKS = {"certified": "yes", "apart": "without", "fails": "**no**", "refused": "–", "not asked": "·"}
 RESTORED = "restored from docs/records/corpora.md"
 """In place of a state of the code: a verdict from this page, of which no more was kept."""
 APART = "without contact between its own bodies"
@@ -335,7 +335,7 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield (
         "`hard defect`: of URDF and SDF, by the rules above. `certified` and `audit` have one entry for each engine, in the "
-        f"order {names}: yes, apart ({APART}), **no**, – (not supported, by name; the engine does not read the language), "
+        f"order {names}: yes, without (certified {APART}), **no**, – (not supported, by name; the engine does not read the language), "
         "· (not asked yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
         "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."
