@@ -3,10 +3,10 @@
     python tools/walk.py run specs/double-pendulum.yaml --engine mujoco --no-verify
     python tools/walk.py --modules compile specs/double-pendulum.yaml --engine mujoco
 
-A stay is a sequence of calls within one module of simspec; a hop is a call from one module into another. A hop climbs back where a
-module calls into a package that comes after its own in the order of imports (``ORDER`` of tests/test_house.py): these
-calls go through functions that were passed, or modules that are imported when they are used. Only the main process is traced,
-without imports, properties, dataclass methods and threads. ``--modules`` lists every module at its first entry, with the caller.
+A hop is a call from one module of simspec into another. It climbs back where the called module belongs to a package that comes
+later in the order of imports (``ORDER`` of tests/test_house.py): such calls go through functions that were passed, or
+modules that are imported when they are used. Only the main process is traced, after its imports. ``--modules`` lists
+every module at its first entry, with its caller.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def module_of(frame: FrameType | None) -> str | None:
 
 
 class Walk:
-    """Calls between modules: ``hops`` in order of first occurrence, and the number of ``stays``."""
+    """Calls between modules: ``hops`` in order of first occurrence, calls by module, and the number of calls."""
 
     def __init__(self) -> None:
         self.hops: dict[tuple[str, str], str] = {}

@@ -335,7 +335,7 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield (
         "`hard defect`: of URDF and SDF, by the rules above. `certified` and `audit` have one entry for each engine, in the "
-        f"order {names}: yes, without (certified {APART}), **no**, – (not supported, by name; the engine does not read the language), "
+        f"order {names}: yes, without ({APART}), **no**, – (not supported, by name; the engine does not read the language), "
         "· (not asked yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
         "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."
