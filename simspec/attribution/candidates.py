@@ -69,9 +69,9 @@ def causes(first: Configuration, second: Configuration) -> list[Candidate]:
     if first.kind is second.kind:
         return [*found, *_same_engine(first, second)]
     stated = [*_stated_otherwise(first, second, 0), *_stated_otherwise(second, first, 1)]
-    told = {about for candidate in stated for about in candidate.about}
+    given = {about for candidate in stated for about in candidate.about}
     away = [*_away_from_default(first, 0), *_away_from_default(second, 1)]
-    return [*found, *stated, *(candidate for candidate in away if not told & set(candidate.about))]
+    return [*found, *stated, *(candidate for candidate in away if not given & set(candidate.about))]
 
 
 def _starts_differ(first: Configuration, second: Configuration) -> bool:
@@ -81,12 +81,12 @@ def _starts_differ(first: Configuration, second: Configuration) -> bool:
 
 def _of_world(first: Configuration, difference: Difference) -> Candidate:
     def apply(pair: Pair) -> Pair:
-        one, other = pair
+        configuration, other = pair
         changed = other.in_world(taking(other.world, first.world, [difference]))
         if difference.group == INITIAL_STATE:
             start = map_states(first.world, other.world, *first.initial)
             changed = dataclasses.replace(changed, start=start)
-        return one, changed
+        return configuration, changed
 
     values = difference.values if difference.changes else ("", "moved")
     return Candidate(difference.name, Kind.DIFFERENCE, difference.group, values, (difference.name,), apply)
@@ -112,7 +112,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
     yield from _same_pairs(first, second)
     options = [side.world.options(name) for side in (first, second)]
     for word in ("accept", "outside"):
-        here, there = (", ".join(getattr(one, word)) or "nothing" for one in options)
+        here, there = (", ".join(getattr(option, word)) or "nothing" for option in options)
         if word == "outside" and here != there:
             yield Candidate(
                 f"what is computed outside {title}",
@@ -156,9 +156,9 @@ def _stated_otherwise(configuration: Configuration, other: Configuration, side: 
             (f"{name}.{setting}",),
             _setting(side, {setting: theirs[setting]}),
         )
-    own, their_own = (pair_settings(configuration.kind, world) for world in (configuration.world, other.world))
-    for pair in sorted({*own, *their_own}):
-        here, there = own.get(pair, {}), their_own.get(pair, {})
+    of_pairs, their_pairs = (pair_settings(configuration.kind, side.world) for side in (configuration, other))
+    for pair in sorted({*of_pairs, *their_pairs}):
+        here, there = of_pairs.get(pair, {}), their_pairs.get(pair, {})
         for setting in sorted({*here, *there}):
             values = written(here.get(setting, given[setting])), written(there.get(setting, theirs[setting]))
             if values[0] == values[1]:
@@ -179,7 +179,7 @@ def _same_pairs(first: Configuration, second: Configuration) -> Iterator[Candida
     stated = [pair_settings(side.kind, side.world) for side in (first, second)]
     at_work = first.settings, second.settings
     for pair in sorted({*stated[0], *stated[1]}):
-        here, there = (own.get(pair, {}) for own in stated)
+        here, there = (settings.get(pair, {}) for settings in stated)
         for setting in sorted({*here, *there}):
             values = here.get(setting, at_work[0][setting]), there.get(setting, at_work[1][setting])
             if values[0] == values[1]:
@@ -234,8 +234,8 @@ def _away_from_default(configuration: Configuration, side: int) -> Iterator[Cand
             (f"{name}.{setting}",),
             _setting(side, {setting: declared.default}),
         )
-    for pair, own in pair_settings(configuration.kind, configuration.world).items():
-        for setting, value in own.items():
+    for pair, pair_setting in pair_settings(configuration.kind, configuration.world).items():
+        for setting, value in pair_setting.items():
             declared = configuration.kind.SETTINGS[setting]
             if value != declared.default:
                 yield Candidate(
@@ -318,8 +318,8 @@ def _finer(side: Configuration) -> dict[str, Value]:
 
 def _both_worlds(change: Callable[[World], World]) -> Callable[[Pair], Pair]:
     def apply(pair: Pair) -> Pair:
-        one, other = (side.in_world(change(side.world)) for side in pair)
-        return one, other
+        configuration, other = (side.in_world(change(side.world)) for side in pair)
+        return configuration, other
 
     return apply
 
@@ -338,8 +338,7 @@ def _with_pairs(world: World, change: Callable[[PairContact], PairContact]) -> W
     contact = world.contact
     materials = tuple(
         dataclasses.replace(
-            material,
-            **{name: getattr(change(_own(world, material.name)), name) for name in COMBINED_QUANTITIES},
+            material, **{name: getattr(change(_own(world, material.name)), name) for name in COMBINED_QUANTITIES}
         )
         for material in contact.materials
     )
@@ -370,8 +369,7 @@ def _untouched(world: World) -> World:
 
 def _smooth(world: World) -> World:
     return _with_pairs(
-        world,
-        lambda pair: dataclasses.replace(pair, friction=0.0, torsional_friction=0.0, rolling_friction=0.0),
+        world, lambda pair: dataclasses.replace(pair, friction=0.0, torsional_friction=0.0, rolling_friction=0.0)
     )
 
 
@@ -388,11 +386,11 @@ def _left_alone(world: World) -> World:
 
 
 def _limited(world: World) -> bool:
-    return any((*(body.joint.position_limits for body in world.bodies), *(one.position_limits for one in world.sums)))
+    return any((*(body.joint.position_limits for body in world.bodies), *(sum_.position_limits for sum_ in world.sums)))
 
 
 def _unlimited(world: World) -> World:
-    sums = tuple(dataclasses.replace(one, position_limits=None) for one in world.sums)
+    sums = tuple(dataclasses.replace(sum_, position_limits=None) for sum_ in world.sums)
     return _with_bodies(
         dataclasses.replace(world, sums=sums),
         lambda body: dataclasses.replace(

@@ -80,19 +80,19 @@ class Configuration:
     def with_pair_setting(self, pair: Pair, name: str, value: Value | None) -> Configuration:
         """The same with another setting of a pair of materials; None: the pair takes the engine's own."""
         settings = {**pair_settings(self.kind, self.world).get(pair, {}), name: value}
-        own = {key: kept for key, kept in settings.items() if kept is not None}
+        remaining = {key: kept for key, kept in settings.items() if kept is not None}
         options = self.world.options(self.kind.NAME)
         pairs = [entry for entry in options.pairs if (entry.first, entry.second) != pair]
-        pairs += [PairSettings(*pair, tuple(sorted(own.items())))] if own else []
+        pairs += [PairSettings(*pair, tuple(sorted(remaining.items())))] if remaining else []
         ordered = tuple(sorted(pairs, key=lambda entry: (entry.first, entry.second)))
         return self.in_world(_with_options(self.world, dataclasses.replace(options, pairs=ordered)))
 
     def with_options_of(self, other: Configuration) -> Configuration:
         """The same with what another side's world accepts and has computed outside the engine."""
         theirs = other.world.options(other.kind.NAME)
-        own = self.world.options(self.kind.NAME)
+        options = self.world.options(self.kind.NAME)
         return self.in_world(
-            _with_options(self.world, dataclasses.replace(own, accept=theirs.accept, outside=theirs.outside))
+            _with_options(self.world, dataclasses.replace(options, accept=theirs.accept, outside=theirs.outside))
         )
 
     def accepting(self) -> Configuration:
@@ -102,9 +102,11 @@ class Configuration:
         needed = missing_options(self.world, self.engine, pythons)
         if not needed:
             return self
-        own = self.world.options(self.kind.NAME)
-        accept, outside = (tuple(sorted({*getattr(own, key), *needed.get(key, {})})) for key in ("accept", "outside"))
-        return self.in_world(_with_options(self.world, dataclasses.replace(own, accept=accept, outside=outside)))
+        options = self.world.options(self.kind.NAME)
+        accept, outside = (
+            tuple(sorted({*getattr(options, key), *needed.get(key, {})})) for key in ("accept", "outside")
+        )
+        return self.in_world(_with_options(self.world, dataclasses.replace(options, accept=accept, outside=outside)))
 
 
 def _with_options(world: World, options: EngineOptions) -> World:
@@ -116,8 +118,8 @@ def run_operation(configuration: Configuration, steps: int, every: int, channels
     """A run of ``steps`` from the initial state, recorded every ``every`` steps."""
     parameters, arrays = to_request(configuration.world)
     q, v = configuration.initial
-    asked = {**parameters, "steps": steps, "every": every, "channels": list(channels)}
-    return Operation("run", asked, {**arrays, "q": q, "v": v}, configuration.world)
+    requested = {**parameters, "steps": steps, "every": every, "channels": list(channels)}
+    return Operation("run", requested, {**arrays, "q": q, "v": v}, configuration.world)
 
 
 def windows_operation(
@@ -134,11 +136,11 @@ def windows_operation(
     them."""
     parameters, arrays = to_request(configuration.world)
     channels = ["contacts"] if contacts else []
-    asked = {**parameters, "starts": list(starts), "steps": steps, "channels": channels}
+    requested = {**parameters, "starts": list(starts), "steps": steps, "channels": channels}
     states = {"q": np.ascontiguousarray(q), "v": np.ascontiguousarray(v)}
     if before is not None and configuration.kind.KEEPS_CONTACTS:
         states |= {"q_before": np.ascontiguousarray(before[0]), "v_before": np.ascontiguousarray(before[1])}
-    return Operation("windows", asked, {**arrays, **states}, configuration.world)
+    return Operation("windows", requested, {**arrays, **states}, configuration.world)
 
 
 @dataclass(frozen=True)
@@ -265,9 +267,9 @@ def model_lines(proofs: Sequence[ModelProof], same_values: bool, hint: str = "")
         return [f"models: not proven to be equal ({'; '.join(missing)}){hint}"]
     sources = ", ".join(dict.fromkeys(proof.source for proof in proofs))
     checks = [proof.compared(MODEL) for proof in proofs]
-    told = "equal" if same_values else "each engine holds the values that it was given"
+    text = "equal" if same_values else "each engine holds the values that it was given"
     lines = [
-        f"models: {told}: L0 to L4, {' and '.join(str(count) for count, _ in checks)} checks, largest deviation "
+        f"models: {text}: L0 to L4, {' and '.join(str(count) for count, _ in checks)} checks, largest deviation "
         f"{max(worst for _, worst in checks):.2g} ({sources})"
     ]
     smooth = [proof.compared(MOTION) for proof in proofs]

@@ -86,7 +86,7 @@ def touching_names(world: World, run: Answer) -> set[tuple[str, str]]:
     """The pairs of bodies that touch in a run of ``world``, by their names, the first in the world's order first."""
     _, pairs = touching_pairs(run.arrays)
     names = [body.name for body in world.bodies]
-    return {(names[one], names[other]) for one, other in np.unique(pairs, axis=0).tolist()}
+    return {(names[entry], names[other]) for entry, other in np.unique(pairs, axis=0).tolist()}
 
 
 def laws_of(world: World, names: tuple[str, str]) -> list[PairContact]:
@@ -141,11 +141,11 @@ class RecoveryShift:
                 ours, theirs = known[key]
                 if ours is None or theirs is None:
                     continue
-                apart = [
+                taken_backs = [
                     recovery.taken_back(overlap, round(touched * self._row / timestep), float(timestep))
                     for recovery, timestep in zip((ours, theirs), timesteps, strict=True)
                 ]
-                moves[key] = (apart[0] - apart[1]) * normal
+                moves[key] = (taken_backs[0] - taken_backs[1]) * normal
             _carry(shift[number], moves, self._static, self._world)
         return shift
 
@@ -158,8 +158,8 @@ def _overlaps(
     found: dict[tuple[int, int], tuple[float, Floats, int]] = {}
     begun: dict[tuple[int, int], tuple[int, int]] = {}
     for place in places.tolist():
-        one, other = bodies[place].tolist()
-        key, sign = ((one, other), 1.0) if one < other else ((other, one), -1.0)
+        entry, other = bodies[place].tolist()
+        key, sign = ((entry, other), 1.0) if entry < other else ((other, entry), -1.0)
         row, overlap = int(rows[place]), -float(arrays["contact.distance"][place])
         first, last = begun.get(key, (row, -1))
         if row == first and overlap > (found[key][0] if key in found else -np.inf):
@@ -189,9 +189,9 @@ def _carry(shift: Floats, moves: Mapping[tuple[int, int], Floats], static: Seque
             placed.add(body)
         left = {key: move for key, move in left.items() if not (key[0] in placed and key[1] in placed)}
     for (first, second), move in left.items():
-        one, other = (world.bodies[index].inertial.mass for index in (first, second))
-        shift[first] += move * other / (one + other)
-        shift[second] -= move * one / (one + other)
+        value, other = (world.bodies[index].inertial.mass for index in (first, second))
+        shift[first] += move * other / (value + other)
+        shift[second] -= move * value / (value + other)
 
 
 Tried = Sequence[tuple[Candidate, Swap]]
@@ -203,7 +203,7 @@ def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterato
     act on is taken away, and what swaps that take them away close."""
     removed = {swap.group: swap for _, swap in tried if swap.kind == Kind.REMOVAL.value and swap.largest > 0.0}
     before = [_declared(side, touching) for side in pair]
-    fitting = [[(what, acts) for what, acts in own if acts in removed] for own in before]
+    fitting = [[(what, acts) for what, acts in side if acts in removed] for side in before]
     after = list(_with_swaps(pair, touching, tried)) if any(fitting) else []
     for number, side in enumerate(pair):
         for what, acts in fitting[number]:
@@ -230,7 +230,9 @@ def _with_swaps(
 
 def _more(before: Sequence[Iterable[tuple[str, str]]], after: Sequence[Iterable[tuple[str, str]]], acts: str) -> bool:
     """Whether a side declares a deviation of what ``acts`` names that it did not declare before."""
-    return any(one[1] == acts and one not in held for held, found in zip(before, after, strict=True) for one in found)
+    return any(
+        entry[1] == acts and entry not in actual for actual, found in zip(before, after, strict=True) for entry in found
+    )
 
 
 def _declared(side: Configuration, touching: set[tuple[str, str]]) -> list[tuple[str, str]]:

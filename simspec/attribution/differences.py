@@ -129,9 +129,9 @@ def differences(a: World, b: World) -> list[Difference]:
     """
     demand_same_scene(a, b)
     places: dict[tuple[str, str], list[tuple[Keys, Change]]] = {}
-    one, other = named_tree(a), named_tree(b)
-    lumped = one["contact"]["materials"].keys() != other["contact"]["materials"].keys()
-    for keys, before, after in _changes((), one, other):
+    entry, other = named_tree(a), named_tree(b)
+    lumped = entry["contact"]["materials"].keys() != other["contact"]["materials"].keys()
+    for keys, before, after in _changes((), entry, other):
         group = _group(keys, lumped)
         if group is not None:
             kind = "added" if before is None else "removed" if after is None else "changed"
@@ -155,13 +155,13 @@ def demand_same_scene(a: World, b: World) -> None:
     problems = []
     bodies = [{body.name: body for body in world.bodies} for world in (a, b)]
     for name in [*bodies[0], *(name for name in bodies[1] if name not in bodies[0])]:
-        one, other = (side.get(name) for side in bodies)
-        if one is None or other is None:
-            found = f"only in {'the second' if one is None else 'the first'}"
+        entry, other = (side.get(name) for side in bodies)
+        if entry is None or other is None:
+            found = f"only in {'the second' if entry is None else 'the first'}"
             problems.append(Problem("the two are of different scenes", f"bodies.{name}", found=found))
             continue
         for field in ("kind", "parent"):
-            values = getattr(one.joint, field), getattr(other.joint, field)
+            values = getattr(entry.joint, field), getattr(other.joint, field)
             if values[0] != values[1]:
                 found = f"{values[0]} in the first, {values[1]} in the second"
                 problems.append(Problem("the two are of different scenes", f"bodies.{name}.joint.{field}", found=found))
@@ -170,16 +170,15 @@ def demand_same_scene(a: World, b: World) -> None:
 
 
 def _changes(keys: Keys, before: Any, after: Any) -> Iterator[tuple[Keys, Any, Any]]:
-    if isinstance(before, dict) and isinstance(after, dict) and not _whole(keys):
+    if (
+        isinstance(before, dict)
+        and isinstance(after, dict)
+        and not (keys[:1] == ("trajectory",) or keys[-1:] == ("hardness",))
+    ):
         for key in [*before, *(key for key in after if key not in before)]:
             yield from _changes((*keys, key), before.get(key), after.get(key))
     elif before != after:
         yield keys, before, after
-
-
-def _whole(keys: Keys) -> bool:
-    """Whether what is there is one value: its parts mean nothing by themselves."""
-    return keys[:1] == ("trajectory",) or keys[-1:] == ("hardness",)
 
 
 def _group(keys: Keys, lumped: bool) -> str | None:

@@ -136,12 +136,12 @@ def _from_first(
     differing = causes(first, second)
     progress("running the first side")
     windows, run = take_windows(first, second, asking, most)
-    asked = Gaps(windows, asking)
+    gaps = Gaps(windows, asking)
     progress("asking both sides")
     pair = (first, second)
-    gap, noise, contact = asked.begin(pair, run)
-    floor = Judge(asked, pair, noise, {}, progress).gap
-    judge = Judge(asked, pair, gap, floor, progress)
+    gap, noise, contact = gaps.begin(pair, run)
+    floor = Judge(gaps, pair, noise, {}, progress).gap
+    judge = Judge(gaps, pair, gap, floor, progress)
     if differing and (not judge.telling or any(candidate.whole_run for candidate in differing)):
         judge = judge.with_runs()
     swaps = judge.each(differing)
@@ -152,22 +152,22 @@ def _from_first(
     if not same and judge.telling:
         progress("asking whether the engines repeat their own runs")
         try:
-            again = asked.restarted(pair, run)
+            again = gaps.restarted(pair, run)
             restart = {name: judge.means(gap) for name, gap in zip(SIDES, again, strict=True)}
         except EngineError as error:
             notes.append(f"not known whether the engines repeat their own runs from their states: {error}")
-    if asked.not_finite:
-        notes.append(f"{asked.not_finite} windows are not looked at: a state at their end is not finite")
-    windows = asked.windows
+    if gaps.not_finite:
+        notes.append(f"{gaps.not_finite} windows are not looked at: a state at their end is not finite")
+    windows = gaps.windows
     declared: list[Declared] = []
     met: dict[str, float] = dict(caused.gap)
     touching = touching_names(first.world, run)
     if not same and judge.open(met) and (said := recoveries(left, touching)):
-        found, rest = _recovered(asked, left, rest, floor, said, run)
+        found, rest = _recovered(gaps, left, rest, floor, said, run)
         declared, met = found, ({**met, **judge.means(Gap(rest.windows))} if found else met)
     probed, further = Joint((), met, {}), list[Swap]()
     if not same and judge.open(met):
-        second_judge = Judge(asked, left, Gap(rest.windows), floor, progress)
+        second_judge = Judge(gaps, left, Gap(rest.windows), floor, progress)
         candidates = list(probes(left))
         further = second_judge.each(candidates)
         closing = [both for both in zip(candidates, further, strict=True) if both[0].kind is not Kind.REMOVAL]
@@ -182,7 +182,7 @@ def _from_first(
         float(windows.length),
         windows.counts,
         len(windows.numbers),
-        int((~asked.quiet).sum()),
+        int((~gaps.quiet).sum()),
         judge.gap,
         floor,
         contact,
@@ -199,17 +199,17 @@ def _from_first(
 
 
 def _recovered(
-    asked: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
+    gaps: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
 ) -> tuple[list[Declared], Gap]:
     """The part of a gap that declared laws of recovery account for, and the rest; later gaps are without this part. Nothing
     where they close no share that may be claimed."""
-    judge = Judge(asked, pair, Gap(gap.windows), floor, lambda *_: None)
-    asked.shift = RecoveryShift(asked.windows, run)
-    after = asked.of(pair)
+    judge = Judge(gaps, pair, Gap(gap.windows), floor, lambda *_: None)
+    gaps.shift = RecoveryShift(gaps.windows, run)
+    after = gaps.of(pair)
     means, intervals = judge.means(after), judge.intervals(after)
     share = judge.claimed(judge.shares(means), intervals)
     if not share or sum(share.values()) <= 0.0:
-        asked.shift = None
+        gaps.shift = None
         return [], gap
     engines, whats = (" and ".join(dict.fromkeys(words)) for words in zip(*said, strict=True))
     return [Declared(engines, whats, "recovery of overlaps", True, share, intervals)], after
@@ -277,8 +277,8 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
     lines += _remembered(explanation)
     if explanation.exchanged is not None:
         other = explanation.exchanged
-        told = [*_predicted(other, bool(active)), *_ways(other, _begun(other)), *_left(other)]
-        lines += [f"Begun in B's states instead: {line[:1].lower()}{line[1:]}" for line in told]
+        given = [*_predicted(other, bool(active)), *_ways(other, _begun(other)), *_left(other)]
+        lines += [f"Begun in B's states instead: {line[:1].lower()}{line[1:]}" for line in given]
     if idle and active:
         lines.append(f"Different, and without effect here: {_listed(idle)}.")
     return tuple(lines)
@@ -291,13 +291,13 @@ def _together(explanation: Explanation, telling: Sequence[str]) -> str:
     grows = f"the gap grows by {_in_classes(opened)} when they are made equal: they hide a difference of the engines"
     if not closed or set(closed) == {ALL}:
         return f"Together they account for none of the difference: {grows}."
-    told = f"Together they account for {_shares(closed, telling, joint.interval)}"
-    return f"{told}; {grows}." if opened else f"{told}."
+    text = f"Together they account for {_shares(closed, telling, joint.interval)}"
+    return f"{text}; {grows}." if opened else f"{text}."
 
 
 def _idle(idle: Sequence[str]) -> str:
-    told = "No value or setting that was given differently acts here"
-    return f"{told}: {_listed(idle)}. The difference is the engines' own." if idle else f"{told}."
+    text = "No value or setting that was given differently acts here"
+    return f"{text}: {_listed(idle)}. The difference is the engines' own." if idle else f"{text}."
 
 
 def _no_cause(explanation: Explanation) -> str:
@@ -340,8 +340,8 @@ def _shares(share: Mapping[str, float], telling: Sequence[str], intervals: Mappi
     if len(classes) == len(every) > 1 and max(values) - min(values) < LIKE:
         return f"{percent(min(values))} of the difference ({', '.join(WORDS[name] for name in classes)})"
     first, *others = sorted(classes, key=lambda name: -share[name])
-    told = f"{ranged(share[first], intervals.get(first))} of the difference in {WORDS[first]}"
-    return told + "".join(f", {ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in others)
+    text = f"{ranged(share[first], intervals.get(first))} of the difference in {WORDS[first]}"
+    return text + "".join(f", {ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in others)
 
 
 def ranged(share: float, interval: Interval | None) -> str:
@@ -364,17 +364,17 @@ def percent(share: float) -> str:
 
 def _begun(explanation: Explanation) -> bool:
     """Whether probes are of what causes and declared laws leave."""
-    return bool(acting(explanation.causes)) or any(one.predicted for one in explanation.declared)
+    return bool(acting(explanation.causes)) or any(declared.predicted for declared in explanation.declared)
 
 
 def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
     """A sentence on the part that declared laws account for."""
     of = "what is left" if rest else "the difference"
-    for one in explanation.declared:
-        if one.predicted:
-            closed = {name: share for name, share in one.share.items() if share > 0.0}
-            shares = _shares(closed, explanation.telling, one.interval).replace("the difference", of, 1)
-            yield f"Declared: {one.engine} {one.what}. This accounts for {shares}."
+    for declared in explanation.declared:
+        if declared.predicted:
+            closed = {name: share for name, share in declared.share.items() if share > 0.0}
+            shares = _shares(closed, explanation.telling, declared.interval).replace("the difference", of, 1)
+            yield f"Declared: {declared.engine} {declared.what}. This accounts for {shares}."
 
 
 def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
@@ -385,12 +385,12 @@ def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
         if swap.kind != Kind.REMOVAL.value and swap.share.get(ALL, 0.0) > 0.0
     ]
     ways.sort(key=lambda swap: -swap.share[ALL])
-    told = [name for name in explanation.telling if name != RUN]
+    given = [name for name in explanation.telling if name != RUN]
     for swap in ways[:MOST]:
-        yield f"Of {of}, {swap.name} closes {_plain(swap.share, told, swap.interval)}."
+        yield f"Of {of}, {swap.name} closes {_plain(swap.share, given, swap.interval)}."
     if len(explanation.probed.names) > 1:
         joint = explanation.probed
-        yield f"Of {of}, {_listed(joint.names)} together close {_plain(joint.share, told, joint.interval)}."
+        yield f"Of {of}, {_listed(joint.names)} together close {_plain(joint.share, given, joint.interval)}."
 
 
 def _places(explanation: Explanation) -> Iterable[str]:
@@ -402,9 +402,9 @@ def _places(explanation: Explanation) -> Iterable[str]:
 
 def _plain(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
     classes = [name for name in telling if name in share and name != ALL] or [ALL]
-    told = [name for name in classes if name in share]
-    closed = [f"{ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in told if share[name] >= 0.0]
-    opened = [f"{percent(-share[name])} in {WORDS[name]}" for name in told if share[name] < 0.0]
+    given = [name for name in classes if name in share]
+    closed = [f"{ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in given if share[name] >= 0.0]
+    opened = [f"{percent(-share[name])} in {WORDS[name]}" for name in given if share[name] < 0.0]
     grows = f"the gap grows by {', '.join(opened)}"
     return ", ".join(closed) + (f" ({grows})" if opened else "") if closed else f"none: {grows}"
 
@@ -414,18 +414,22 @@ def _left(explanation: Explanation) -> Iterable[str]:
     if not left:
         yield f"Unexplained: less than {percent(1.0 - ENOUGH)}."
         return
-    fitting = [one for one in explanation.declared if not one.predicted and any(name in left for name in one.share)]
+    fitting = [
+        declared
+        for declared in explanation.declared
+        if not declared.predicted and any(name in left for name in declared.share)
+    ]
     located = dict.fromkeys(left, 0.0)
-    for acts in dict.fromkeys(one.acts for one in fitting):
-        some = [one for one in fitting if one.acts == acts]
+    for acts in dict.fromkeys(declared.acts for declared in fitting):
+        some = [declared for declared in fitting if declared.acts == acts]
         parts = {name: min(1.0, some[0].share[name]) for name in left if name in some[0].share}
         located |= {name: max(located[name], part) for name, part in parts.items()}
         yield from _located(explanation, acts, some, parts, left)
     if fitting:
-        where = _listed(list(dict.fromkeys(one.acts for one in fitting)))
-        still = _worth_telling({name: share * (1.0 - located[name]) for name, share in left.items()})
-        told_still = _in_classes(still) if still else f"less than {percent(1.0 - ENOUGH)}"
-        yield f"Unexplained, and not within {where}: {told_still}."
+        where = _listed(list(dict.fromkeys(declared.acts for declared in fitting)))
+        worth_telling = _worth_telling({name: share * (1.0 - located[name]) for name, share in left.items()})
+        in_classes = _in_classes(worth_telling) if worth_telling else f"less than {percent(1.0 - ENOUGH)}"
+        yield f"Unexplained, and not within {where}: {in_classes}."
     else:
         yield f"Unexplained: {_in_classes(left)}."
     if any(share > 1.0 + SMALLEST_SHARE for share in left.values()):
@@ -437,24 +441,24 @@ def _located(
 ) -> Iterable[str]:
     """What is declared of ``acts``, where ``parts`` of what is ``left`` are, and how much of these it accounts for: no more
     than a swap closes that takes it away, and nothing where that swap is among those that were made already."""
-    engines = {one.engine: clipped(one.what, LONGEST) for one in reversed(some)}
+    engines = {declared.engine: clipped(declared.what, LONGEST) for declared in reversed(some)}
     yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
-    told = {name: part for name, part in parts.items() if name != ALL} or parts
-    yield f"Of what is left, {_in_classes(told)} is gone without {acts}: the cause is there, and need not be what is declared."
-    swaps = {one.swap: one for one in some if one.swap}
+    given = {name: part for name, part in parts.items() if name != ALL} or parts
+    yield f"Of what is left, {_in_classes(given)} is gone without {acts}: the cause is there, and need not be what is declared."
+    swaps = {declared.swap: declared for declared in some if declared.swap}
     claimed = dict.fromkeys(parts, 0.0)
-    for name, one in swaps.items():
-        closed = {kind: share for kind, share in one.closed.items() if kind in told}
+    for name, swap in swaps.items():
+        closed = {kind: share for kind, share in swap.closed.items() if kind in given}
         share = _in_classes(closed) if closed else "nothing"
         subject = f"{name[:1].upper()}{name[1:]}"
-        yield f"{subject} takes this deviation of {one.engine} away and closes {share}: it accounts for no more."
+        yield f"{subject} takes this deviation of {swap.engine} away and closes {share}: it accounts for no more."
         if name not in explanation.probed.names:
-            claimed = {kind: min(parts[kind], claimed[kind] + one.closed.get(kind, 0.0)) for kind in parts}
+            claimed = {kind: min(parts[kind], claimed[kind] + swap.closed.get(kind, 0.0)) for kind in parts}
     rest = _worth_telling({name: left[name] * (part - claimed[name]) for name, part in parts.items()})
     rest = {name: share for name, share in rest.items() if name != ALL} or rest
     if not rest:
         return
-    if all(one.swap for one in some):
+    if all(declared.swap for declared in some):
         yield f"Within {acts}, not explained: {_in_classes(rest)}."
     else:
         yield f"Within {acts}, explained only if what is declared is the cause, which no swap shows: {_in_classes(rest)}."

@@ -83,11 +83,12 @@ class Gaps:
         moved_by = perturbation_of(pair[0].engine)
         states = moved_states(windows.world, windows.q, windows.v, moved_by, moved_by)
         contact = contact_questions(*pair, run)
-        asked = [[question(side, windows), *contact[index : index + 1]] for index, side in enumerate(pair)]
-        asked[0].append(question(pair[0], windows, states))
+        questions = [[question(side, windows), *contact[index : index + 1]] for index, side in enumerate(pair)]
+        questions[0].append(question(pair[0], windows, states))
         with side_by_side(AT_ONCE) as pool:
             jobs = [
-                pool.submit(self._asking.ask, side, *operations) for side, operations in zip(pair, asked, strict=True)
+                pool.submit(self._asking.ask, side, *operations)
+                for side, operations in zip(pair, questions, strict=True)
             ]
             ours, theirs = (job.result() for job in jobs)
         poses = [poses_at_ends(side, windows, answers[0]) for side, answers in zip(pair, (ours, theirs), strict=True)]
@@ -120,16 +121,16 @@ class Gaps:
         rows = [windows.rows(run, number) for number in (windows.numbers, windows.numbers + 1)]
         ours = gaps(windows.world, self._ends[first.key], run.arrays["pose"][rows[1]])
         steps = windows.steps(second.world)
-        (own,) = self._asking.ask(second, run_operation(second, int(windows.numbers.max() + 1) * steps, steps))
-        if own.result["failed"] is not None:
-            raise EngineError(second.engine, f"the state is not finite after step {own.result['failed']['step']}")
-        states = own.arrays["q"][windows.numbers], own.arrays["v"][windows.numbers]
+        (course,) = self._asking.ask(second, run_operation(second, int(windows.numbers.max() + 1) * steps, steps))
+        if course.result["failed"] is not None:
+            raise EngineError(second.engine, f"the state is not finite after step {course.result['failed']['step']}")
+        states = course.arrays["q"][windows.numbers], course.arrays["v"][windows.numbers]
         earlier = np.maximum(windows.numbers - 1, 0)
-        before = own.arrays["q"][earlier], own.arrays["v"][earlier]
+        before = course.arrays["q"][earlier], course.arrays["v"][earlier]
         again = windows_operation(second, *states, (windows.numbers * steps).tolist(), steps, before=before)
         (answer,) = self._asking.ask(second, again)
         there = ends(second, windows, answer)
-        here = ordered_poses(second.world, windows.world, own.arrays["pose"][windows.numbers + 1])
+        here = ordered_poses(second.world, windows.world, course.arrays["pose"][windows.numbers + 1])
         return Gap(ours), Gap(gaps(windows.world, there, here))
 
     def of(self, pair: Pair, runs: bool = False) -> Gap:
@@ -141,7 +142,8 @@ class Gaps:
     def moved(self, before: Pair, after: Pair, runs: bool = False) -> Gap:
         """How far a change moves the sides: the gap between each side before and after it, the sum of both sides'."""
         parts = [
-            self._between(one.accepting(), other.accepting(), runs) for one, other in zip(before, after, strict=True)
+            self._between(configuration.accepting(), other.accepting(), runs)
+            for configuration, other in zip(before, after, strict=True)
         ]
         run = None if parts[0].run is None or parts[1].run is None else parts[0].run + parts[1].run
         return Gap(parts[0].windows + parts[1].windows, run)

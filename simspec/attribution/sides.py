@@ -59,13 +59,13 @@ def explain(
     different scenes or a run has no rows, UnsupportedError and EngineError where one of the two cannot be asked.
     """
     sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
-    told = names or (_told(sides[0]), _told(sides[1]))
+    given = names or (_told(sides[0]), _told(sides[1]))
     if verify:
         progress("proving that the engines hold their models")
         proofs = prove(sides, deadline)
     with WarmProcesses() as warm:
         asking = Asking(warm, deadline)
-        return explain_sides(sides[0], sides[1], told, most=windows, asking=asking, proofs=proofs, progress=progress)
+        return explain_sides(sides[0], sides[1], given, most=windows, asking=asking, proofs=proofs, progress=progress)
 
 
 def _told(side: Configuration) -> str:

@@ -120,9 +120,9 @@ def window_length(worlds: Sequence[World], duration: Fraction) -> Fraction:
         numerator = math.lcm(common.numerator * step.denominator, step.numerator * common.denominator)
         common = Fraction(numerator, common.denominator * step.denominator)
     if common > max(LONGEST, *steps) or common > duration:
-        told = " and ".join(f"{world.physics.timestep:g} s" for world in worlds)
+        text = " and ".join(f"{world.physics.timestep:g} s" for world in worlds)
         allowed = f"timesteps with a common multiple of at most {float(min(max(LONGEST, *steps), duration)):g} s"
-        raise SpecError([Problem("there is no window that both can step through", found=told, allowed=allowed)])
+        raise SpecError([Problem("there is no window that both can step through", found=text, allowed=allowed)])
     most = math.floor(duration / common)
     return common * min(max(1, math.ceil(LENGTH / common)), most)
 
@@ -134,7 +134,7 @@ def take_windows(
     world = first.world
     timestep = exact(world.physics.timestep)
     worlds = (world, second.world)
-    duration = min(exact(one.physics.timestep) * one.physics.steps for one in worlds)
+    duration = min(exact(world.physics.timestep) * world.physics.steps for world in worlds)
     if duration == 0:
         raise SpecError([Problem("there is no motion to explain: the duration is 0", "physics.duration")])
     length = window_length(worlds, duration)
@@ -192,7 +192,7 @@ def _sample(kinds: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """The numbers of at most ``most`` windows, spread evenly over each class; impacts, the rarest, are thinned out last."""
     left = {index: np.flatnonzero(kinds == index) for index in range(len(CLASSES))}
     chosen: list[NDArray[np.int64]] = []
-    for place, index in enumerate(sorted(left, key=lambda one: len(left[one]))):
+    for place, index in enumerate(sorted(left, key=lambda entry: len(left[entry]))):
         share = (most - sum(map(len, chosen))) // (len(CLASSES) - place)
         numbers = left[index]
         if len(numbers) > share:
@@ -307,10 +307,10 @@ def first_contact(sides: tuple[Configuration, Configuration], answers: Sequence[
 
 
 def _differs(values: Mapping[str, tuple[float | None, float | None]]) -> str:
-    for name, (one, other) in values.items():
-        if one is None or other is None:
+    for name, (entry, other) in values.items():
+        if entry is None or other is None:
             return "whether they touch"
-        if abs(one - other) > SAME * max(abs(one), abs(other)):
+        if abs(entry - other) > SAME * max(abs(entry), abs(other)):
             return name
     return ""
 
@@ -323,9 +323,9 @@ def _by_pair(side: Configuration, answer: Answer) -> dict[tuple[str, str], dict[
     names = [body.name for body in side.world.bodies]
     found = {}
     unique: NDArray[np.int64] = np.unique(pairs, axis=0)
-    for one, other in unique:
-        here = (pairs == (one, other)).all(axis=1)
-        first, second = sorted((names[one], names[other]))
+    for entry, other in unique:
+        here = (pairs == (entry, other)).all(axis=1)
+        first, second = sorted((names[entry], names[other]))
         found[first, second] = {
             "points": float(here.sum()),
             "depth": float(depth[here].max()),

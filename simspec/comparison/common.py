@@ -68,14 +68,14 @@ class Common:
         """Blocks of the common rows before ``last``."""
         arrays = [self.rows_a, self.rows_b, self._runs[0].time]
         arrays += [run.arrays["pose"] for run in self._runs]
-        arrays += [one for floor, _, _ in self._floors for one in (floor.time, floor.position, floor.angle)]
+        arrays += [values for floor, _, _ in self._floors for values in (floor.time, floor.position, floor.angle)]
         return parts(last, 2 * DEVIATION_BYTES * self.bodies, *arrays)
 
     def poses(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
         """Poses (rows, bodies, 7) of a block, in each run."""
         sides = zip(self._runs, (self.rows_a, self.rows_b), strict=True)
-        one, other = (run.arrays["pose"][np.ix_(rows[part], self._columns(run))] for run, rows in sides)
-        return one, other
+        entry, other = (run.arrays["pose"][np.ix_(rows[part], self._columns(run))] for run, rows in sides)
+        return entry, other
 
     def joints(self) -> list[Joint]:
         """The hinges, slides and ball joints that both runs have, in the order of the first."""
@@ -89,8 +89,8 @@ class Common:
     def coordinates(self, joint: Joint, part: slice) -> tuple[np.ndarray, np.ndarray]:
         """The coordinates (rows, 1), of a ball joint its quaternion (rows, 4), of a block, in each run."""
         sides = zip(self._runs, (self.rows_a, self.rows_b), self._q, strict=True)
-        one, other = (run.arrays["q"][rows[part], columns[joint.name]] for run, rows, columns in sides)
-        return one, other
+        values, other = (run.arrays["q"][rows[part], columns[joint.name]] for run, rows, columns in sides)
+        return values, other
 
     def noise(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The larger of the floors, in position (m) and angle (rad), of each body at a row of its own (bodies,), or, of rows
@@ -119,7 +119,7 @@ class Common:
         masses = [run.world.bodies[run.index[name]].inertial for name in self._names]
         reach = float(np.linalg.norm(high - low)) if (high >= low).all() else 0.0
         # of a body alone that stays where it is: its own size
-        return reach + max((body_size(one) for one in masses if one.mass > 0.0), default=0.0)
+        return reach + max((body_size(mass) for mass in masses if mass.mass > 0.0), default=0.0)
 
 
 def body_size(inertial: Inertial) -> float:
@@ -139,10 +139,6 @@ def moving_in_common(a: Run, b: Run) -> list[str]:
     return both
 
 
-def _interval(run: Run) -> float:
-    return run.world.record.every_steps * run.world.physics.timestep
-
-
 def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
     """The rows of both runs at equal times (to half of the smaller timestep). Raises SpecError when there are none."""
     near = 0.5 * min(a.world.physics.timestep, b.world.physics.timestep)
@@ -159,10 +155,11 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
     if not count or (beginning and min(len(a.time), len(b.time)) > 1):
         # initial states are alike by construction: their comparison shows nothing
         but = " but the beginning" if beginning else ""
-        told = " / ".join(f"every {_interval(run):g} s at {run.world.physics.timestep:g} s a step" for run in (a, b))
+        steps = [(run.world.record.every_steps, run.world.physics.timestep) for run in (a, b)]
+        text = " / ".join(f"every {every * step:g} s at {step:g} s a step" for every, step in steps)
         hint = "a record.every that is a whole number of both timesteps" if beginning else None
         raise SpecError(
-            [Problem(f"{a.label} and {b.label} have no recorded time in common{but}", found=told, hint=hint)]
+            [Problem(f"{a.label} and {b.label} have no recorded time in common{but}", found=text, hint=hint)]
         )
     return rows_a[:count], rows_b[:count]
 
@@ -196,8 +193,10 @@ def common_sides(runs: Sequence[Run], by: str = "shape") -> Sides:
     another."""
     if by not in ("shape", "body"):
         raise ValueError(f"contacts are matched by shape or by body, not by {by!r}")
-    arrays = tuple("contact.shape" if by == "shape" and _tells_shapes(run) else "contact.body" for run in runs)
-    told = [_sides(run, array) for run, array in zip(runs, arrays, strict=True)]
+    arrays = tuple(
+        "contact.shape" if by == "shape" and ("contact.shape" in run.arrays) else "contact.body" for run in runs
+    )
+    given = [_sides(run, array) for run, array in zip(runs, arrays, strict=True)]
     above: dict[Element, Element] = {}
 
     def top(element: Element) -> Element:
@@ -205,7 +204,7 @@ def common_sides(runs: Sequence[Run], by: str = "shape") -> Sides:
             element = above[element]
         return element
 
-    for sides in told:
+    for sides in given:
         for first, *others in sides:
             for other in others:
                 above[top(other)] = top(first)
@@ -219,15 +218,11 @@ def common_sides(runs: Sequence[Run], by: str = "shape") -> Sides:
             solid.setdefault(body.name, set()).update(shape.name for shape in body.shapes if shape.collision)
     number = {element: place for place, element in enumerate(members)}
     names = tuple(_name(body, shapes, solid[body]) for (body, _), shapes in members.items())
-    numbers = tuple(np.array([number[top(first)] for first, *_ in sides], dtype=np.int64) for sides in told)
+    numbers = tuple(np.array([number[top(first)] for first, *_ in sides], dtype=np.int64) for sides in given)
     notes = (
         [note for run, array in zip(runs, arrays, strict=True) for note in _notes(run, array)] if by == "shape" else []
     )
     return Sides(names, numbers, arrays, tuple(dict.fromkeys(notes)))
-
-
-def _tells_shapes(run: Run) -> bool:
-    return "contact.shape" in run.arrays
 
 
 def _sides(run: Run, array: str) -> list[list[Element]]:
@@ -248,9 +243,9 @@ def _name(body: str, shapes: Sequence[str], solid: set[str]) -> str:
 
 def _notes(run: Run, array: str) -> list[str]:
     if array == "contact.body":
-        told = any(len(body.shapes) > 1 for body in run.world.bodies)
+        given = any(len(body.shapes) > 1 for body in run.world.bodies)
         why = f"{run.label} does not tell the shapes of contacts: they are matched by bodies"
-        return [why] if told and len(run.arrays.get("contact.row", ())) else []
+        return [why] if given and len(run.arrays.get("contact.row", ())) else []
     grouped = {shape for group in labels_of(run.provenance).groups or () for shape in group}
     bodies = ", ".join(dict.fromkeys(body for body, shape in shapes_of(run.world) if shape in grouped))
     why = f"{run.label} does not tell some shapes of {bodies} apart in contact: they are matched together"
@@ -314,15 +309,15 @@ def first_difference(common: Common, a: Run, b: Run, by: str = "shape") -> First
     known = common_sides((a, b), by)
     count = len(known.names)
     sides = sides_of((a, b), (common.rows_a, common.rows_b), known)
-    first, arrays = 0, [one for side in sides for one in (side.row, side.own, side.rows)]
+    first, arrays = 0, [values for side in sides for values in (side.row, side.own, side.rows)]
     while first < common.rows:
         last = min(common.rows, *(side.until(first) for side in sides))
-        one, other = (side.pairs(first, last, count) for side in sides)
-        different = np.setxor1d(one, other, assume_unique=True)
+        values, other = (side.pairs(first, last, count) for side in sides)
+        different = np.setxor1d(values, other, assume_unique=True)
         if len(different):
             row = different.min() // count**2
             alone = different[different // count**2 == row]
-            of_first = np.isin(alone, one)
+            of_first = np.isin(alone, values)
             time = float(common.time(np.array([row]))[0])
             only = [
                 tuple(sorted(named_pair(known.names, int(pair) % count**2) for pair in chosen))
@@ -337,14 +332,14 @@ def first_difference(common: Common, a: Run, b: Run, by: str = "shape") -> First
 
 def named_pair(names: Sequence[str], number: int) -> tuple[str, str]:
     """The names (sorted) of a pair, from its number: one · names + other."""
-    one, other = sorted(names[index] for index in divmod(number, len(names)))
-    return one, other
+    name, other = sorted(names[index] for index in divmod(number, len(names)))
+    return name, other
 
 
 def sides_of(runs: Sequence[Run], rows: Sequence[np.ndarray], known: Sides) -> list[Side]:
     """The contacts of each run at the given rows of it (of common times), by the sides that all tell."""
     sides = zip(runs, rows, known.arrays, known.numbers, strict=True)
-    return [Side(run, own_rows, array, index) for run, own_rows, array, index in sides]
+    return [Side(run, rows, array, index) for run, rows, array, index in sides]
 
 
 class Side:

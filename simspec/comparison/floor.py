@@ -75,10 +75,10 @@ DEVIATION_BYTES = 512
 """Of temporary arrays for each body and row, in :func:`deviations`."""
 
 
-def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def deviations(values: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances (m) and angles (rad) (rows, bodies) between two arrays of poses (rows, bodies, 7)."""
-    position = np.linalg.norm(one[..., :3] - other[..., :3], axis=-1)
-    angle = np.linalg.norm(logarithm(relative(one[..., 3:7], other[..., 3:7])), axis=-1)
+    position = np.linalg.norm(values[..., :3] - other[..., :3], axis=-1)
+    angle = np.linalg.norm(logarithm(relative(values[..., 3:7], other[..., 3:7])), axis=-1)
     return position, angle
 
 
@@ -86,9 +86,9 @@ STATES = ("step", "q", "v", "pose", "velocity")
 """Arrays that two runs must share bit for bit to be the same."""
 
 
-def same_bits(one: Run, other: Run) -> bool:
+def same_bits(entry: Run, other: Run) -> bool:
     """Whether two runs have the same recorded states, bit for bit (NaN counts as itself)."""
-    pairs = [(one.arrays[name], other.arrays[name]) for name in STATES]
+    pairs = [(entry.arrays[name], other.arrays[name]) for name in STATES]
     return all(a.shape == b.shape for a, b in pairs) and all(
         a[part].tobytes() == b[part].tobytes() for a, b in pairs for part in parts(len(a), 2 * a[:1].nbytes, a, b)
     )

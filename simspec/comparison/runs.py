@@ -135,8 +135,8 @@ class Diff:
     joints: tuple[JointDiff, ...] = ()
 
     def __repr__(self) -> str:
-        told = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
-        return f"<Diff {self.first} – {self.second}: {told}>"
+        text = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
+        return f"<Diff {self.first} – {self.second}: {text}>"
 
     def _repr_html_(self) -> str:
         """For notebooks: the verdict, and the bodies that differ most."""
@@ -182,7 +182,11 @@ class Diff:
     @property
     def worst_angle(self) -> BodyDiff | None:
         """The body with the largest angle deviation; what is not finite is the largest of all."""
-        return max(self.bodies, key=lambda body: _or_infinite(body.angle_largest), default=None)
+        return max(
+            self.bodies,
+            key=lambda body: (body.angle_largest if math.isfinite(body.angle_largest) else math.inf),
+            default=None,
+        )
 
     @property
     def worst_joint(self) -> JointDiff | None:
@@ -199,10 +203,6 @@ class Diff:
     def position_rms(self) -> float:
         """Root mean square position deviation (m) over bodies and times."""
         return float(np.sqrt(np.mean([body.position_rms**2 for body in self.bodies]))) if self.bodies else 0.0
-
-
-def _or_infinite(value: float) -> float:
-    return value if math.isfinite(value) else math.inf
 
 
 def diff(
@@ -248,10 +248,10 @@ def diff(
     if floors:
         # where nothing was compared, the noise that was the reason
         row = min(last, common.rows - 1) if nothing else compared - 1
-        own, turned = common.noise(np.full(len(names), row))
+        values, turned = common.noise(np.full(len(names), row))
         bodies = [
             replace(
-                body, floor=float(own[k]), angle_floor=float(turned[k]), inconclusive_from=departures.first_hidden(k)
+                body, floor=float(values[k]), angle_floor=float(turned[k]), inconclusive_from=departures.first_hidden(k)
             )
             for k, body in enumerate(bodies)
         ]
@@ -282,11 +282,11 @@ def _joints(common: Common, compared: int) -> list[JointDiff]:
     largest, at = np.zeros(len(known)), np.zeros(len(known), dtype=np.int64)
     for part in common.blocks(compared) if known else ():
         for k, joint in enumerate(known):
-            one, other = common.coordinates(joint, part)
+            values, other = common.coordinates(joint, part)
             if joint.kind == "ball":
-                away = np.linalg.norm(logarithm(relative(one, other)), axis=-1)
+                away = np.linalg.norm(logarithm(relative(values, other)), axis=-1)
             else:
-                away = np.abs(one - other)[:, 0]
+                away = np.abs(values - other)[:, 0]
             away = np.where(np.isfinite(away), away, np.inf)
             if away.max(initial=0.0) > largest[k]:
                 largest[k], at[k] = away.max(), part.start + int(away.argmax())

@@ -51,7 +51,7 @@ class Study:
     @property
     def exit_code(self) -> int:
         """What the command line ends with: 3 when an engine failed, 1 when a proof or an expectation did, else 0."""
-        if any(one.failed is not None for one in self.runs.values()):
+        if any(run.failed is not None for run in self.runs.values()):
             return EXIT_ENGINE
         if self.certificate is not None and not self.certificate.valid:
             return EXIT_FAILED
@@ -242,7 +242,7 @@ def _repeat(
     warm: WarmProcesses,
 ) -> dict[str, tuple[Run, ...]]:
     """Each engine's run again: unchanged, and with its initial state moved in the last bits."""
-    names = [name for name, one in runs.items() if one.recorded and one.failed is None]
+    names = [name for name, run in runs.items() if run.recorded and run.failed is None]
     if not names:
         return {}
     jobs = [

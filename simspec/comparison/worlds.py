@@ -45,17 +45,17 @@ def diff_worlds(a: World, b: World) -> list[Change]:
 
     Empty exactly when the two worlds are equal up to the order of their bodies.
     """
-    one, other = tree(a), tree(b)
-    for side in (one, other):
+    entry, other = tree(a), tree(b)
+    for side in (entry, other):
         side["controllers"] = {controller["name"]: controller for controller in side["controllers"]}
-    joints = {f"controllers.{name}": controller["joints"] for name, controller in one["controllers"].items()}
+    joints = {f"controllers.{name}": controller["joints"] for name, controller in entry["controllers"].items()}
     for name, controller in other["controllers"].items():
         place = f"controllers.{name}"
         if place in joints and joints[place] != controller["joints"]:
-            _by_joint(one["controllers"][name])
+            _by_joint(entry["controllers"][name])
             _by_joint(controller)
             del joints[place]
-    paths = [side["trajectory"] for side in (one, other)]
+    paths = [side["trajectory"] for side in (entry, other)]
     if None not in paths:
         joints["trajectory"] = paths[0]["joints"]
         if paths[0]["joints"] != paths[1]["joints"]:
@@ -63,7 +63,7 @@ def diff_worlds(a: World, b: World) -> list[Change]:
                 for key in _ROWS:
                     path[key] = [dict(zip(path["joints"], row, strict=True)) for row in path[key]]
             del joints["trajectory"]
-    return [_with_joint(change, joints) for change in leaves("", one, other)]
+    return [_with_joint(change, joints) for change in leaves("", entry, other)]
 
 
 def tree(world: World) -> dict[str, Any]:
@@ -74,21 +74,23 @@ def tree(world: World) -> dict[str, Any]:
         body["shapes"] = {shape.pop("name"): shape for shape in body["shapes"]}
         bodies[body.pop("name")] = body
     contact = plain["contact"]
-    contact["materials"] = {one.pop("name"): one for one in contact["materials"]}
-    contact["pairs"] = {f"{one.pop('first')}+{one.pop('second')}": one for one in contact["pairs"]}
+    contact["materials"] = {material.pop("name"): material for material in contact["materials"]}
+    contact["pairs"] = {f"{pair.pop('first')}+{pair.pop('second')}": pair for pair in contact["pairs"]}
     contact["ignored_groups"] = {"+".join(pair): True for pair in contact["ignored_groups"]}
     contact["excluded_bodies"] = {"+".join(pair): True for pair in contact["excluded_bodies"]}
     engines = {}
     for options in plain.pop("engines"):
         options["settings"] = dict(options["settings"])
         if "pairs" in options:
-            options["pairs"] = {f"{one['first']}+{one['second']}": dict(one["settings"]) for one in options["pairs"]}
+            options["pairs"] = {
+                f"{pair['first']}+{pair['second']}": dict(pair["settings"]) for pair in options["pairs"]
+            }
         engines[options.pop("engine")] = options
     plain["engines"] = engines
     expectations: dict[str, Any] = {}
-    for one in plain.pop("expectations"):
-        number = sum(1 for key in expectations if key.split("#")[0] == one["kind"])
-        expectations[one["kind"] + (f"#{number + 1}" if number else "")] = dict(one["parameters"])
+    for entry in plain.pop("expectations"):
+        number = sum(1 for key in expectations if key.split("#")[0] == entry["kind"])
+        expectations[entry["kind"] + (f"#{number + 1}" if number else "")] = dict(entry["parameters"])
     return {**plain, "bodies": bodies, "expectations": expectations}
 
 

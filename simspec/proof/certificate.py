@@ -118,9 +118,8 @@ class EngineProof:
         return [check for check in self.checks if check.level == name]
 
 
-def _lasting(figure: Figure) -> Figure:
-    """A figure as a file has it, whether it was measured or cached: a certificate does not change by that."""
-    return dataclasses.replace(figure, cached=False) if figure.cached else figure
+def _line(entry: Check | Figure) -> str:
+    return f"        {json.dumps(to_plain(entry), ensure_ascii=False, allow_nan=False)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,13 +205,11 @@ class Certificate:
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
             ]
-            checks = ",\n".join(
-                f"        {json.dumps(to_plain(check), ensure_ascii=False, allow_nan=False)}" for check in proof.checks
+            # a certificate does not change by whether a figure was measured or cached
+            lasting = (
+                dataclasses.replace(figure, cached=False) if figure.cached else figure for figure in proof.contact
             )
-            figures = ",\n".join(
-                f"        {json.dumps(to_plain(_lasting(figure)), ensure_ascii=False, allow_nan=False)}"
-                for figure in proof.contact
-            )
+            checks, figures = (",\n".join(map(_line, entries)) for entries in (proof.checks, lasting))
             rows = f'\n      "checks": [\n{checks}\n      ],\n      "contact": [\n{figures}\n      ]'
             blocks.append(f"    {json.dumps(name)}: {{\n" + "\n".join(lines) + rows + "\n    }")
         text = text.replace('"engines": {}', '"engines": {\n' + ",\n".join(blocks) + "\n  }") + "\n"
@@ -233,9 +230,9 @@ class Certificate:
             message = f"{what} is outdated, or of a newer simspec: schema {schema!r}, this simspec reads {SCHEMA}"
             raise SpecError([Problem(message, hint=hint)])
         data = read_as(StoredCertificate, text, what)
-        told = HASH_LINE.search(text)
+        search = HASH_LINE.search(text)
         bare = HASH_LINE.sub("", text, count=1)
-        if told is None or told[1] != data.sha256 or hashlib.sha256(bare.encode()).hexdigest() != data.sha256:
+        if search is None or search[1] != data.sha256 or hashlib.sha256(bare.encode()).hexdigest() != data.sha256:
             message = f"{what}: was edited or is damaged: its content does not match its hash"
             raise SpecError([Problem(message, hint="simspec verify writes it anew")])
         try:

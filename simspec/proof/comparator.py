@@ -87,9 +87,7 @@ def compare(
 
 
 def inventory_checks(
-    expected: Mapping[str, EngineValue],
-    actual: Mapping[str, EngineValue],
-    precision: Precision = PRECISIONS[DOUBLE],
+    expected: Mapping[str, EngineValue], actual: Mapping[str, EngineValue], precision: Precision = PRECISIONS[DOUBLE]
 ) -> list[Check]:
     """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
 
@@ -138,11 +136,11 @@ class _Comparison(ConstraintComparison):
         # not of ``actual``, in which a repeated body stands once
         names = sorted(body.name for body in self.read_back.bodies)
         self.tally.equal(self.levels["mass"], "bodies", sorted(expected), names, "bodies")
-        groups, told_as_one = rigid_groups(self.world), lumped(self.world)
-        self.rigid_groups(told_as_one)
+        groups, lumped_bodies = rigid_groups(self.world), lumped(self.world)
+        self.rigid_groups(lumped_bodies)
         for name, body in expected.items():
             if name in actual:
-                if name not in told_as_one:
+                if name not in lumped_bodies:
                     self.mass(body, actual[name], moves=groups[name] != "world")
                 self.joint(body.joint, actual[name].joint, f"bodies.{name}.joint")
                 scale, at = lumped_gravity_scale(self.world, body), f"bodies.{name}.gravity_scale"
@@ -185,16 +183,16 @@ class _Comparison(ConstraintComparison):
         if moves or (self.readable("static.inertial") and body.inertial.mass):
             self.inertial(body.inertial, actual_body.inertial, f"bodies.{body.name}")
 
-    def rigid_groups(self, told_as_one: Mapping[str, Inertial]) -> None:
+    def rigid_groups(self, lumped_bodies: Mapping[str, Inertial]) -> None:
         """Of rigid groups that are told as one the sums: which of its members an engine gives what moves nothing."""
-        held = rigid_members(self.read_back.bodies) if told_as_one else {}
-        for top, members in rigid_members(self.world.bodies).items() if told_as_one else ():
-            if top not in told_as_one:
+        stored = rigid_members(self.read_back.bodies) if lumped_bodies else {}
+        for top, members in rigid_members(self.world.bodies).items() if lumped_bodies else ():
+            if top not in lumped_bodies:
                 continue
-            if sorted(body.name for body, _ in held.get(top, ())) != sorted(body.name for body, _ in members):
+            if sorted(body.name for body, _ in stored.get(top, ())) != sorted(body.name for body, _ in members):
                 self.note("mass", "bodies joined rigidly", None, f"bodies.{top}", "others than the world's")
                 continue
-            actual = summed_inertial((body.inertial, pose) for body, pose in held[top])
+            actual = summed_inertial((body.inertial, pose) for body, pose in stored[top])
             wanted = summed_inertial((body.inertial, pose) for body, pose in members)
             self.inertial(wanted, actual, f"bodies.{top}")
 
@@ -322,7 +320,7 @@ class _Comparison(ConstraintComparison):
             self.tally.equal(self.levels["geometry"], "visible", shape.visual, other.visual, f"{at}.visual")
         moving = zip(shape.surface_velocity, other.surface_velocity, strict=True)
         if any(shape.surface_velocity) or any(other.surface_velocity):
-            off = max(abs(one - actual) for one, actual in moving)
+            off = max(abs(value - actual) for value, actual in moving)
             largest = max(1.0, *(abs(value) for value in shape.surface_velocity))
             self.note(
                 "geometry", "surface velocity", off / largest, f"{at}.surface_velocity", f"{other.surface_velocity}"

@@ -127,9 +127,9 @@ WORKERS = 2
 
 def table_of(dialect: str) -> MutationTable:
     """``TABLE`` of a dialect's module, or of the module ``mutations`` or ``defects`` next to it; empty without one."""
-    own = type(dialects()[dialect]).__module__
-    package = own.rpartition(".")[0]
-    for name in (own, f"{package}.mutations", f"{package}.defects"):
+    text = type(dialects()[dialect]).__module__
+    package = text.rpartition(".")[0]
+    for name in (text, f"{package}.mutations", f"{package}.defects"):
         try:
             module = importlib.import_module(name)
         except ModuleNotFoundError as error:
@@ -211,7 +211,7 @@ class _Found:
     def left(self, batch: Iterable[Mutation]) -> list[Mutation]:
         """Those of a batch that go on to the next stage."""
         steady = {mutation.name for mutation in self.steady}
-        return [one for one in batch if one.name not in self.verdicts and one.name not in steady]
+        return [mutation for mutation in batch if mutation.name not in self.verdicts and mutation.name not in steady]
 
     def add(self, other: _Found) -> None:
         """Add what became of others."""
@@ -251,16 +251,16 @@ class _Bench:
         scenes = scenes_of(world, probes, find_engine(engine))
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
-            asked = partial(call, engine, place / engine, python=python)
-            course, *answers = asked([course_of(world), *scenes, *scenes]).answers
+            requested = partial(call, engine, place / engine, python=python)
+            course, *answers = requested([course_of(world), *scenes, *scenes]).answers
             whole = Seen.of(scenes, answers)
             glimpses = glimpses_of(world, scenes, course.arrays)
-            looked = Seen.of(glimpses, asked([*glimpses, *glimpses]).answers)
-            held = _held(asked([Operation("read_back")]).answers)
+            looked = Seen.of(glimpses, requested([*glimpses, *glimpses]).answers)
+            read_back = _held(requested([Operation("read_back")]).answers)
         if max(whole.unsteady, looked.unsteady) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
         table = table_of(compiled.dialect)
-        return cls(name, find_engine(engine), world, compiled, probes, table, whole, looked, held.made_of, python)
+        return cls(name, find_engine(engine), world, compiled, probes, table, whole, looked, read_back.made_of, python)
 
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
@@ -314,11 +314,11 @@ class _Bench:
             if (refused := self._refused(mutation, answers)) is not None:
                 found.verdicts[mutation.name] = refused
             elif not isinstance(answers, EngineError):
-                apart = self.glimpses.departure(answers)
-                if apart == 0.0:
+                departure = self.glimpses.departure(answers)
+                if departure == 0.0:
                     found.steady.append(mutation)
                 else:
-                    self._note(mutation, apart, found)
+                    self._note(mutation, departure, found)
 
     def _unmoved(self, batch: Sequence[Mutation], found: _Found) -> None:
         """What is declared inert must move as the sound files do; what does not is noted, and goes on."""
@@ -327,8 +327,8 @@ class _Bench:
             if (refused := self._refused(mutation, answers)) is not None:
                 found.verdicts[mutation.name] = refused
             elif not isinstance(answers, EngineError):
-                apart = self.whole.departure(answers)
-                if not self._note(mutation, apart, found):
+                departure = self.whole.departure(answers)
+                if not self._note(mutation, departure, found):
                     found.verdicts[mutation.name] = self._inert(mutation)
 
     def _together(self, together: Together, groups: Sequence[Plant]) -> tuple[dict[str, Verdict], list[Mutation]]:
@@ -337,8 +337,8 @@ class _Bench:
         alone: list[Mutation] = []
         waiting = list(groups)
         while waiting:
-            asked, waiting = waiting, []
-            for plant, answers in self._put(asked, self.whole.operations):
+            plants, waiting = waiting, []
+            for plant, answers in self._put(plants, self.whole.operations):
                 members, same = plant.members, not self._refusals(answers)
                 if same and not isinstance(answers, EngineError) and self.whole.departure(answers) == 0.0:
                     settled |= {mutation.name: self._inert(mutation) for mutation in members}

@@ -62,19 +62,19 @@ def ask(
         return
     compiling = find_engine(engine).COMPILING
     with scratch_folder("mutations") as place:
-        asked = []
+        requested = []
         lost = max(LOST, SLOWER * longest) + compiling
         for index, plant in enumerate(plants):
             folder = place / str(index)
             write_folder({**files, **plant.files}, folder)
             more = {"artifacts": str(folder), "attempt": True, "cpu_seconds": lost}
-            asked += [
+            requested += [
                 dataclasses.replace(operation, parameters={**operation.parameters, **more}) for operation in operations
             ]
         count = len(operations)
         try:
-            deadline = DEADLINE + max(EACH, SLOWER * longest) * len(asked) + compiling * len(plants)
-            answers = call(engine, place, asked, python=python, deadline=deadline).answers
+            deadline = DEADLINE + max(EACH, SLOWER * longest) * len(requested) + compiling * len(plants)
+            answers = call(engine, place, requested, python=python, deadline=deadline).answers
         except EngineError as error:
             failed = error
         else:
@@ -120,10 +120,10 @@ class Seen:
     def of(cls, operations: Sequence[Operation], answers: Sequence[Answer]) -> Seen:
         """``answers``: to each of ``operations``, twice."""
         once, again = (answers[: len(operations)], answers[len(operations) :])
-        still = tuple(observed(answer) for answer in once)
-        unsteady = departure(still, [observed(answer) for answer in again])
+        values = tuple(observed(answer) for answer in once)
+        unsteady = departure(values, [observed(answer) for answer in again])
         seconds = tuple(answer.load_seconds + answer.seconds for answer in again)
-        return cls(tuple(operations), still, unsteady, seconds)
+        return cls(tuple(operations), values, unsteady, seconds)
 
     def departure(self, answers: Sequence[Answer]) -> float:
         """How far ``answers`` to the same operations are from what the unchanged files do."""
@@ -138,12 +138,14 @@ def glimpses_of(world: World, whole: Sequence[Operation], course: Mapping[str, n
     windows = {"starts": [0] * (2 * len(q)), "steps": WINDOW, "channels": []}
     begun = []
     for operation in whole:
-        asked = dict(operation.parameters)
+        requested = dict(operation.parameters)
         if operation.op == "drive":
-            asked["phases"] = [[min(steps, GLIMPSE // len(asked["phases"])), 1] for steps, _ in asked["phases"]]
-        elif "steps" in asked:
-            asked |= {"steps": min(asked["steps"], GLIMPSE), "every": 1}
-        begun.append(dataclasses.replace(operation, parameters=asked))
+            requested["phases"] = [
+                [min(steps, GLIMPSE // len(requested["phases"])), 1] for steps, _ in requested["phases"]
+            ]
+        elif "steps" in requested:
+            requested |= {"steps": min(requested["steps"], GLIMPSE), "every": 1}
+        begun.append(dataclasses.replace(operation, parameters=requested))
     states = {"q": np.concatenate([q, q]), "v": np.concatenate([v, struck])}
     return (*begun, Operation("windows", windows, states, world))
 
@@ -208,6 +210,6 @@ def departure(first: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping
                 values = np.concatenate(
                     [values[..., :3], values[..., 3:] * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1
                 )
-            apart = float(np.max(np.abs(a[name] - values) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
-            worst = max(worst, apart) if math.isfinite(apart) else math.inf
+            value = float(np.max(np.abs(a[name] - values) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
+            worst = max(worst, value) if math.isfinite(value) else math.inf
     return worst

@@ -80,8 +80,8 @@ class ConstraintComparison:
 
     def sums(self) -> None:
         """What acts along sums of joint positions, by name."""
-        wanted = {one.name: one for one in self.world.sums}
-        names = sorted(one.name for one in self.read_back.sums)
+        wanted = {sum_.name: sum_ for sum_ in self.world.sums}
+        names = sorted(sum_.name for sum_ in self.read_back.sums)
         if wanted or names:
             self.tally.equal(self.levels["joint"], "sums", sorted(wanted), names, "constraints")
         for actual in self.read_back.sums:
@@ -89,10 +89,10 @@ class ConstraintComparison:
             if expected is None:
                 continue
             where = f"constraints.{actual.name}.sum"
-            joints = [[joint for joint, _ in one.joints] for one in (expected, actual)]
+            joints = [[joint for joint, _ in joint_sum.joints] for joint_sum in (expected, actual)]
             if self.tally.equal(self.levels["joint"], "sum of", joints[0], joints[1], f"{where}.joints"):
-                for (joint, weight), (_, held) in zip(expected.joints, actual.joints, strict=True):
-                    self.number("joint", "coefficient", weight, held, f"{where}.joints.{joint}")
+                for (joint, weight), (_, value) in zip(expected.joints, actual.joints, strict=True):
+                    self.number("joint", "coefficient", weight, value, f"{where}.joints.{joint}")
             for name in ("stiffness", "rest", "damping", "dry_friction"):
                 self.number("joint", f"sum, {name}", getattr(expected, name), getattr(actual, name), f"{where}.{name}")
             for expected_end, end in zip(
@@ -114,11 +114,11 @@ class ConstraintComparison:
                 continue
             where, level = f"frames.{actual.name}", self.levels["mass"]
             if self.tally.equal(level, "frame of", expected.body, actual.body, f"{where}.body"):
-                at, held = expected.pose, actual.pose
+                at, pose = expected.pose, actual.pose
                 scale = max(1.0, math.sqrt(sum(x * x for x in at.position)))
-                self.vector("mass", "frame, position", at.position, held.position, f"{where}.pose", scale)
-                turned = turn_between(at.quaternion, held.quaternion)
-                self.note("mass", "frame, orientation", turned, f"{where}.pose", f"{held.quaternion}")
+                self.vector("mass", "frame, position", at.position, pose.position, f"{where}.pose", scale)
+                turned = turn_between(at.quaternion, pose.quaternion)
+                self.note("mass", "frame, orientation", turned, f"{where}.pose", f"{pose.quaternion}")
 
     def box(self, wanted: Box | None, actual: Box | None, where: str) -> None:
         """By which a body feels the fluid: the squares of its edges, which are sums of moments over a mass, relative to that of
@@ -128,9 +128,9 @@ class ConstraintComparison:
                 self.note("mass", "box in the fluid", None, where, "one that is not there, or is not to be")
             return
         longest = max(wanted.edges) ** 2
-        squares, held = ([edge * edge for edge in one.edges] for one in (wanted, actual))
+        squares, stored = ([edge * edge for edge in box.edges] for box in (wanted, actual))
         self.note(
-            "mass", "box in the fluid", distance(squares, held, longest), where, f"{actual.edges}, not {wanted.edges}"
+            "mass", "box in the fluid", distance(squares, stored, longest), where, f"{actual.edges}, not {wanted.edges}"
         )
         turned = turn_between(wanted.quaternion, actual.quaternion)
         self.note("mass", "box in the fluid, axes", turned, where, f"{actual.quaternion}")

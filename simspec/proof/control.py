@@ -23,14 +23,7 @@ from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Pre
 from simspec.proof.limits import Stops, inside
 from simspec.proof.motion import NEAR
 from simspec.world.actions import Trajectory
-from simspec.world.kinematics import (
-    constrained_trees,
-    frictional_coordinates,
-    initial_state,
-    layout_of,
-    trees,
-    within,
-)
+from simspec.world.kinematics import constrained_trees, frictional_coordinates, initial_state, layout_of, trees, within
 from simspec.world.types import World
 
 STEPS = 500
@@ -152,18 +145,18 @@ def plan(world: World, oracle: Oracle | None = None, precision: Precision = PREC
     amount = np.array(reach)
     for _ in range(HALVINGS):
         targets = Trajectory(joints, (0.0,), (tuple((q[places] + amount).tolist()),))
-        asked = dataclasses.replace(world, trajectory=targets)
-        control, positions, steps = _response(asked, q, v)
+        requested = dataclasses.replace(world, trajectory=targets)
+        control, positions, steps = _response(requested, q, v)
         if not control.clipped.any():
             break
         amount = amount / 2.0
     rows = steps // EVERY + 1
     rounded = precision.rounding(0, np.random.default_rng(0))  # one disturbed run is enough: a law holds what it drives
-    disturbed = _response(asked, q * (1.0 + precision.perturbation), v, rounded)[1]
+    disturbed = _response(requested, q * (1.0 + precision.perturbation), v, rounded)[1]
     floor = float(np.abs(positions - disturbed)[:rows].max())
-    closed = _closed_form(asked, joints, q[places], amount, bool(control.clipped.any()))
+    closed = _closed_form(requested, joints, q[places], amount, bool(control.clipped.any()))
     positions[rows:] = closed[rows:] = np.nan
-    return Response(asked, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision)
+    return Response(requested, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision)
 
 
 def _response(
@@ -172,8 +165,8 @@ def _response(
     """The oracle's positions (n, joints) under the world's laws, joints in the world's order, and how many steps are done
     before a joint comes near a limit."""
     driven = set(driven_joints(world))
-    own = [bodies for bodies in constrained_trees(world) if any(body.joint.name in driven for body in bodies)]
-    names = {body.name for bodies in own for body in bodies}
+    driven_trees = [bodies for bodies in constrained_trees(world) if any(body.joint.name in driven for body in bodies)]
+    names = {body.name for bodies in driven_trees for body in bodies}
     keep_q, keep_v = (
         np.concatenate(
             [np.r_[part] for body, part in zip(world.bodies, parts, strict=True) if body.name in names]
@@ -198,9 +191,9 @@ def _closed_form(
     dt = world.physics.timestep
     for bodies in trees(world).values():
         moving = [body for body in bodies if body.joint.kind != "fixed"]
-        own = {body.joint.name for body in moving}
-        laws = [law for law in world.controllers if own & set(law.joints)]
-        whole = own <= {name for law in laws for name in law.joints}
+        names = {body.joint.name for body in moving}
+        laws = [law for law in world.controllers if names & set(law.joints)]
+        whole = names <= {name for law in laws for name in law.joints}
         extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving)
         extra = extra or bool(world.constraints) or bool(world.sums)
         if not laws or not whole or extra or any(law.law != "computed-torque" or law.hold > 1 for law in laws):

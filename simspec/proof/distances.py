@@ -54,14 +54,14 @@ def held_apart(expected: object, actual: object) -> float | None:
     if len(values) != len(actual_values):
         return None
     scale = max((abs(x) for x in (*values, *actual_values) if _is_number(x)), default=0.0)
-    apart = 0.0
+    worst = 0.0
     for a, b in zip(values, actual_values, strict=True):
         if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
-            own = max(abs(a), abs(b), SMALL_SHARE * scale if math.isfinite(scale) else 0.0)
-            apart = max(apart, abs(a - b) / own if own else 0.0)
+            largest = max(abs(a), abs(b), SMALL_SHARE * scale if math.isfinite(scale) else 0.0)
+            worst = max(worst, abs(a - b) / largest if largest else 0.0)
         elif a != b or isinstance(a, bool) != isinstance(b, bool):
             return None
-    return apart
+    return worst
 
 
 def _is_number(value: object) -> TypeGuard[float]:
@@ -91,8 +91,8 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
         turned = 0.0
         if kind.round is Round.NONE:
             turns = (frames.IDENTITY, *(HALF_TURNS if kind.upside_down else ()))
-            own = shape.pose.quaternion
-            turned = min(turn_between(own, frames.multiply(other.pose.quaternion, turn)) for turn in turns)
+            quaternion = shape.pose.quaternion
+            turned = min(turn_between(quaternion, frames.multiply(other.pose.quaternion, turn)) for turn in turns)
         return distance(shape.pose.position, other.pose.position), turned
     axis, other_axis = (frames.rotate(member.pose.quaternion, (0.0, 0.0, 1.0)) for member in (shape, other))
     turned = distance(axis, other_axis)
@@ -100,8 +100,8 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
         turned = min(turned, distance(axis, tuple(-x for x in other_axis)))
     if not kind.endless:
         return distance(shape.pose.position, other.pose.position), turned
-    apart = frames.subtract(other.pose.position, shape.pose.position)
-    return abs(frames.dot(axis, apart)), turned
+    offset = frames.subtract(other.pose.position, shape.pose.position)
+    return abs(frames.dot(axis, offset)), turned
 
 
 # How far two height fields are apart: by the heights of their surfaces, at the points of the grid and within every triangle.
@@ -110,13 +110,13 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
 # differs there, by a third of what the cell is bent by, though all its points are the same.
 
 
-def field_distance(wanted: tuple[float, ...], held: tuple[float, ...]) -> float:
+def field_distance(wanted: tuple[float, ...], actual: tuple[float, ...]) -> float:
     """The largest difference of two height fields, of heights, lengths or base, as a share of the extent of the first."""
-    field, other = field_of(wanted), field_of(held)
+    field, other = field_of(wanted), field_of(actual)
     lengths = max(abs(field.x - other.x), abs(field.y - other.y), abs(field.base - other.base))
     shares, heights = _sampled(wanted)
-    apart = float(np.abs(surface(other, shares) - heights).max())
-    return max(lengths, apart) / field.extent
+    value = float(np.abs(surface(other, shares) - heights).max())
+    return max(lengths, value) / field.extent
 
 
 def surface(field: Field, shares: Array) -> Array:
@@ -128,9 +128,9 @@ def surface(field: Field, shares: Array) -> Array:
     u, v = along - column, across - row
     z = field.heights
     low, high = z[row, column], z[row + 1, column + 1]
-    beside = np.where(u >= v, z[row, column + 1], z[row + 1, column])
+    where = np.where(u >= v, z[row, column + 1], z[row + 1, column])
     more, less = np.maximum(u, v), np.minimum(u, v)
-    made: Array = low + more * (beside - low) + less * (high - beside)
+    made: Array = low + more * (where - low) + less * (high - where)
     return made
 
 
@@ -170,24 +170,24 @@ AT_ONCE = 65_536
 a BLAS to share among threads, which on a busy machine wait for each other forty times as long as they work (measured)."""
 
 
-def hull_distance(wanted: tuple[float, ...], held: tuple[float, ...], tolerated: float = 0.0) -> float:
+def hull_distance(wanted: tuple[float, ...], actual: tuple[float, ...], tolerated: float = 0.0) -> float:
     """The largest difference of the support functions of two hulls (flat vertices, m) about one origin, as a share of the
     extent of the first; a bound of it, where that is ``tolerated`` at most."""
-    bound = _bound(wanted, held) / extent(wanted)
+    bound = _bound(wanted, actual) / extent(wanted)
     if bound <= tolerated:
         return bound
     directions, reach = _directions(wanted)
-    return float(np.abs(_support(held, directions) - reach).max()) / extent(wanted)
+    return float(np.abs(_support(actual, directions) - reach).max()) / extent(wanted)
 
 
-def _bound(wanted: tuple[float, ...], held: tuple[float, ...]) -> float:
+def _bound(wanted: tuple[float, ...], actual: tuple[float, ...]) -> float:
     """The largest distance (m) of a vertex of either hull from the nearest of the other; NaN where one has a place that is not
     finite."""
-    if wanted == held:
+    if wanted == actual:
         return 0.0
     from scipy.spatial import KDTree
 
-    ours, theirs = mesh_vertices(wanted), mesh_vertices(held)
+    ours, theirs = mesh_vertices(wanted), mesh_vertices(actual)
     if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
         return math.nan
     there, back = KDTree(theirs).query(ours)[0], KDTree(ours).query(theirs)[0]
@@ -219,9 +219,9 @@ def _directions(size: tuple[float, ...]) -> tuple[Array, Array]:
     # along the normal of a face its corners reach farthest, and along a sum of normals of faces at a vertex that vertex: the
     # rest needs no looking at, which would be most of what two hulls cost
     at_faces = np.einsum("fcx,fx->fc", hull.vertices[hull.triangles], hull.normals).max(axis=1)
-    own = np.einsum("vx,vx->v", hull.vertices, at_vertices)
+    at_corners = np.einsum("vx,vx->v", hull.vertices, at_vertices)
     directions = np.concatenate([spread, hull.normals, at_vertices])
-    return directions, np.concatenate([_support(size, spread), at_faces, own])
+    return directions, np.concatenate([_support(size, spread), at_faces, at_corners])
 
 
 def _spread() -> Array:
@@ -249,16 +249,16 @@ def table_differences(
     whole = sorted(names) == sorted(laws)  # a pair that is held twice is one too many
     found = "" if whole else f"{sorted(names)}, should be {sorted(laws)}"
     yield "laws of materials", 0.0 if whole else None, "contact.pairs", found
-    for held in table:
-        law = laws.get((held.first, held.second))
+    for contact in table:
+        law = laws.get((contact.first, contact.second))
         if law is None:
             continue
-        at = f"contact.pairs.{held.first}.{held.second}"
+        at = f"contact.pairs.{contact.first}.{contact.second}"
         for quantity in LAW_QUANTITIES:
-            wanted, actual = getattr(law, quantity), getattr(held, quantity)
+            wanted, actual = getattr(law, quantity), getattr(contact, quantity)
             yield quantity.replace("_", " "), relative(wanted, actual), at, f"{actual!r}, should be {wanted!r}"
-        same = (law.collide, law.margin, law.hardness.kind) == (held.collide, held.margin, held.hardness.kind)
-        yield "kind of law", 0.0 if same else None, at, "" if same else f"{held}, should be {law}"
+        same = (law.collide, law.margin, law.hardness.kind) == (contact.collide, contact.margin, contact.hardness.kind)
+        yield "kind of law", 0.0 if same else None, at, "" if same else f"{contact}, should be {law}"
         for name in HARDNESS_NUMBERS:
-            wanted, actual = getattr(law.hardness, name), getattr(held.hardness, name)
+            wanted, actual = getattr(law.hardness, name), getattr(contact.hardness, name)
             yield "hardness", relative(wanted, actual), at, f"{actual!r}, should be {wanted!r}"

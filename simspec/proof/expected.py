@@ -238,15 +238,15 @@ def judge(
     """Why checks, and what is listed as not compared, do not prove ``world``, a line each; [] when they do. For a certificate
     from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for.
     ``precision``: of the engine's numbers."""
-    own = left_out(world)
+    by_world = left_out(world)
     if any(why.startswith(TOO_CHAOTIC) for why in not_compared.values()):
-        own |= {name: why for name, why in uncomparable(world, precision).items() if name in not_compared}
+        by_world |= {name: why for name, why in uncomparable(world, precision).items() if name in not_compared}
     faults = [
         f"{name} is listed as not compared ({why}), which does not apply to this world"
         for name, why in not_compared.items()
-        if name not in own
+        if name not in by_world
     ]
-    by_nature = {name: why for name, why in not_compared.items() if name in own}
+    by_nature = {name: why for name, why in not_compared.items() if name in by_world}
     every = itertools.chain(checks, shortfalls(world, checks, {**by_nature, **lacking}))
     faults += [
         f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed

@@ -21,18 +21,8 @@ from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.judged import figure_faults
 from simspec.proof.contact.run import contact_checks
 from simspec.proof.contact.scope import scope
-from simspec.proof.expected import (
-    TITLES,
-    UNTOLD,
-    not_checked_parts,
-    of_files_alone,
-    realised,
-    title,
-    unreadable,
-)
-from simspec.proof.expected import (
-    judge as judge_checks,
-)
+from simspec.proof.expected import TITLES, UNTOLD, not_checked_parts, of_files_alone, realised, title, unreadable
+from simspec.proof.expected import judge as judge_checks
 from simspec.proof.limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.proof.verify import prepare
@@ -127,11 +117,11 @@ def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = 
 
 def _declarations(engine: str, known: type[Engine], proof: EngineProof, world: World) -> Iterator[str]:
     """Approximations and fields that are not readable back, which follow from the world and what the engine declares."""
-    told = realised(world, engine, proof.version)
-    if told.refused:
-        yield f"this world cannot be compiled for it: {told.refused}"
+    given = realised(world, engine, proof.version)
+    if given.refused:
+        yield f"this world cannot be compiled for it: {given.refused}"
     else:
-        yield from _compared("the accepted approximation", proof.approximations, told.approximations)
+        yield from _compared("the accepted approximation", proof.approximations, given.approximations)
     fields = {name: why for name, why in proof.not_checked.items() if name not in TITLES}
     wanted = {} if proof.files_alone else unreadable(world, known.UNREADABLE)
     if "frames" in fields and world.frames:
@@ -139,14 +129,14 @@ def _declarations(engine: str, known: type[Engine], proof: EngineProof, world: W
     yield from _compared("the field that is not readable back", fields, wanted)
 
 
-def _compared(what: str, told: Mapping[str, str], wanted: Mapping[str, str]) -> Iterator[str]:
-    for name in sorted(told.keys() | wanted.keys()):
-        if name not in told:
+def _compared(what: str, given: Mapping[str, str], wanted: Mapping[str, str]) -> Iterator[str]:
+    for name in sorted(given.keys() | wanted.keys()):
+        if name not in given:
             yield f"{what} {name!r} is missing"
         elif name not in wanted:
-            yield f"{what} {name!r} ({told[name]}), which this world and the engine do not have"
-        elif told[name] != wanted[name]:
-            yield f"{what} {name!r}: {told[name]!r}, should be {wanted[name]!r}"
+            yield f"{what} {name!r} ({given[name]}), which this world and the engine do not have"
+        elif given[name] != wanted[name]:
+            yield f"{what} {name!r}: {given[name]!r}, should be {wanted[name]!r}"
 
 
 def _motions(proof: EngineProof, world: World) -> Iterator[str]:
@@ -181,7 +171,7 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
     weights = {
         "mass": len(weighed),
         "inertia tensor": len(weighed),
-        "centre of mass": sum(one.mass > 0 for one in weighed),
+        "centre of mass": sum(inertial.mass > 0 for inertial in weighed),
     }
     least |= {(level, name): count for level in ("L0", "L1") for name, count in weights.items()}
     least |= {(level, name): len(world.bodies) for level in ("L0", "L2") for name in ("joint type", "parent")}
@@ -211,8 +201,8 @@ def _contact(
         if proof.contact:
             yield "L5: figures of contact, which is listed as not compared"
         return
-    told = None if known is None else realised(world, engine, proof.version)
-    between = (lambda pair: {}) if told is None else told.between
+    given = None if known is None else realised(world, engine, proof.version)
+    between = (lambda pair: {}) if given is None else given.between
     yield from figure_faults(proof.contact, world, known, between, proof.version)
     made = {check.name: (check.count, check.worst) for check in contact_checks(proof.contact)}
     checks = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}

@@ -19,17 +19,7 @@ from simspec.dynamics.stability import unstable
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
-from simspec.proof.checks import (
-    LEEWAY,
-    PRECISIONS,
-    TOO_CHAOTIC,
-    Check,
-    Demand,
-    Demands,
-    Part,
-    Precision,
-    Rounded,
-)
+from simspec.proof.checks import LEEWAY, PRECISIONS, TOO_CHAOTIC, Check, Demand, Demands, Part, Precision, Rounded
 from simspec.proof.limits import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
@@ -299,9 +289,9 @@ class _Planning:
         if steps < FEWEST and (diverging := unstable(self.world)):
             ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
             unsteady = False
-        rubbing = frictional_coordinates(self.world)
+        values = frictional_coordinates(self.world)
         poses, floor = exact[: last + 1], float(floors[last])
-        return Motion(begun.q, begun.v, begun.effort, steps, every, poses, floor, rubbing, ends, precision, unsteady)
+        return Motion(begun.q, begun.v, begun.effort, steps, every, poses, floor, values, ends, precision, unsteady)
 
     def _tried(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> _Beginning:
         """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: until a joint comes near a limit, or turns

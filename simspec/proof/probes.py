@@ -64,13 +64,13 @@ def kinematics_checks(
     return tally.checks()
 
 
-def _add_frames(tally: Tally, world: World, pose: np.ndarray, held: np.ndarray, state: int, tolerance: float) -> None:
+def _add_frames(tally: Tally, world: World, pose: np.ndarray, values: np.ndarray, state: int, tolerance: float) -> None:
     """Poses ``held`` (frames, 7) of named frames against where bodies at ``pose`` (bodies, 7) carry them."""
-    if len(held) != len(world.frames):
-        tally.add("L2", FRAME_CHECK, tolerance, math.inf, f"{len(held)} frames, should be {len(world.frames)}")
+    if len(values) != len(world.frames):
+        tally.add("L2", FRAME_CHECK, tolerance, math.inf, f"{len(values)} frames, should be {len(world.frames)}")
         return
     rows = {body.name: index for index, body in enumerate(world.bodies)}
-    for frame, actual in zip(sorted(world.frames, key=lambda one: one.name), held, strict=True):
+    for frame, actual in zip(sorted(world.frames, key=lambda entry: entry.name), values, strict=True):
         body = pose[rows[frame.body]]
         place = frames.compose(Pose(vector3(body[:3].tolist()), quaternion(body[3:].tolist())), frame.pose)
         at = np.array(place.position)
@@ -112,13 +112,13 @@ def dynamics_checks(
     tally = Tally()
     names = [body.name for body in world.bodies for _ in body.joint.velocity]
     turning = _turning(world)
-    still = np.zeros(oracle.nv)
+    zeros = np.zeros(oracle.nv)
     for row in range(len(q) if oracle.blocks else 0):
         masses = oracle.mass_blocks(q[row])
         forces = {}
         if "bias_force" in answer:
             forces["bias force"] = (oracle.bias_force(q[row], v[row]), answer["bias_force"][row])
-            forces["gravity force"] = (oracle.bias_force(q[row], still), answer["gravity_force"][row])
+            forces["gravity force"] = (oracle.bias_force(q[row], zeros), answer["gravity_force"][row])
         ends = np.cumsum([mass.size for mass in masses])
         packed = np.split(answer["mass"][row], ends[:-1]) if "mass" in answer else ()
         for block, mass, entries in itertools.zip_longest(oracle.blocks, masses, packed):

@@ -360,10 +360,7 @@ def held(engine: str) -> World:
         Body("swing", "base", inertial, ball),
         Body("tip", "base", inertial, tip),
     )
-    loose = (
-        free("near", (1.5, 0.0, 0.4), inertial),
-        free("far", (1.8, 0.2, 0.4, 0.8, 0.0, 0.6, 0.0), inertial),
-    )
+    loose = (free("near", (1.5, 0.0, 0.4), inertial), free("far", (1.8, 0.2, 0.4, 0.8, 0.0, 0.6, 0.0), inertial))
     bodies = (*chain, *loose)
     place = poses(World("", bodies))
     at = (0.1, 0.0, 0.05)

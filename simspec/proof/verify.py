@@ -191,7 +191,7 @@ def verify(
     with contextlib.ExitStack() as stack:
         warm = warm or stack.enter_context(WarmProcesses())
         proofs = _of_files_alone(world, compiled, artifacts or {}, not_compared)
-        order, compiled = tuple(compiled), {name: one for name, one in compiled.items() if name not in proofs}
+        order, compiled = tuple(compiled), {name: entry for name, entry in compiled.items() if name not in proofs}
         if not compiled:
             return Certificate(world.name, sha256(world), _oracle_version(), proofs)
         for name in compiled:
@@ -210,8 +210,8 @@ def verify(
             try:
                 python = (pythons or {}).get(name)
                 operations = probes.operations(find_engine(name))
-                asked = start(name, folders[name], operations, python=python, deadline=deadline, warm=warm)
-                running[name] = stack.enter_context(asked)
+                requested = start(name, folders[name], operations, python=python, deadline=deadline, warm=warm)
+                running[name] = stack.enter_context(requested)
             except EngineError as error:
                 refused[name] = error
         texts: dict[str, list[Check]] = {}
@@ -248,10 +248,7 @@ def _measured(world: World, levels: Collection[str], figures: Sequence[Figure]) 
 
 
 def _of_files_alone(
-    world: World,
-    compiled: Mapping[str, Compiled],
-    artifacts: Mapping[str, Path],
-    not_compared: Mapping[str, str],
+    world: World, compiled: Mapping[str, Compiled], artifacts: Mapping[str, Path], not_compared: Mapping[str, str]
 ) -> dict[str, EngineProof]:
     """The proofs of the engines that are not installed, of which the files can be proven alone."""
     proofs = {}
@@ -316,8 +313,8 @@ def _contact(
         measuring = {}
         for name, (folder, read) in files.items():
             try:
-                asked = measure(world, name, folder, pythons.get(name), deadline, cache, read, warm)
-                measuring[name] = stack.enter_context(asked)
+                requested = measure(world, name, folder, pythons.get(name), deadline, cache, read, warm)
+                measuring[name] = stack.enter_context(requested)
             except (UnsupportedError, EngineError) as error:
                 checks[name] = [not_measured(error)]
         for name, measurement in measuring.items():

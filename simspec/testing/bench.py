@@ -134,24 +134,24 @@ class Bench:
 def run_operation(world: World, steps: int, every: int | None = None, *channels: str) -> Operation:
     """A run of ``steps``, recorded every ``every`` (None: at the start and at the end), with ``channels`` recorded too."""
     parameters: dict[str, Any] = {"steps": steps, "every": every or max(steps, 1), "channels": list(channels)}
-    asked, arrays = to_request(world)
-    return Operation("run", {**parameters, **asked}, arrays, world)
+    requested, arrays = to_request(world)
+    return Operation("run", {**parameters, **requested}, arrays, world)
 
 
 def windows_operation(world: World, run: Answer, *channels: str) -> Operation:
     """Windows from every recorded row of ``run`` but the last to the one after it; see ``_windows`` in ``operations.py``."""
     step = np.asarray(run.arrays["step"], dtype=np.int64)
     (steps,) = set(np.diff(step).tolist())
-    asked, arrays = to_request(world)
+    requested, arrays = to_request(world)
     states = {name: np.ascontiguousarray(run.arrays[name][:-1]) for name in ("q", "v")}
     parameters: dict[str, Any] = {"starts": step[:-1].tolist(), "steps": steps, "channels": list(channels)}
-    return Operation("windows", {**parameters, **asked}, {**arrays, **states}, world)
+    return Operation("windows", {**parameters, **requested}, {**arrays, **states}, world)
 
 
 def drive_operation(world: World, *phases: tuple[int, np.ndarray | None]) -> Operation:
     """See :meth:`Bench.drive`."""
-    still = np.zeros(sum(len(body.joint.velocity) for body in world.bodies))
-    efforts = np.array([still if effort is None else effort for _, effort in phases])
+    zeros = np.zeros(sum(len(body.joint.velocity) for body in world.bodies))
+    efforts = np.array([zeros if effort is None else effort for _, effort in phases])
     parameters = {"timestep": world.physics.timestep, "phases": [[steps, steps] for steps, _ in phases]}
     return Operation("drive", parameters, {"effort": efforts}, world)
 
@@ -175,12 +175,12 @@ def state_error(world: World, measured: np.ndarray, expected: np.ndarray) -> flo
     worst, at = 0.0, 0
     for body in world.bodies:
         size = len(body.joint.position)
-        one, other = measured[at : at + size], expected[at : at + size]
+        values, other = measured[at : at + size], expected[at : at + size]
         at += size
         if body.joint.kind in QUATERNION_JOINTS:
-            worst = max(worst, float(rotation_error(one[-4:], other[-4:])))
-            one, other = one[:-4], other[:-4]
-        worst = max(worst, float(np.abs(one - other).max(initial=0.0)))
+            worst = max(worst, float(rotation_error(values[-4:], other[-4:])))
+            values, other = values[:-4], other[:-4]
+        worst = max(worst, float(np.abs(values - other).max(initial=0.0)))
     return worst
 
 
@@ -226,8 +226,8 @@ def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None =
     """``base`` with its hinges and slides under the engine's own controllers."""
     joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
     count = len(joints)
-    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
-    return dataclasses.replace(base, controllers=(one,))
+    controller = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
+    return dataclasses.replace(base, controllers=(controller,))
 
 
 def with_targets(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:

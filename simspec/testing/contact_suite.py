@@ -205,8 +205,8 @@ class ContactSuite(Suite):
         base = dataclasses.replace(base, bodies=tuple(lifted(body) for body in base.bodies))
         plain = dataclasses.replace(base, bodies=tuple(of_material(body, "ice") for body in base.bodies))
         ends = []
-        for one in (base, plain):
-            world = bench.allowed(one)
+        for entry in (base, plain):
+            world = bench.allowed(entry)
             if world is None:
                 return
             arrays = bench.run(world, 300).arrays
@@ -224,12 +224,14 @@ class ContactSuite(Suite):
         q, _ = initial_state(world)
         pairs = list(itertools.combinations(names[1:], 2))
         states = []
-        for one, other in pairs:
+        for entry, other in pairs:
             moved = q.copy()
             places = {name: 7 * (names.index(name) - 1) for name in names[1:]}
             for index, name in enumerate(names[1:]):
                 moved[places[name] : places[name] + 3] = (10.0 * index, 50.0, 50.0)
-            moved[places[other] : places[other] + 3] = moved[places[one] : places[one] + 3] + np.array([0.09, 0.0, 0.0])
+            moved[places[other] : places[other] + 3] = moved[places[entry] : places[entry] + 3] + np.array(
+                [0.09, 0.0, 0.0]
+            )
             states.append(moved)
         operations = [drive_operation(world, (1000, None))]
         if not bench.lacks("pair_detection"):
@@ -285,9 +287,9 @@ class ContactSuite(Suite):
         world = bench.allowed(worlds.shapes_world())
         if world is None:
             return
-        one, other = bench.ask(world, run_operation(world, 500), run_operation(world, 500))
+        answer, other = bench.ask(world, run_operation(world, 500), run_operation(world, 500))
         for name in ("q", "v"):
-            assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+            assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
     def test_windows_from_the_rows_of_a_run_end_in_the_next_ones(self, bench: Bench) -> None:
         """Warm starts and contact caches change no motion: 1e-9 is 1000 times what iterative solvers leave here, and below any

@@ -170,9 +170,9 @@ class ControlSuite(Suite):
         world = bench.allowed(with_load())
         if world is None:
             return
-        one, other = bench.ask(world, run_operation(world, STEPS, 10), run_operation(world, STEPS, 10))
+        answer, other = bench.ask(world, run_operation(world, STEPS, 10), run_operation(world, STEPS, 10))
         for name in ("q", "control.effort"):
-            assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+            assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
     def test_windows_from_the_rows_of_a_run_end_in_the_next_ones(self, bench: Bench) -> None:
         """Under controllers, whose references begin in the middle, and without contact: nothing is remembered but the state."""
@@ -275,8 +275,8 @@ class ControlSuite(Suite):
         world = bench.allowed(with_targets(native(chain(HINGES), kp=200.0, kd=2.0), np.full(len(HINGES), 0.1)))
         if world is None:
             return
-        one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
-        assert one.arrays["q"].tobytes() == other.arrays["q"].tobytes()
+        answer, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
+        assert answer.arrays["q"].tobytes() == other.arrays["q"].tobytes()
 
     def test_the_proof_passes_a_native_world(self, bench: Bench) -> None:
         world = bench.allowed(

@@ -118,16 +118,16 @@ class ForcesSuite(Suite):
     def test_a_kinematic_body_is_where_it_is_told_and_carries_what_hangs_on_it(self, bench: Bench) -> None:
         """What slides on it along its way stays where it is; what turns about its axis does not turn with it."""
         base = Joint("base_joint", "free", position=(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6)
-        round_one = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
+        isotropic = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
         slider = Joint("slider_joint", "slide", "base", axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,))
         wheel = Joint("wheel_joint", "hinge", "second", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
         second = dataclasses.replace(base, name="second_joint", position=(0.0, 5.0, 0.0, 1.0, 0.0, 0.0, 0.0))
         heavy = Inertial(1e5, inertia=(1e5, 1e5, 1e5, 0.0, 0.0, 0.0))
         bodies = (
             Body("base", "base", heavy, base),
-            Body("slider", "base", Inertial(1.0, inertia=round_one), slider),
+            Body("slider", "base", Inertial(1.0, inertia=isotropic), slider),
             Body("second", "second", heavy, second),
-            Body("wheel", "second", Inertial(1.0, inertia=round_one), wheel),
+            Body("wheel", "second", Inertial(1.0, inertia=isotropic), wheel),
         )
         turn = (np.cos(1.5), 0.0, 0.0, np.sin(1.5))
         motions = (
@@ -135,10 +135,10 @@ class ForcesSuite(Suite):
             Motion("second", (0.02, 0.1), ((0.0, 5.0, 0.0),) * 2, ((1.0, 0.0, 0.0, 0.0), turn), "linear"),
         )
         world = worlds.world(bodies, physics=Physics(timestep=0.001, steps=STEPS))
-        asked = bench.allowed(dataclasses.replace(world, motions=motions))
-        if asked is None:
+        allowed = bench.allowed(dataclasses.replace(world, motions=motions))
+        if allowed is None:
             return
-        pose = bench.run(asked, STEPS, 20).arrays["pose"]
+        pose = bench.run(allowed, STEPS, 20).arrays["pose"]
         times = np.arange(0, STEPS + 1, 20) * 0.001
         share = np.clip(times / 0.1, 0.0, 1.0)
         np.testing.assert_allclose(
@@ -148,7 +148,7 @@ class ForcesSuite(Suite):
         angle = 2.0 * np.arctan2(pose[:, 2, 6], pose[:, 2, 3])
         np.testing.assert_allclose(angle, 3.0 * np.clip((times - 0.02) / 0.08, 0.0, 1.0), atol=bench.near(1e-8))
         np.testing.assert_allclose(pose[:, 3, 6], 0.0, atol=bench.near(1e-8))
-        proof = bench.proof(asked, "L7")
+        proof = bench.proof(allowed, "L7")
         if bench.lacks("contact_off"):
             assert proof.not_checked["L7"] == bench.lacks("contact_off")
             return
@@ -156,10 +156,10 @@ class ForcesSuite(Suite):
         assert (check.name, check.passed, check.count) == ("prescribed motion", True, 202), check
         # what hangs on it weighs 1e-5 of it, so that 0.1 % of its mass is less than singles are compared to; L1 compares masses
         lighter = dataclasses.replace(heavy, mass=heavy.mass * bench.near(0.999, 0.98))
-        other = dataclasses.replace(asked, bodies=(dataclasses.replace(bodies[0], inertial=lighter), *bodies[1:]))
+        other = dataclasses.replace(allowed, bodies=(dataclasses.replace(bodies[0], inertial=lighter), *bodies[1:]))
         folder = bench.place / "other-base"
         write_folder(compile_world(other, [bench.engine])[bench.engine].files, folder)
-        proven = verify(asked, [bench.engine], artifacts={bench.engine: folder}, pythons=bench.pythons, levels=["L7"])
+        proven = verify(allowed, [bench.engine], artifacts={bench.engine: folder}, pythons=bench.pythons, levels=["L7"])
         assert [check.passed for check in proven.engines[bench.engine].level("L7")] == [False]
 
     def test_the_proof_holds_the_forces(self, bench: Bench) -> None:

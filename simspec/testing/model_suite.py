@@ -94,18 +94,18 @@ def known(bench: Bench, world: World) -> Known:
     q[0], v[0] = start, speed
     effort = 0.2 * np.diag(oracle.mass_matrix(start))
     channels = () if bench.lacks("energy") else ("energy",)
-    asked = {
+    operations = {
         "read_back": Operation("read_back", world=world),
         "kinematics": Operation("kinematics", {}, {"q": q, "v": v}, world),
         "run": run_operation(world, 20, 10, *channels),
     }
     quantities = tuple(name for name in ("mass_matrix", "bias_force") if not bench.lacks(name))
     if quantities:
-        asked["dynamics"] = dynamics_operation(oracle, q, v, quantities)
+        operations["dynamics"] = dynamics_operation(oracle, q, v, quantities)
     if not bench.lacks("contact_off"):
-        asked["motion"] = motion_operation(world, start, speed, effort, STEPS, STEPS)
-        asked["motion in parts"] = motion_operation(world, start, speed, effort, STEPS, 5)
-    answers = dict(zip(asked, bench.ask(world, *asked.values()), strict=True))
+        operations["motion"] = motion_operation(world, start, speed, effort, STEPS, STEPS)
+        operations["motion in parts"] = motion_operation(world, start, speed, effort, STEPS, 5)
+    answers = dict(zip(operations, bench.ask(world, *operations.values()), strict=True))
     return Known(world, oracle, q, v, effort, answers)
 
 
@@ -123,9 +123,9 @@ class ModelSuite(Suite):
     def test_the_engine_holds_the_world(self, bench: Bench, known: Known | None) -> None:
         if known is None:
             return
-        held = known.answers["read_back"].held
-        assert held is not None
-        checks: list[Check] = read_back_checks(known.world, bench.kind, held)
+        read_back = known.answers["read_back"].held
+        assert read_back is not None
+        checks: list[Check] = read_back_checks(known.world, bench.kind, read_back)
         assert failures(checks) == []
         assert {"mass", "joint type", "gravity", "timestep"} <= {check.name for check in checks}
 
@@ -163,13 +163,13 @@ class ModelSuite(Suite):
             if not bench.lacks("mass_matrix"):
                 mass = np.concatenate([block.ravel() for block in known.oracle.mass_blocks(q)] or [np.zeros(0)])
                 scale = np.abs(mass).max(initial=0.0)
-                held = known.answers["dynamics"].arrays["mass"][row]
-                np.testing.assert_allclose(held, mass, rtol=0, atol=bench.near(1e-9) * scale)
+                actual = known.answers["dynamics"].arrays["mass"][row]
+                np.testing.assert_allclose(actual, mass, rtol=0, atol=bench.near(1e-9) * scale)
             if not bench.lacks("bias_force"):
                 bias = known.oracle.bias_force(q, v)
-                held = known.answers["dynamics"].arrays["bias_force"][row]
+                actual = known.answers["dynamics"].arrays["bias_force"][row]
                 scale = max(1.0, np.abs(bias).max(initial=0.0))
-                np.testing.assert_allclose(held, bias, rtol=0, atol=bench.near(1e-9) * scale)
+                np.testing.assert_allclose(actual, bias, rtol=0, atol=bench.near(1e-9) * scale)
 
     def test_sums_stop_at_their_limits(self, bench: Bench) -> None:
         world = bench.allowed(NEEDING[Feature.SUM_LIMITS]())
@@ -185,14 +185,14 @@ class ModelSuite(Suite):
         assert world is not None
         oracle = Oracle(world)
         q, v = random_states(world, 1)
-        asked = {
+        operations = {
             "mass_matrix": dynamics_operation(oracle, q, v, ("mass_matrix",)),
             "bias_force": dynamics_operation(oracle, q, v, ("bias_force",)),
             "pair_detection": touching_operation(world, q),
             "contact_off": motion_operation(world, q[0], v[0], 0.0 * v[0], 1, 1),
             "energy": run_operation(world, 1, 1, "energy"),
         }
-        for capability, operation in asked.items():
+        for capability, operation in operations.items():
             if bench.lacks(capability):
                 with pytest.raises(EngineError):
                     bench.ask(world, operation)
@@ -230,9 +230,9 @@ class ModelSuite(Suite):
     def test_two_loads_step_alike_to_the_last_bit(self, bench: Bench) -> None:
         world = bench.allowed(worlds.spheres()) or bench.allowed(worlds.hinges())
         assert world is not None
-        one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
+        answer, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
         for name in ("q", "v"):
-            assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+            assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
     def test_seconds_are_told_for_each_row(self, bench: Bench) -> None:
         """A program of its own need not tell them; the totals are its word, which the rows must fit."""

@@ -135,7 +135,7 @@ class SleepingSuite(Suite):
         plain = with_sleeping(bench, world, sleeping=False)
         assert plain is not None
         off = worlds.with_options(plain, bench.kind.NAME, settings=((SETTING, False),))
-        of_plain, of_off, of_on = (bench.compiled(one).files for one in (plain, off, on))
+        of_plain, of_off, of_on = (bench.compiled(world).files for world in (plain, off, on))
         assert not any("sleep" in text for text in of_plain.values())
         assert {path: text for path, text in of_off.items() if path != "sidecar.json"} == {
             path: text for path, text in of_plain.items() if path != "sidecar.json"

@@ -119,10 +119,7 @@ def test_what_lies_on_a_body_moves_with_it():
 
 
 def test_the_deepest_point_of_the_first_row_counts():
-    arrays = {
-        "contact.distance": np.array([-1.0, -3.0, -9.0, -2.0]),
-        "contact.normal": np.array([[0, 0, 1.0]] * 4),
-    }
+    arrays = {"contact.distance": np.array([-1.0, -3.0, -9.0, -2.0]), "contact.normal": np.array([[0, 0, 1.0]] * 4)}
     rows, bodies = np.array([4, 4, 5, 6]), np.array([[0, 1], [1, 0], [0, 1], [2, 1]])
     found = _overlaps(arrays, rows, bodies, np.arange(4))
     assert found[0, 1][0] == 3.0

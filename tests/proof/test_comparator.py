@@ -341,7 +341,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
                 "rounding",
                 "margin",
                 "surface_velocity",
-            ),
+            )
         },
         Surface: set(SURFACE_FIELDS),
         Hardness: {"kind", "time_constant", "damping_ratio", "stiffness", "damping"},

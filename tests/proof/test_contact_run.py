@@ -42,11 +42,7 @@ SAID_TWICE = ("ode", "physx", "rapier")
 """Whose sidecar says the cone too: files that contradict each other are refused."""
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0
-ASIDE = {
-    "pybullet": ("push-oblong", "stop-oblong"),
-    "mujoco": ("oblique",),
-    "rapier": ("push-oblong", "stop-oblong"),
-}
+ASIDE = {"pybullet": ("push-oblong", "stop-oblong"), "mujoco": ("oblique",), "rapier": ("push-oblong", "stop-oblong")}
 """Probes in which an engine declares a deviation under the elliptic cone, at 1 ms and μ up to 0.3, without restitution."""
 
 PROBES = (

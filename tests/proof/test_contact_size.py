@@ -13,18 +13,7 @@ from simspec.errors import UnsupportedError
 from simspec.proof.contact import size
 from simspec.proof.contact.size import GAPS, size_error, size_figures, size_trial, surface_points
 from simspec.world.kinematics import layout_of
-from simspec.world.types import (
-    Body,
-    Contact,
-    EngineOptions,
-    Inertial,
-    Joint,
-    Material,
-    PairContact,
-    Pose,
-    Shape,
-    World,
-)
+from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests.installed import INSTALLED, JOINTED
 from tests.proof.contact_probing import ACCEPT
 

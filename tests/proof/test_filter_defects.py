@@ -85,10 +85,7 @@ def materials(engine: str, *bodies: Body, passing: bool = False, friction: float
     )
     contact = Contact(materials=tuple(Material(name, friction) for name in names), pairs=pairs)
     return worlds.world(
-        bodies,
-        "materials",
-        contact=contact,
-        engines=(EngineOptions(engine, accept=(*worlds.FRICTION, "shape.box")),),
+        bodies, "materials", contact=contact, engines=(EngineOptions(engine, accept=(*worlds.FRICTION, "shape.box")),)
     )
 
 

@@ -14,12 +14,7 @@ from simspec.world.types import Inertial
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 KINDS = ["fixed", "hinge", "fixed", "fixed", "hinge"]
-WEIGHTS = {
-    "nothing": (),
-    "of one link": (2,),
-    "of links in a row": (2, 3),
-    "a point mass": (),
-}
+WEIGHTS = {"nothing": (), "of one link": (2,), "of links in a row": (2, 3), "a point mass": ()}
 
 
 @pytest.mark.parametrize("massless", WEIGHTS)

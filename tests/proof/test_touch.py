@@ -214,13 +214,7 @@ def arm_of_spheres() -> World:
             Joint("lower_joint", parent="upper", origin=Pose((1.0, 0.0, 0.0)), **hinge),
             ball("lower", 0.5),
         ),
-        Body(
-            "tip",
-            "upper",
-            solid,
-            Joint("tip_joint", "fixed", "lower", Pose((1.0, 0.05, 0.0))),
-            ball("tip", 0.0),
-        ),
+        Body("tip", "upper", solid, Joint("tip_joint", "fixed", "lower", Pose((1.0, 0.05, 0.0))), ball("tip", 0.0)),
         post("near", -1.3),
         post("far", 9.0),
     )

@@ -141,7 +141,7 @@ def _same(figure: Figure, other: Figure) -> bool:
         (figure.tolerance, other.tolerance),
         (figure.without or 0.0, other.without or 0.0),
     )
-    return all(abs(one - another) <= SAME * other.tolerance for one, another in pairs)
+    return all(abs(value - another) <= SAME * other.tolerance for value, another in pairs)
 
 
 def _off(figure: Figure) -> float:

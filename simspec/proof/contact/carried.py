@@ -68,11 +68,11 @@ class Carrier(Probe):
     def trials(self, law: Law) -> Sequence[Trial]:
         settle, steps = law.steps(SETTLE, 10), law.steps(CARRIED_TIME, CARRIED_STEPS)
         weight = (SLAB_MASS + MASS) * GRAVITY
-        held = (0.0, 0.0, weight, 0.0, 0.0, 0.0)
+        actual = (0.0, 0.0, weight, 0.0, 0.0, 0.0)
         pushed = ((SLAB_MASS + MASS) * self._acceleration(law), 0.0, weight, 0.0, 0.0, 0.0)
         phases = (
-            Phase(settle, settle, {"slab_0": held, "slab_1": held}),
-            Phase(steps, steps, {"slab_0": pushed, "slab_1": held}),
+            Phase(settle, settle, {"slab_0": actual, "slab_1": actual}),
+            Phase(steps, steps, {"slab_0": pushed, "slab_1": actual}),
         )
         meets = tuple((f"load_{number}", f"slab_{number}") for number in range(len(self.CASES)))
         return [Trial(tuple(self._bodies(law)), phases, meets)]
@@ -80,7 +80,7 @@ class Carrier(Probe):
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Without friction the box stays where it is in the world, or goes on along its tangent."""
         steps, acceleration = law.steps(CARRIED_TIME, CARRIED_STEPS), self._acceleration(law)
-        time, held = steps * law.timestep, held_way(law, steps)
+        time, value = steps * law.timestep, held_way(law, steps)
         turn = math.sqrt(acceleration / OUT)
         # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a second, or not at all
         # where friction is a spring to where the body lies
@@ -88,8 +88,8 @@ class Carrier(Probe):
         straight = OUT * complex(1.0, turn * time) * complex(math.cos(turn * time), -math.sin(turn * time))
         speeds_up, turns = ((f"a carrier that {case}", "slip", "m") for case in self.CASES)
         return [
-            self.figure(law, *speeds_up, 0.0, held, without=0.5 * acceleration * time**2),
-            self.figure(law, *turns, outwards, outwards + held, without=abs(straight - OUT)),
+            self.figure(law, *speeds_up, 0.0, value, without=0.5 * acceleration * time**2),
+            self.figure(law, *turns, outwards, outwards + value, without=abs(straight - OUT)),
         ]
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
@@ -178,18 +178,18 @@ class Squeeze(Probe):
         steps = self.all_steps(law)
         whole = 0.5 * GRAVITY * (steps * law.timestep) ** 2
         way, free = (self.fallen(law, acceleration) for acceleration in ((1.0 - SLIPS) * GRAVITY, GRAVITY))
-        held, slips = (f"at {share:g} × the friction that holds" for share in (HELD, SLIPS))
+        text, slips = (f"at {share:g} × the friction that holds" for share in (HELD, SLIPS))
         slides = {"probe": self.SLIDES, "without": free}
         return [
-            self.figure(law, held, "way", "m", 0.0, held_way(law, steps), without=whole),
+            self.figure(law, text, "way", "m", 0.0, held_way(law, steps), without=whole),
             self.figure(law, slips, "way", "m", way, SLIP_TOLERANCE * way, **slides),
             self.figure(law, slips, "turn", "rad", 0.0, TURN, probe=self.TURNS),
         ]
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
-        held, slipping = motions[0].pose["box_0"], motions[0].pose["box_1"][: self.steps(law) + 1]
+        values, slipping = motions[0].pose["box_0"], motions[0].pose["box_1"][: self.steps(law) + 1]
         return [
-            float(np.linalg.norm(held[:, :3] - held[0, :3], axis=1).max()),
+            float(np.linalg.norm(values[:, :3] - values[0, :3], axis=1).max()),
             float(slipping[0, 2] - slipping[-1, 2]),
             float(rotation_error(slipping[-1, 3:], slipping[0, 3:])),
         ]

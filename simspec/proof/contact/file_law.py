@@ -121,9 +121,9 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
         *((f"{name} in layer {layer}", surface) for (name, layer), surface in numbers.items()),
         *((f"{pair.first} with {pair.second}", pair) for pair in contact.pairs),
     ]
-    for where, numbers_held in surfaces:
-        hardness = numbers_held.hardness or Hardness()
-        values = {name: getattr(numbers_held, name) for name in COMBINED_QUANTITIES}
+    for where, numbers_actual in surfaces:
+        hardness = numbers_actual.hardness or Hardness()
+        values = {name: getattr(numbers_actual, name) for name in COMBINED_QUANTITIES}
         values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
         for name, value in values.items():
             if value is not None and not math.isfinite(value):
@@ -169,8 +169,8 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
 def _filled(surface: Surface, wanted: Surface) -> Surface:
     """The surface, with what cannot be told taken from the plan."""
     names = (*COMBINED_QUANTITIES, "hardness")
-    told = {name: value for name in names if (value := getattr(surface, name)) is not None}
-    return dataclasses.replace(wanted, **told)
+    given = {name: value for name in names if (value := getattr(surface, name)) is not None}
+    return dataclasses.replace(wanted, **given)
 
 
 def _distance(surface: Surface, other: Surface) -> float:
@@ -196,7 +196,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
         if names not in laws:
             continue  # a stray pair is the comparator's to find
         law, surface = laws[names], pair.surface
-        told = dataclasses.replace(
+        contact = dataclasses.replace(
             law,
             friction=_known(surface.friction, law.friction),
             torsional_friction=_known(surface.torsional_friction, law.torsional_friction),
@@ -205,8 +205,8 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             hardness=law.hardness if surface.hardness is None else surface.hardness,
             margin=None if law.margin is None else pair.margin,
         )
-        if _apart(told, law) > _apart(worst[names], law):
-            worst[names] = told
+        if _apart(contact, law) > _apart(worst[names], law):
+            worst[names] = contact
     return tuple(worst.values())
 
 

@@ -44,14 +44,10 @@ def figure_faults(
 
 
 def _of_law(
-    figures: Sequence[Figure],
-    law: Law,
-    engine: type[Engine] | None,
-    settings: Mapping[str, Any],
-    version: str | None,
+    figures: Sequence[Figure], law: Law, engine: type[Engine] | None, settings: Mapping[str, Any], version: str | None
 ) -> Iterator[str]:
     probes = [probe for probe in PROBES.values() if probe.applies(law)]
-    wanted = Counter((one.probe, one.quantity) for probe in probes for one in figures_wanted(probe, law))
+    wanted = Counter((figure.probe, figure.quantity) for probe in probes for figure in figures_wanted(probe, law))
     there = Counter((figure.probe, figure.quantity) for figure in figures)
     for probe in probes:
         if not figures_wanted(probe, law) and not any(name == probe.NAME for name, _ in there):
@@ -83,28 +79,23 @@ def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe
 
 def _numbers(figure: Figure, reference: Figure, slack: float) -> Iterator[str]:
     for name in ("expected", "without"):
-        told, wanted = getattr(figure, name), getattr(reference, name)
-        if (told is None) != (wanted is None) or (
-            told is not None and abs(told - wanted) > (ROUNDING + slack) * max(abs(wanted), abs(reference.expected))
+        given, wanted = getattr(figure, name), getattr(reference, name)
+        if (given is None) != (wanted is None) or (
+            given is not None and abs(given - wanted) > (ROUNDING + slack) * max(abs(wanted), abs(reference.expected))
         ):
-            yield f"L5 {figure.probe}, {figure.case}: {name} value {_number(told)}, this world has {_number(wanted)}"
+            yield f"L5 {figure.probe}, {figure.case}: {name} value {_number(given)}, this world has {_number(wanted)}"
 
 
 def _deviation(
-    figure: Figure,
-    law: Law,
-    engine: type[Engine],
-    settings: Mapping[str, Any],
-    version: str | None,
-    reference: Figure,
+    figure: Figure, law: Law, engine: type[Engine], settings: Mapping[str, Any], version: str | None, reference: Figure
 ) -> Iterator[str]:
     """The tolerance is the probe's, or that of a deviation that the engine declares for this law."""
     share = figure.expected / reference.expected if reference.expected else 1.0
     plain = replace(figure, tolerance=share * reference.tolerance, deviation="", promised=None)
     wanted = deviating(plain, law, engine, settings, version)
     if figure.deviation != wanted.deviation:
-        told = f"the deviation {figure.deviation!r}" if figure.deviation else "no deviation"
-        yield f"L5 {figure.probe}, {figure.case}: {told}, {engine.NAME} declares {wanted.deviation or 'none'!r} here"
+        text = f"the deviation {figure.deviation!r}" if figure.deviation else "no deviation"
+        yield f"L5 {figure.probe}, {figure.case}: {text}, {engine.NAME} declares {wanted.deviation or 'none'!r} here"
     elif abs(figure.tolerance - wanted.tolerance) > ROUNDING * wanted.tolerance:
         yield f"L5 {figure.probe}, {figure.case}: a tolerance of {figure.tolerance:g}, should be {wanted.tolerance:g}"
     elif (figure.promised is None) != (wanted.promised is None) or (
@@ -118,9 +109,9 @@ def _deviation(
 def _of_sizes(figures: Sequence[Figure], world: World, engine: type[Engine] | None) -> Iterator[str]:
     lacks = engine is not None and Capability.PAIR_DETECTION in engine.LACKS
     trial = None if lacks else size.size_trial(world)
-    told = {figure.subject: figure for figure in figures if figure.probe == size.NAME}
+    given = {figure.subject: figure for figure in figures if figure.probe == size.NAME}
     wanted = {} if trial is None else {name: (shape, len(points)) for name, shape, _, points in trial.shapes}
-    for name in wanted.keys() - told.keys():
+    for name in wanted.keys() - given.keys():
         yield f"L5 {size.NAME}: no figure of {name}"
     thicker = {} if trial is None or engine is None else engine.thicker(trial.world)
     for figure in figures:

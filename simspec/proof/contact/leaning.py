@@ -404,14 +404,11 @@ class Pile(_Leaning):
     def _start(self, law: Law, case: Case) -> float:
         return min(2.0 * math.atan(law.pair.friction / case.ratio), self.WIDEST)
 
-    def _names(self, law: Law, case: Case) -> list[str]:
-        return [f"{case.name}_{number}" for number in range(self._below(law))]
-
     def bodies(self, law: Law, case: Case) -> Iterator[Body]:
         angle, count = self._start(law, case), self._below(law)
         between = 2.0 * self.RADIUS - TOUCH
         out, up = between * math.sin(angle), between * math.cos(angle)
-        for number, name in enumerate(self._names(law, case)):
+        for number, name in enumerate([f"{case.name}_{number}" for number in range(self._below(law))]):
             bearing = math.radians(case.turn) + 2.0 * math.pi * number / count
             at = case.centre + np.array([out * math.cos(bearing), out * math.sin(bearing), self.RADIUS - TOUCH])
             yield ball(law, name, self.RADIUS, self.MASS, tuple(at.tolist()), group=f"{case.name}_below")

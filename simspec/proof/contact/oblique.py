@@ -192,16 +192,16 @@ class Oblique(Probe):
         slip = self._demand(law, approach, case.regime, case.shape) * direction(case.degrees) @ axes
         relative = approach * normal + slip  # of the first, seen from the second
         radius = self.radius(law, math.hypot(approach, float(np.linalg.norm(slip))))
-        apart = -2.0 * radius * normal - relative * law.timestep * (STEPS_BEFORE + case.phase)
+        separate = -2.0 * radius * normal - relative * law.timestep * (STEPS_BEFORE + case.phase)
         spacing = SPACING * self.radius(law, FASTEST + approach) + self._ways(law)
         centre = np.array([0.0, index * spacing, 0.0])
         shares = (MASSES[1] / sum(MASSES), -MASSES[0] / sum(MASSES))
         for name, material, mass, share, group in zip(
             case.bodies, (law.pair.first, law.pair.second), MASSES, shares, (STRIKER, STRUCK), strict=True
         ):
-            place, velocity = centre + share * apart, DRIFT + share * relative
-            still = (*velocity.tolist(), 0.0, 0.0, 0.0)
-            yield ball(law, name, radius, mass, tuple(place.tolist()), still, material=material, group=group)
+            place, velocity = centre + share * separate, DRIFT + share * relative
+            static = (*velocity.tolist(), 0.0, 0.0, 0.0)
+            yield ball(law, name, radius, mass, tuple(place.tolist()), static, material=material, group=group)
 
     def slack(self, law: Law) -> float:
         """Gravity acts as long as an impact lasts, and balls meet along the line that their ways give."""
@@ -286,8 +286,8 @@ class Oblique(Probe):
         striker, other = (motion.velocity[name] for name in case.bodies)
         relative = striker[:, :3] - other[:, :3]
         begin = impact_begins(relative, law.timestep)
-        apart = motion.pose[case.bodies[1]][begin, :3] - motion.pose[case.bodies[0]][begin, :3]
-        normal, axes = _frame(tuple((apart / np.linalg.norm(apart)).tolist()))
+        separate = motion.pose[case.bodies[1]][begin, :3] - motion.pose[case.bodies[0]][begin, :3]
+        normal, axes = _frame(tuple((separate / np.linalg.norm(separate)).tolist()))
         end = impact_ends(-relative @ normal, begin)
         approach = float(relative[begin] @ normal)
         size = law.pair.friction * (1.0 + law.pair.restitution) * approach

@@ -28,18 +28,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
-from simspec.proof.contact import (
-    cache,
-    carried,
-    friction,
-    leaning,
-    normal,
-    oblique,
-    simultaneous,
-    size,
-    spin,
-    stacks,
-)
+from simspec.proof.contact import cache, carried, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
 from simspec.proof.contact.file_law import FileLaw, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
@@ -99,8 +88,8 @@ class _Job:
             return {}
         options = self.worlds[0][0].options(engine.NAME)
         measured = (self.law.pair.first, self.law.pair.second)
-        own = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
-        return dict(options.settings) | own.get(measured, {})
+        of_pairs = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
+        return dict(options.settings) | of_pairs.get(measured, {})
 
 
 @dataclass(frozen=True)
@@ -243,8 +232,8 @@ def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
     operations: list[Operation] = []
-    told = whole.belts.get((law.pair.first, law.pair.second))
-    for trial in probe.trials(dataclasses.replace(law, belt_written=told)):
+    belt = whole.belts.get((law.pair.first, law.pair.second))
+    for trial in probe.trials(dataclasses.replace(law, belt_written=belt)):
         parts = split(trial, engine.PROBED_TOGETHER)
         worlds.append(tuple(_world(of_two, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
@@ -293,9 +282,9 @@ def _key(
     return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
 
 
-def _world(held_pair: FileLaw, trial: Trial) -> World:
-    physics = Physics((0.0, 0.0, -GRAVITY), held_pair.timestep)
-    return world_of_trial(trial, held_pair.contact, physics, held_pair.options)
+def _world(actual_pair: FileLaw, trial: Trial) -> World:
+    physics = Physics((0.0, 0.0, -GRAVITY), actual_pair.timestep)
+    return world_of_trial(trial, actual_pair.contact, physics, actual_pair.options)
 
 
 def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[Figure]:
@@ -348,15 +337,11 @@ def deviating(
 
 
 def widened(
-    figure: Figure,
-    law: Law,
-    declared: Iterable[Deviation],
-    settings: Mapping[str, Any],
-    version: str | None = None,
+    figure: Figure, law: Law, declared: Iterable[Deviation], settings: Mapping[str, Any], version: str | None = None
 ) -> Figure:
     """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
     sizes = [
-        (_size(deviation, figure), deviation)
+        ((deviation.size * abs(figure.expected) if deviation.relative else deviation.size), deviation)
         for deviation in declared
         if deviation.probe == figure.probe
         and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio, version)
@@ -366,10 +351,6 @@ def widened(
         return figure
     tolerance, deviation = max(wider, key=lambda entry: entry[0])
     return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why, promised=figure.tolerance)
-
-
-def _size(deviation: Deviation, figure: Figure) -> float:
-    return deviation.size * abs(figure.expected) if deviation.relative else deviation.size
 
 
 def contact_checks(figures: Sequence[Figure]) -> list[Check]:

@@ -166,7 +166,7 @@ def _several(world: World) -> str:
     there = [reach(world, *pair) for pair in meeting_laws(world)]
     return (
         ""
-        if any(dataclasses.replace(one, kinds=(), plane=False) != Reach() for one in there)
+        if any(dataclasses.replace(entry, kinds=(), plane=False) != Reach() for entry in there)
         else "each body can touch one flat surface alone"
     )
 

@@ -19,17 +19,7 @@ import numpy as np
 
 from simspec.proof.contact.normal import RESTITUTION_TOLERANCE
 from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins, impact_ends
-from simspec.proof.contact.probe import (
-    GRAVITY,
-    Figure,
-    Law,
-    Motion,
-    Phase,
-    Probe,
-    Trial,
-    furthest,
-    signed_size,
-)
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, furthest, signed_size
 from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world import frames
 from simspec.world.frames import sorted_pair, vector3
@@ -136,8 +126,8 @@ class _Together(Probe):
             *([floor(law)] if self.STANDS else []),
             *(body for group in groups for body in self.bodies(law, group)),
         ]
-        meets = [(group.names[one], group.names[other]) for group in groups for one, other in self.MEETS]
-        named = tuple(sorted_pair(f"{one}_group", f"{other}_group") for one, other in meets)
+        meets = [(group.names[index], group.names[other]) for group in groups for index, other in self.MEETS]
+        named = tuple(sorted_pair(f"{name}_group", f"{other}_group") for name, other in meets)
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), named)]
 
     def wanted(self, law: Law) -> Sequence[Figure]:

@@ -109,7 +109,7 @@ class _Slowing(Probe):
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         named = (figure.probe, figure.quantity)
-        return next((one for one in self.wanted(law) if (one.probe, one.quantity) == named), None)
+        return next((figure for figure in self.wanted(law) if (figure.probe, figure.quantity) == named), None)
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
         speeds = self.speeds(law, motions[0])

@@ -22,17 +22,7 @@ import numpy as np
 
 from simspec.proof.contact.leaning import SLIP_TOLERANCE, held_way
 from simspec.proof.contact.normal import DROP_RESTITUTION, REST_DEPTH, hop
-from simspec.proof.contact.probe import (
-    GRAVITY,
-    Figure,
-    Law,
-    Motion,
-    Phase,
-    Probe,
-    Trial,
-    deviation,
-    furthest,
-)
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, deviation, furthest
 from simspec.proof.contact.worlds import box, floor, plane
 from simspec.world import frames
 from simspec.world.types import Body, Vector3
@@ -191,11 +181,7 @@ class SlidingStack(Probe):
         return Trial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))
 
     def wanted(self, law: Law) -> Sequence[Figure]:
-        return [figure for ground in self._grounds(law) for figure in self._on(law, ground)]
-
-    def _grounds(self, law: Law) -> tuple[str, ...]:
-        """What names of figures end with, by trial."""
-        return ("", ON_PLANE) if law.reach.plane else ("",)
+        return [figure for ground in (("", ON_PLANE) if law.reach.plane else ("",)) for figure in self._on(law, ground)]
 
     def _on(self, law: Law, ground: str) -> tuple[Figure, Figure, Figure]:
         way, ratio, steps = self.way(law), law.reach.ratio, self.steps(law)

@@ -17,18 +17,7 @@ from simspec.world.frames import vector6
 from simspec.world.kinematics import joined as joined_bodies
 from simspec.world.kinematics import layout_of
 from simspec.world.shapes import SHAPES
-from simspec.world.types import (
-    Body,
-    Contact,
-    EngineOptions,
-    Inertial,
-    Physics,
-    Pose,
-    Quaternion,
-    Shape,
-    Vector3,
-    World,
-)
+from simspec.world.types import Body, Contact, EngineOptions, Inertial, Physics, Pose, Quaternion, Shape, Vector3, World
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
 """m. A box, not a plane: on one engine's planes boxes tumble, and another's gives one contact for a face."""

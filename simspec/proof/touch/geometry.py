@@ -168,8 +168,8 @@ class Prisms:
 
     def near(self, centre: np.ndarray, radius: float) -> Iterator[tuple[float, Any]]:
         """Every one, nearest first, with a bound (m): what is within a sphere (its frame's) is no nearer to it than this."""
-        beside = np.maximum(np.maximum(self._low - centre, centre - self._high), 0.0)
-        bounds = np.linalg.norm(beside, axis=1) - radius
+        outside = np.maximum(np.maximum(self._low - centre, centre - self._high), 0.0)
+        bounds = np.linalg.norm(outside, axis=1) - radius
         for index in np.argsort(bounds, kind="stable").tolist():
             if index not in self._made:
                 self._made[index] = _closed(_coal(), self._field.prism(index), PRISM)

@@ -134,18 +134,18 @@ def _edges_only(
     def radius(solid: Solid) -> float:
         return rounding.get((world.bodies[solid.body].name, solid.name), 0.0)
 
-    asked = {pair: [meetings.solids[number] for number in pair] for pair in missed}
-    asked = {pair: solids for pair, solids in asked.items() if any(radius(solid) for solid in solids)}
-    apart = dict.fromkeys(asked, True)
-    for state, i, j, _ in meetings.tried.tolist() if asked else ():
-        if not apart.get((i, j), False):
+    requested = {pair: [meetings.solids[number] for number in pair] for pair in missed}
+    requested = {pair: solids for pair, solids in requested.items() if any(radius(solid) for solid in solids)}
+    separate = dict.fromkeys(requested, True)
+    for state, i, j, _ in meetings.tried.tolist() if requested else ():
+        if not separate.get((i, j), False):
             continue
         poses = transforms(oracle_of(world).body_poses(meetings.q[state]))
-        radii = [radius(solid) for solid in asked[i, j]]
-        first, other = (_core(solid, own) for solid, own in zip(asked[i, j], radii, strict=True))
+        radii = [radius(solid) for solid in requested[i, j]]
+        first, other = (_core(solid, value) for solid, value in zip(requested[i, j], radii, strict=True))
         between = gap(first, poses[first.body] @ first.pose, other, poses[other.body] @ other.pose).distance
-        apart[i, j] = between > sum(radii) * (1.0 - SEEN_OF_ROUNDED)
-    return {pair for pair, alone in apart.items() if alone}
+        separate[i, j] = between > sum(radii) * (1.0 - SEEN_OF_ROUNDED)
+    return {pair for pair, alone in separate.items() if alone}
 
 
 def _core(solid: Solid, radius: float) -> Solid:
@@ -174,9 +174,9 @@ def _names(meetings: Meetings, pair: Pair) -> tuple[str, str]:
 
 def _list(meetings: Meetings, pairs: Sequence[Pair], count: int) -> str:
     """Some pairs by name, and how many more there are."""
-    told = ", ".join(" – ".join(_names(meetings, pair)) for pair in pairs[:TOLD])
+    text = ", ".join(" – ".join(_names(meetings, pair)) for pair in pairs[:TOLD])
     more = count - min(len(pairs), TOLD)
-    return f"{told} and {more} more" if told and more else told or f"{more} pairs"
+    return f"{text} and {more} more" if text and more else text or f"{more} pairs"
 
 
 def _told(
@@ -185,7 +185,7 @@ def _told(
     """What was tried and what was not, by name and number."""
     tried = len({(i, j) for _, i, j, _ in meetings.tried.tolist()})
     parts: list[str] = [f"{touching} pairs of shapes touch, {tried - touching} do not"]
-    apart: Iterable[tuple[str, Sequence[Pair], int]] = (
+    separate: Iterable[tuple[str, Sequence[Pair], int]] = (
         ("the joints cannot bring together", meetings.apart, len(meetings.apart)),
         ("not tried, as they are too many", meetings.left, meetings.untried),
         ("reported only together with other shapes of the same bodies", unclear, len(unclear)),
@@ -194,5 +194,5 @@ def _told(
     )
     if meetings.rigid:
         parts.append(f"{meetings.rigid} are parts of one rigid body and apart")
-    parts += [f"{count} {what}: {_list(meetings, pairs, count)}" for what, pairs, count in apart if count]
+    parts += [f"{count} {what}: {_list(meetings, pairs, count)}" for what, pairs, count in separate if count]
     return "; ".join(parts)

@@ -48,7 +48,16 @@ class Mechanism:
             name: placement.homogeneous for name, placement in zip(names, self.tree.body_placement, strict=True)
         }
         self._columns = [
-            np.concatenate([np.zeros(0, int), *(self._range(k) for k in self._model.supports[joint] if k)]).astype(int)
+            np.concatenate(
+                [
+                    np.zeros(0, int),
+                    *(
+                        np.arange(self._model.idx_vs[k], self._model.idx_vs[k] + self._model.nvs[k])
+                        for k in self._model.supports[joint]
+                        if k
+                    ),
+                ]
+            ).astype(int)
             for joint in range(self._model.njoints)
         ]
         self.low, self.high = np.full(self._model.nq, -math.inf), np.full(self._model.nq, math.inf)
@@ -62,9 +71,6 @@ class Mechanism:
                 self._turns[v] = joint.kind == "hinge"
                 if joint.position_limits is not None:
                     self.low[k], self.high[k] = joint.position_limits
-
-    def _range(self, joint: int) -> np.ndarray:
-        return np.arange(self._model.idx_vs[joint], self._model.idx_vs[joint] + self._model.nvs[joint])
 
     def ours(self, q: np.ndarray) -> np.ndarray:
         """Pinocchio's coordinates of a state (nq,) of the world."""
@@ -205,9 +211,9 @@ def nearest(
     radii += np.array([0.0 if math.isinf(b.outer) else b.outer for b in seconds])
     flat = np.array([a.endless - b.endless for a, b in zip(firsts, seconds, strict=True)])
     for row, poses in zip(gaps, sampled, strict=True):
-        apart = poses[j, :3, 3] - poses[i, :3, 3]
-        height = np.einsum("nk,nk->n", np.where(flat[:, None] > 0, poses[i, :3, 2], -poses[j, :3, 2]), apart)
-        row[:] = np.where(flat != 0, height, np.linalg.norm(apart, axis=1)) - radii
+        separate = poses[j, :3, 3] - poses[i, :3, 3]
+        height = np.einsum("nk,nk->n", np.where(flat[:, None] > 0, poses[i, :3, 2], -poses[j, :3, 2]), separate)
+        row[:] = np.where(flat != 0, height, np.linalg.norm(separate, axis=1)) - radii
     order = np.argsort(gaps, axis=0, kind="stable")[:count]
     return order.T, gaps.min(axis=0, initial=np.inf)
 
@@ -402,7 +408,7 @@ def _unlike(pose: np.ndarray, known: np.ndarray, solid: Solid, other: Solid) -> 
     """Whether two poses (4, 4) of the second of two shapes in the first one's frame are different, but for turns that change
     nothing of one of them."""
     ways = ((pose, known, other), (np.linalg.inv(pose), np.linalg.inv(known), solid))
-    return all(_differ(one, two, moved, UNLIKE * min(solid.inner, other.inner)) for one, two, moved in ways)
+    return all(_differ(values, two, moved, UNLIKE * min(solid.inner, other.inner)) for values, two, moved in ways)
 
 
 def _differ(pose: np.ndarray, known: np.ndarray, moved: Solid, far: float) -> bool:

@@ -292,14 +292,14 @@ def _as_built(scene: Scene, states: States) -> int:
     outer = np.array([solid.outer for solid in scene.solids])
     body = np.array([solid.body for solid in scene.solids])
     centres = scene.at[:, :3, 3]
-    apart = 0
+    separate = 0
     for numbers in members.values():
-        own_numbers = np.array(numbers)
+        indices = np.array(numbers)
         for place, i in enumerate(numbers[:-1]):
-            others = own_numbers[place + 1 :]
+            others = indices[place + 1 :]
             others = others[body[others] != body[i]]
             near = others[np.linalg.norm(centres[others] - centres[i], axis=1) < outer[others] + outer[i]]
             met = [j for j in near.tolist() if overlap(scene.solids[i], scene.at[i], scene.solids[j], scene.at[j])]
             states.tried.extend((state, i, j, True) for j in met)
-            apart += len(others) - len(met)
-    return apart
+            separate += len(others) - len(met)
+    return separate

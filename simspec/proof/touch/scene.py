@@ -195,12 +195,12 @@ class Overlaps:
     def _find(self, base: Solid, other: Solid, place: int, pose: int) -> np.ndarray | None:
         point, normal = self._anchor(base, place, pose)
         wanted, enough = wanted_depth(base, other)
-        placed, still = np.eye(4), np.eye(4)
-        placed[:3, :3] = _rotation(7 * place + pose)
+        placed, identity = np.eye(4), np.eye(4)
+        placed[:3, :3] = matrices(_unit(np.random.default_rng(1000 + (7 * place + pose)).normal(size=4)))
 
         def depth(along: float) -> float:
             placed[:3, 3] = point + along * normal
-            return -gap(base, still, other, placed).distance
+            return -gap(base, identity, other, placed).distance
 
         if pose == POSES - 1:  # as deep again
             return placed if depth(-wanted) >= enough else None
@@ -310,11 +310,6 @@ _SURFACE: Mapping[str, Callable[[Sequence[float], int, int], tuple[np.ndarray, n
 
 def _thin(base: Solid) -> int:
     return int(np.argmin(base.shape.size))
-
-
-def _rotation(number: int) -> np.ndarray:
-    """A seeded rotation matrix, in general position."""
-    return matrices(_unit(np.random.default_rng(1000 + number).normal(size=4)))
 
 
 def _unit(values: np.ndarray) -> np.ndarray:
