@@ -36,11 +36,10 @@ from simspec.engines.kit.refinements import SLIDING
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact import stacks
-from simspec.proof.contact.file_law import EVERYTHING
 from simspec.proof.contact.normal import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
 from simspec.proof.contact.run import COUPLED, PROBES, widened
-from simspec.proof.contact.worlds import drive_of, motion_of, world_of_trial
+from simspec.proof.contact.worlds import EVERYTHING, drive_of, motion_of, world_of_trial
 from simspec.world.reach import Reach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 

@@ -20,7 +20,7 @@ from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
-from simspec.proof.distances import extent
+from simspec.proof.checks import extent
 from simspec.testing.worlds import accepting
 from simspec.world import frames
 from simspec.world.hull import centred, corners, mesh_size

@@ -36,10 +36,9 @@ from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact import run
-from simspec.proof.contact.file_law import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating
-from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
+from simspec.proof.contact.worlds import EVERYTHING, drive_of, joined, motion_of, split, world_of_trial
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World

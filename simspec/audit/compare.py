@@ -15,7 +15,7 @@ from simspec.imports.draft import NOT_POSITIVE
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.language.moments import principal_moments
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
-from simspec.proof.distances import relative, turn_between, unlikeness
+from simspec.proof.checks import relative, turn_between, unlikeness
 from simspec.world import frames
 from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack, Shape
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING, SINGLE
 from simspec.engines.kit.process import Operation
-from simspec.world.types import World
+from simspec.language.vocabulary import LAW_QUANTITIES
+from simspec.world import frames
+from simspec.world.hull import hull_of, mesh_vertices
+from simspec.world.shapes import SHAPES, Field, Round, field_of
+from simspec.world.types import EngineValue, PairContact, Quaternion, Shape, World
 
 TEXT_TOLERANCE = 1e-12
 """L0: numbers are printed to round-trip; left is the way from a tensor to principal axes and back, whose largest moment may
@@ -199,3 +205,274 @@ PRECISIONS: Mapping[str, Precision] = {
     # mass matrices, measured in two), while what must be caught is 1e-5 off
     SINGLE: Precision(SINGLE, model=2e-6, motion=2e-6, factor=10.0, loosest=1e-3, perturbation=0.0, sliding=1e-5),
 }
+
+INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
+"""Level and name of the check of ``ReadBack.inventory``."""
+
+
+def inventory_checks(
+    expected: Mapping[str, EngineValue], actual: Mapping[str, EngineValue], precision: Precision = PRECISIONS[DOUBLE]
+) -> list[Check]:
+    """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
+
+    A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to themselves,
+    small ones to ``SMALL_SHARE`` of the largest of their list.
+    """
+    tally = Tally()
+    for name in sorted(expected.keys() | actual.keys()):
+        both = name in actual and name in expected
+        deviation = held_apart(expected[name], actual[name]) if both else None
+        wanted = repr(expected[name]) if name in expected else "absent"
+        detail = f"{name} is {actual[name]!r}, should be {wanted}" if name in actual else f"{name} is missing"
+        tally.add(INVENTORY_LEVEL, INVENTORY, precision.model, deviation, name, "" if deviation == 0.0 else detail)
+    return tally.checks()
+
+
+# How far two values of a model are apart: numbers, vectors, orientations, poses of shapes, values of an inventory, height
+# fields, hulls, and tables of contact laws.
+
+Array = NDArray[np.float64]
+KEPT = 64
+"""Height fields, and hulls, whose samples and directions are cached."""
+SMALL_SHARE = 1e-6
+"""Share of the largest number of a list below which another is held to that share, not to itself: what is zero but for
+round-off must not fail, what is small must not hide."""
+HALF_TURNS: tuple[Quaternion, ...] = ((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+"""By half a turn about its x, y and z axis; all leave a box and an ellipsoid as they are."""
+
+
+def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
+    """The length of a − b in units of ``scale``; None-safe callers check lengths first."""
+    return math.dist(a, b) / scale
+
+
+def turn_between(a: Quaternion, b: Quaternion) -> float:
+    """The angle (rad) between two orientations: 2 |sin(angle/2)|, exact for small angles, at most 2."""
+    _, x, y, z = frames.multiply(frames.conjugate(a), b)
+    return 2.0 * math.sqrt(x * x + y * y + z * z)
+
+
+def relative(expected: float, actual: float) -> float:
+    """|found − expected| relative to the larger of both; 0 when both are 0."""
+    largest = max(abs(expected), abs(actual))
+    # beside a zero, max() passes a NaN over: the difference has it
+    return abs(actual - expected) / (largest or 1.0)
+
+
+def held_apart(expected: object, actual: object) -> float | None:
+    """How far two held values are apart: relative for numbers, else 0 when they are the same and None when they are not."""
+    if isinstance(expected, (list, tuple)) != isinstance(actual, (list, tuple)):
+        return None
+    values: Sequence[object] = expected if isinstance(expected, (list, tuple)) else (expected,)
+    actual_values: Sequence[object] = actual if isinstance(actual, (list, tuple)) else (actual,)
+    if len(values) != len(actual_values):
+        return None
+    scale = max((abs(x) for x in (*values, *actual_values) if _is_number(x)), default=0.0)
+    worst = 0.0
+    for a, b in zip(values, actual_values, strict=True):
+        if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
+            largest = max(abs(a), abs(b), SMALL_SHARE * scale if math.isfinite(scale) else 0.0)
+            worst = max(worst, abs(a - b) / largest if largest else 0.0)
+        elif a != b or isinstance(a, bool) != isinstance(b, bool):
+            return None
+    return worst
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def unlikeness(shape: Shape, other: Shape) -> float:
+    """How little two shapes of one kind resemble each other, to match shapes without names."""
+    away, turned = pose_difference(shape, other)
+    if SHAPES[shape.kind].points:
+        sizes = distance(_bounds(shape.size), _bounds(other.size))
+    else:
+        sizes = distance(shape.size, other.size) if len(shape.size) == len(other.size) else math.inf
+    return away + turned + sizes + (0.0 if shape.name == other.name else 1e-6)
+
+
+def _bounds(points: Sequence[float]) -> tuple[float, ...]:
+    """The least and the largest x, y and z of points."""
+    columns = [points[axis::3] or (math.inf,) for axis in range(3)]
+    return (*map(min, columns), *map(max, columns))
+
+
+def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
+    """Metres and radians between two shapes' poses, without what the shape's symmetry makes meaningless."""
+    kind = SHAPES[shape.kind]
+    if kind.round is not Round.AXIS:
+        turned = 0.0
+        if kind.round is Round.NONE:
+            turns = (frames.IDENTITY, *(HALF_TURNS if kind.upside_down else ()))
+            quaternion = shape.pose.quaternion
+            turned = min(turn_between(quaternion, frames.multiply(other.pose.quaternion, turn)) for turn in turns)
+        return distance(shape.pose.position, other.pose.position), turned
+    axis, other_axis = (frames.rotate(member.pose.quaternion, (0.0, 0.0, 1.0)) for member in (shape, other))
+    turned = distance(axis, other_axis)
+    if kind.upside_down:
+        turned = min(turned, distance(axis, tuple(-x for x in other_axis)))
+    if not kind.endless:
+        return distance(shape.pose.position, other.pose.position), turned
+    offset = frames.subtract(other.pose.position, shape.pose.position)
+    return abs(frames.dot(axis, offset)), turned
+
+
+# How far two height fields are apart: by the heights of their surfaces, at the points of the grid and within every triangle.
+#
+# Within each cell one place is looked at in either of its triangles, so that a surface which is split along the other diagonal
+# differs there, by a third of what the cell is bent by, though all its points are the same.
+
+
+def field_distance(wanted: tuple[float, ...], actual: tuple[float, ...]) -> float:
+    """The largest difference of two height fields, of heights, lengths or base, as a share of the extent of the first."""
+    field, other = field_of(wanted), field_of(actual)
+    lengths = max(abs(field.x - other.x), abs(field.y - other.y), abs(field.base - other.base))
+    shares, heights = _sampled(wanted)
+    value = float(np.abs(surface(other, shares) - heights).max())
+    return max(lengths, value) / field.extent
+
+
+def surface(field: Field, shares: Array) -> Array:
+    """The heights (n,) of a field at places (n, 2) within its rectangle, as shares of its lengths from the least x and y."""
+    rows, columns = field.shape
+    along, across = shares[:, 0] * (columns - 1), shares[:, 1] * (rows - 1)
+    column = np.clip(np.floor(along).astype(np.int64), 0, columns - 2)
+    row = np.clip(np.floor(across).astype(np.int64), 0, rows - 2)
+    u, v = along - column, across - row
+    z = field.heights
+    low, high = z[row, column], z[row + 1, column + 1]
+    where = np.where(u >= v, z[row, column + 1], z[row + 1, column])
+    more, less = np.maximum(u, v), np.minimum(u, v)
+    made: Array = low + more * (where - low) + less * (high - where)
+    return made
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _sampled(size: tuple[float, ...]) -> tuple[Array, Array]:
+    """Places (n, 2) in the rectangle, as shares, and the heights (n,) of a field there: its points, and the middle of each
+    triangle."""
+    field = field_of(size)
+    rows, columns = field.shape
+    inside = [
+        (column + du, row + dv)
+        for du, dv in ((2.0 / 3.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0))
+        for row, column in [np.indices((rows - 1, columns - 1)).reshape(2, -1)]
+    ]
+    row, column = np.indices((rows, columns)).reshape(2, -1)
+    along = np.concatenate([column, *(each[0] for each in inside)]) / (columns - 1)
+    across = np.concatenate([row, *(each[1] for each in inside)]) / (rows - 1)
+    shares = np.stack([along, across], axis=1)
+    return shares, surface(field, shares)
+
+
+# How far two convex hulls are apart: by their support functions, whatever their vertices and faces are called and counted.
+#
+# The directions are 2,000 spread over the sphere, and those that tell most of the wanted hull: the normals of its faces,
+# along which no point of the other may reach further, and at each vertex one along which that vertex alone reaches as far. So
+# no vertex is moved unseen, however small the face that it moves.
+#
+# Where every vertex of each hull is as near to one of the other as is tolerated, their support functions differ by no more
+# along any direction at all (the largest difference of the support functions of two convex sets is the largest distance of a
+# point of either from the other: Schneider, Convex Bodies, 1.8). Nothing else is asked of such hulls: where these have 20,000
+# vertices, directions times vertices are 10⁹.
+
+DIRECTIONS = 2000
+"""Spread over the sphere: 4.5° apart."""
+AT_ONCE = 65_536
+"""Products of a direction and a vertex that are looked at together: they stay in the processor's cache, and are too few for
+a BLAS to share among threads, which on a busy machine wait for each other forty times as long as they work (measured)."""
+
+
+def hull_distance(wanted: tuple[float, ...], actual: tuple[float, ...], tolerated: float = 0.0) -> float:
+    """The largest difference of the support functions of two hulls (flat vertices, m) about one origin, as a share of the
+    extent of the first; a bound of it, where that is ``tolerated`` at most."""
+    bound = _bound(wanted, actual) / extent(wanted)
+    if bound <= tolerated:
+        return bound
+    directions, reach = _directions(wanted)
+    return float(np.abs(_support(actual, directions) - reach).max()) / extent(wanted)
+
+
+def _bound(wanted: tuple[float, ...], actual: tuple[float, ...]) -> float:
+    """The largest distance (m) of a vertex of either hull from the nearest of the other; NaN where one has a place that is not
+    finite."""
+    if wanted == actual:
+        return 0.0
+    from scipy.spatial import KDTree
+
+    ours, theirs = mesh_vertices(wanted), mesh_vertices(actual)
+    if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
+        return math.nan
+    there, back = KDTree(theirs).query(ours)[0], KDTree(ours).query(theirs)[0]
+    return float(max(there.max(), back.max()))
+
+
+def extent(size: tuple[float, ...]) -> float:
+    """The largest extent (m) of a hull along its frame's axes."""
+    return float(np.ptp(mesh_vertices(size), axis=0).max())
+
+
+def _support(size: tuple[float, ...], directions: Array) -> Array:
+    vertices = mesh_vertices(size).T
+    step = max(1, AT_ONCE // vertices.shape[1])
+    parts = (directions[start : start + step] @ vertices for start in range(0, len(directions), step))
+    reach: Array = np.concatenate([part.max(axis=1) for part in parts])
+    return reach
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _directions(size: tuple[float, ...]) -> tuple[Array, Array]:
+    """The unit vectors (n, 3) along which others are held against a hull, and how far (m) (n,) it reaches along each."""
+    hull = hull_of(size)
+    at_vertices = np.zeros_like(hull.vertices)
+    for corner in range(3):
+        np.add.at(at_vertices, hull.triangles[:, corner], hull.normals)
+    at_vertices /= np.linalg.norm(at_vertices, axis=1, keepdims=True)
+    spread = _spread()
+    # along the normal of a face its corners reach farthest, and along a sum of normals of faces at a vertex that vertex: the
+    # rest needs no looking at, which would be most of what two hulls cost
+    at_faces = np.einsum("fcx,fx->fc", hull.vertices[hull.triangles], hull.normals).max(axis=1)
+    at_corners = np.einsum("vx,vx->v", hull.vertices, at_vertices)
+    directions = np.concatenate([spread, hull.normals, at_vertices])
+    return directions, np.concatenate([_support(size, spread), at_faces, at_corners])
+
+
+def _spread() -> Array:
+    """Unit vectors (n, 3) spread evenly over the sphere: a Fibonacci spiral."""
+    index = np.arange(DIRECTIONS) + 0.5
+    z = 1.0 - 2.0 * index / DIRECTIONS
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * index
+    across = np.sqrt(1.0 - z * z)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+
+
+# A table of the laws of materials, as an engine holds it, against the world's.
+
+Difference = tuple[str, float | None, str, str]
+"""What is compared, how far it is off (None: of another kind), where, and what was found."""
+HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
+
+
+def table_differences(
+    laws: Mapping[tuple[str, str], PairContact], table: Sequence[PairContact]
+) -> Iterator[Difference]:
+    """What a table says of every two materials that meet, whose laws are ``laws`` by their sorted names: one row for each and
+    none beside them."""
+    names = [(law.first, law.second) for law in table]
+    whole = sorted(names) == sorted(laws)  # a pair that is held twice is one too many
+    found = "" if whole else f"{sorted(names)}, should be {sorted(laws)}"
+    yield "laws of materials", 0.0 if whole else None, "contact.pairs", found
+    for contact in table:
+        law = laws.get((contact.first, contact.second))
+        if law is None:
+            continue
+        at = f"contact.pairs.{contact.first}.{contact.second}"
+        for quantity in LAW_QUANTITIES:
+            wanted, actual = getattr(law, quantity), getattr(contact, quantity)
+            yield quantity.replace("_", " "), relative(wanted, actual), at, f"{actual!r}, should be {wanted!r}"
+        same = (law.collide, law.margin, law.hardness.kind) == (contact.collide, contact.margin, contact.hardness.kind)
+        yield "kind of law", 0.0 if same else None, at, "" if same else f"{contact}, should be {law}"
+        for name in HARDNESS_NUMBERS:
+            wanted, actual = getattr(law.hardness, name), getattr(contact.hardness, name)
+            yield "hardness", relative(wanted, actual), at, f"{actual!r}, should be {wanted!r}"

@@ -36,8 +36,8 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.checks import Check
-from simspec.proof.complete_motions import Answers, Plant, Seen, ask, course_of, glimpses_of, scenes_of
 from simspec.proof.mutation_worlds import STAND_INS, WORLDS
+from simspec.proof.selftest import Answers, Plant, Seen, ask, course_of, glimpses_of, scenes_of
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack, World

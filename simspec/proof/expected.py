@@ -22,8 +22,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof import motion
-from simspec.proof.checks import NOTHING, PRECISIONS, TOO_CHAOTIC, Check, Part, failed
-from simspec.proof.comparator import INVENTORY, INVENTORY_LEVEL
+from simspec.proof.checks import INVENTORY, INVENTORY_LEVEL, NOTHING, PRECISIONS, TOO_CHAOTIC, Check, Part, failed
 from simspec.proof.contact.size import NAME as SIZE
 from simspec.proof.contact.size import size_trial
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, REST_CHECK, SLIDING_CHECK

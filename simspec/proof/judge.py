@@ -18,8 +18,7 @@ from simspec.engines.kit.registry import engine_name, engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE
-from simspec.proof.contact.judged import figure_faults
-from simspec.proof.contact.run import contact_checks
+from simspec.proof.contact.run import contact_checks, figure_faults
 from simspec.proof.contact.scope import scope
 from simspec.proof.expected import TITLES, UNTOLD, not_checked_parts, of_files_alone, realised, title, unreadable
 from simspec.proof.expected import judge as judge_checks

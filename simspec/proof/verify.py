@@ -24,10 +24,11 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
-from simspec.proof import control, forces, limits, motion
+from simspec.proof import forces, limits, motion
+from simspec.proof import probes as control
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import PRECISIONS, Check, Part, Plan, Precision, failed
-from simspec.proof.comparator import compare, inventory_checks
+from simspec.proof.checks import PRECISIONS, Check, Part, Plan, Precision, failed, inventory_checks
+from simspec.proof.comparator import compare
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
@@ -56,8 +57,7 @@ from simspec.proof.probes import (
     kinematics_checks,
 )
 from simspec.proof.touch import plan as touch
-from simspec.proof.touch.judge import touch_checks
-from simspec.proof.touch.plan import Meetings
+from simspec.proof.touch.plan import Meetings, touch_checks
 from simspec.world.canonical import sha256
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import ReadBack, World

@@ -12,8 +12,7 @@ from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.errors import UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world import WORLD
-from simspec.proof.checks import PRECISIONS
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import PRECISIONS, inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.worlds import accepting
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from simspec.engines.kit.contract import Engine
-from simspec.proof.checks import Check
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import Check, inventory_checks
 from simspec.world.types import World
 
 

@@ -12,7 +12,7 @@ from simspec.dialects.pybullet.contact import LINK_MARGIN
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
-from simspec.proof.distances import extent
+from simspec.proof.checks import extent
 from simspec.proof.touch.geometry import gap, solids, transforms
 from simspec.proof.verify import read_back_checks
 from simspec.testing import worlds

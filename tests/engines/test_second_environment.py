@@ -18,7 +18,7 @@ from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.generated import read_certificate
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack
 from tests import worlds

@@ -9,8 +9,8 @@ import pytest
 
 from simspec.contact.plan import contact_plan, surfaces
 from simspec.contact.rules import Rules
-from simspec.proof.comparator import compare, inventory_checks
-from simspec.proof.distances import held_apart
+from simspec.proof.checks import held_apart, inventory_checks
+from simspec.proof.comparator import compare
 from simspec.world import frames
 from simspec.world.actions import Box, Fluid, JointSum
 from simspec.world.contact_pairs import shape_pairs

@@ -15,7 +15,7 @@ from simspec.compiler import missing_options
 from simspec.dialects.kit.mutations import Inert, Mutation, MutationTable
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import UnsupportedError
-from simspec.proof import complete, complete_motions
+from simspec.proof import complete, selftest
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.proof.mutation_worlds import STAND_INS, WORLDS
 
@@ -99,7 +99,7 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
         return type("Reply", (), {"answers": [Answer({"refused": "just so"}, {}, 0.0, 0.0, []) for _ in operations]})()
 
     bench = complete._Bench.of("mujoco", "ball joint")
-    monkeypatch.setattr(complete_motions, "call", call)
+    monkeypatch.setattr(selftest, "call", call)
     verdicts = bench.verdicts(lambda one: one.site in ("inertial@mass", "inertial@pos"))
     assert all(one.verdict == "refused" for one in verdicts)
     ended = [one for one in verdicts if "SIGSEGV" in one.why]
@@ -249,7 +249,7 @@ def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(mo
     """An engine that hashes that is asked for no glimpses of it, but for whole motions together with others."""
     bench = complete._Bench.of("mujoco", "ball joint")
     assert bench.made_of == "", "MuJoCo's motions are quick: it hashes nothing"
-    own, asked = complete_motions.call, set()
+    own, asked = selftest.call, set()
 
     def call(engine, folder, operations, python, deadline):
         reply = own(engine, folder, operations, python=python, deadline=deadline)
@@ -259,7 +259,7 @@ def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(mo
                 answer.result["made_of"] = "all"
         return reply
 
-    monkeypatch.setattr(complete_motions, "call", call)
+    monkeypatch.setattr(selftest, "call", call)
     monkeypatch.setattr(complete, "SHORT", 0.0)
     bench = dataclasses.replace(bench, made_of="all")
     verdicts = bench.verdicts(lambda one: one.site in ("mujoco@model", "visual@rgba", "geom@rgba", "inertial@mass"))

@@ -14,8 +14,8 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
-from simspec.proof.contact import file_law as module
-from simspec.proof.contact.file_law import held, of_pair
+from simspec.proof.contact import worlds as module
+from simspec.proof.contact.worlds import held, of_pair
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, PairContact

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.proof.distances import _directions, _support, hull_distance
+from simspec.proof.checks import _directions, _support, hull_distance
 from simspec.world.hull import corners, mesh_size
 
 SHAPES = {"round": (1.0, 1.0, 1.0), "flat": (1.0, 0.01, 0.4), "needle": (0.02, 0.02, 1.0)}

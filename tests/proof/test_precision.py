@@ -11,10 +11,11 @@ from simspec.contact.rules import Rules
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, SINGLE
 from simspec.engines.kit.contract import Engine
-from simspec.proof import control, forces, motion
+from simspec.proof import forces, motion
 from simspec.proof import forces as dry_friction
-from simspec.proof.checks import PRECISIONS
-from simspec.proof.comparator import compare, inventory_checks
+from simspec.proof import probes as control
+from simspec.proof.checks import PRECISIONS, inventory_checks
+from simspec.proof.comparator import compare
 from simspec.proof.verify import prepare
 from simspec.testing import worlds
 from simspec.testing.bench import chain, driven

@@ -9,7 +9,7 @@ import pytest
 
 import simspec
 from simspec.dynamics.oracle import angles_of
-from simspec.proof import control
+from simspec.proof import probes
 from simspec.world.actions import Controller
 from simspec.world.kinematics import layout_of
 from tests.constrained import pushed_loop
@@ -20,15 +20,17 @@ def test_loops_answer_from_within_their_limits():
     world = pushed_loop()
     driven = world.bodies[-1].joint.name
     law = Controller("law", (driven,), kp=(0.1,), kd=(0.01,), effort_limits=(None,))
-    response = control.plan(dataclasses.replace(world, controllers=(law,), forces=()))
+    response = probes.plan(dataclasses.replace(world, controllers=(law,), forces=()))
     assert response is not None
-    assert response.steps >= 10 * control.EVERY
+    assert response.steps >= 10 * probes.EVERY
     low, high = world.bodies[1].joint.position_limits
     at = float(response.q[layout_of(world).position[1].start])
-    assert low + control.INSIDE * (high - low) <= at <= high - control.INSIDE * (high - low)
+    assert low + probes.INSIDE * (high - low) <= at <= high - probes.INSIDE * (high - low)
 
 
-@pytest.mark.parametrize(("begins", "steps"), [(0.999, control.STEPS), (0.5, control.STEPS), (0.0, control.STEPS)])
+@pytest.mark.parametrize(
+    ("begins", "steps"), [(0.999, probes.RESPONSE_STEPS), (0.5, probes.RESPONSE_STEPS), (0.0, probes.RESPONSE_STEPS)]
+)
 def test_a_ball_begins_inside_its_limit(begins, steps):
     """A ball that stands at its limit is turned back; without that its stop acts, which the oracle does not know."""
     inertia = {"mass": 1, "inertia": {"principal": [0.1, 0.2, 0.3]}}
@@ -41,10 +43,10 @@ def test_a_ball_begins_inside_its_limit(begins, steps):
     }
     law = {"law": "pd", "joints": ["elbow"], "kp": 1.0, "kd": 0.1}
     data = {"simspec": 1, "name": "ball", "physics": {"gravity": [0, 0, 0]}, "bodies": bodies, "control": {"law": law}}
-    response = control.plan(simspec.Spec.from_data(data).resolve())
+    response = probes.plan(simspec.Spec.from_data(data).resolve())
     assert response is not None
     assert response.steps == steps
-    assert angles_of(response.q[None, :4])[0] == pytest.approx(0.8 * min(begins, 1.0 - control.INSIDE), abs=1e-12)
+    assert angles_of(response.q[None, :4])[0] == pytest.approx(0.8 * min(begins, 1.0 - probes.INSIDE), abs=1e-12)
 
 
 def test_a_ball_that_comes_near_its_limit_ends_what_is_compared():
@@ -56,8 +58,8 @@ def test_a_ball_that_comes_near_its_limit_ends_what_is_compared():
         "lower": {**inertia, "parent": "upper", "joint": {"type": "hinge", "axis": [0, 1, 0], "name": "elbow"}},
     }
     law = {"law": "pd", "joints": ["elbow"], "kp": 1.0, "kd": 0.1}
-    response = control.plan(
+    response = probes.plan(
         simspec.Spec.from_data({"simspec": 1, "name": "falls", "bodies": bodies, "control": {"law": law}}).resolve()
     )
     assert response is not None
-    assert control.EVERY < response.steps < control.STEPS
+    assert probes.EVERY < response.steps < probes.RESPONSE_STEPS

@@ -14,7 +14,7 @@ from simspec.dynamics.oracle import Oracle, random_states
 from simspec.proof.touch import mechanisms, plan
 from simspec.proof.touch import plan as free
 from simspec.proof.touch.geometry import Solid, gap, transform, transforms, wanted_depth
-from simspec.proof.touch.judge import SEEN, touch_checks
+from simspec.proof.touch.plan import SEEN, touch_checks
 from simspec.proof.touch.scene import POSES, Overlaps
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof.distances import field_distance, surface
+from simspec.proof.checks import field_distance, surface
 from simspec.world import overlap
 from simspec.world.shapes import HEIGHTFIELD_HEAD, SHAPES, field_of, heightfield_fault, heightfield_size
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World

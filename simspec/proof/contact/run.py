@@ -9,9 +9,10 @@ import dataclasses
 import math
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +29,26 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
-from simspec.proof.contact import cache, carried, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
-from simspec.proof.contact.file_law import FileLaw, belts, held, of_pair
-from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
-from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
+from simspec.proof.contact import cache, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
+from simspec.proof.contact import stacks as carried
+from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe
+from simspec.proof.contact.probe import wanted as figures_wanted
+from simspec.proof.contact.worlds import (
+    FileLaw,
+    belts,
+    drive_of,
+    held,
+    joined,
+    motion_of,
+    of_pair,
+    split,
+    world_of_trial,
+)
 from simspec.world.canonical import to_plain
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import layout_of
 from simspec.world.reach import Reach, reach
-from simspec.world.types import Physics, ReadBack, World
+from simspec.world.types import Pair, Physics, ReadBack, World
 
 LEVEL = "L5"
 _COUPLED = (
@@ -124,7 +136,9 @@ class Measuring:
             else:
                 answer = next(answers)
                 if isinstance(answer, EngineError):
-                    figures.append(_failed(job, answer))
+                    subject = "shapes" if job.law is None else job.law.subject
+                    name = size.NAME if job.probe is None else job.probe.NAME
+                    figures.append(Figure(name, subject, str(answer), "", "", 0.0, None, 0.0))
                     continue
                 raw = [_kept(figure, job) for figure in _figures(job, answer, self.engine)]
                 if self.use_cache and not cache.write(job.key, raw):
@@ -229,27 +243,21 @@ def measure(
 
 def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
     of_two = of_pair(whole, law.pair.first, law.pair.second)
+    physics = Physics((0.0, 0.0, -GRAVITY), of_two.timestep)
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
     operations: list[Operation] = []
     belt = whole.belts.get((law.pair.first, law.pair.second))
     for trial in probe.trials(dataclasses.replace(law, belt_written=belt)):
         parts = split(trial, engine.PROBED_TOGETHER)
-        worlds.append(tuple(_world(of_two, part) for part in parts))
+        worlds.append(tuple(world_of_trial(part, of_two.contact, physics, of_two.options) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
             compiled.append(_compiled(engine, world, of_two.plan, python))
             operations.append(drive_of(world, part))
-    name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
-    known = cache.read(name) if use_cache else None
-    return _Job(
-        name,
-        law,
-        probe,
-        tuple(compiled),
-        tuple(operations),
-        tuple(worlds),
-        known=None if known is None else tuple(known),
-    )
+    # what else the world can do decides which probes there are, and is in their trials
+    described = (to_plain(dataclasses.replace(law, reach=Reach())), probe.NAME)
+    key, known = _cached(engine, compiled, operations, *described) if use_cache else ("", None)
+    return _Job(key, law, probe, tuple(compiled), tuple(operations), tuple(worlds), known=known)
 
 
 def _size_job(engine: type[Engine], whole: FileLaw, sizes: size.SizeTrial, use_cache: bool, python: str | None) -> _Job:
@@ -259,32 +267,26 @@ def _size_job(engine: type[Engine], whole: FileLaw, sizes: size.SizeTrial, use_c
     world = dataclasses.replace(sizes.world, contact=contact, engines=(whole.options,))
     compiled = _compiled(engine, world, whole.plan, python)
     operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout_of(world).nv))}, world)
-    name = _key(engine, [compiled], [operation], None, size.NAME) if use_cache else ""
-    known = cache.read(name) if use_cache else None
-    return _Job(name, None, None, (compiled,), (operation,), sizes=sizes, known=None if known is None else tuple(known))
+    key, known = _cached(engine, [compiled], [operation], None, size.NAME) if use_cache else ("", None)
+    return _Job(key, None, None, (compiled,), (operation,), sizes=sizes, known=known)
 
 
 def _compiled(engine: type[Engine], world: World, plan: ContactPlan, python: str | None) -> Compiled:
-    name = engine.NAME
-    pythons = {} if python is None else {name: python}
-    return compile_world(world, [name], plans={name: plan}, pythons=pythons)[name]
+    pythons = {} if python is None else {engine.NAME: python}
+    return compile_world(world, [engine.NAME], plans={engine.NAME: plan}, pythons=pythons)[engine.NAME]
 
 
-def _key(
-    engine: type[Engine], compiled: Sequence[Compiled], operations: Sequence[Operation], law: Law | None, probe: str
-) -> str:
+def _cached(
+    engine: type[Engine], compiled: Sequence[Compiled], operations: Sequence[Operation], law: Any, probe: str
+) -> tuple[str, tuple[Figure, ...] | None]:
+    """The key of a job in the cache, and its figures there."""
     drives = [
         [operation.op, dict(operation.parameters), {name: value.tolist() for name, value in operation.arrays.items()}]
         for operation in operations
     ]
-    # what the world can do besides decides which probes there are, and is in their trials
-    wanted = None if law is None else to_plain(dataclasses.replace(law, reach=Reach()))
-    return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
-
-
-def _world(actual_pair: FileLaw, trial: Trial) -> World:
-    physics = Physics((0.0, 0.0, -GRAVITY), actual_pair.timestep)
-    return world_of_trial(trial, actual_pair.contact, physics, actual_pair.options)
+    key = cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, law, probe)
+    known = cache.read(key)
+    return key, None if known is None else tuple(known)
 
 
 def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[Figure]:
@@ -305,13 +307,6 @@ def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
         chosen = secrets.choice(known)
         found[chosen] = dataclasses.replace(jobs[chosen], known=None, sampled=jobs[chosen].known)
     return found
-
-
-def _failed(job: _Job, error: EngineError) -> Figure:
-    """The one figure of a job that the engine failed at."""
-    subject = "shapes" if job.law is None else job.law.subject
-    name = size.NAME if job.probe is None else job.probe.NAME
-    return Figure(name, subject, str(error), "", "", 0.0, None, 0.0)
 
 
 def _kept(figure: Figure, job: _Job) -> Figure:
@@ -383,3 +378,121 @@ def not_measured(error: UnsupportedError | EngineError) -> Check:
     """The check of an engine whose files hold a law that cannot be probed, or that failed on the way."""
     text = error.problems[0].message if isinstance(error, UnsupportedError) else str(error)
     return failed(LEVEL, "contact law of the files", text)
+
+
+# Whether the contact figures of a stored certificate are those that its world must have: judged from the world and from
+# what the engine declares, since a file may have been edited, and its hash with it.
+
+ROUNDING = 1e-9
+"""Relative: expected values are computed anew, perhaps by another libm."""
+SettingsBetween = Callable[[Pair], Mapping[str, Any]]
+
+
+def figure_faults(
+    figures: Sequence[Figure],
+    world: World,
+    engine: type[Engine] | None,
+    settings: SettingsBetween,
+    version: str | None = None,
+) -> Iterator[str]:
+    """Figures that are missing or that the world does not have, and those whose expected value, tolerance or declared
+    deviation is not that of the probe and of the engine. ``engine`` None: one that is not known here, whose deviations
+    cannot be judged; ``settings``: those in force between two materials; ``version``: the engine's release."""
+    by_subject: dict[str, list[Figure]] = {}
+    for figure in figures:
+        by_subject.setdefault(figure.subject, []).append(figure)
+    known = set()
+    for law in laws(world):
+        known.add(law.subject)
+        between = settings((law.pair.first, law.pair.second))
+        yield from _of_law(by_subject.get(law.subject, []), law, engine, between, version)
+    rest = [figure for name, some in by_subject.items() if name not in known for figure in some]
+    yield from _of_sizes(rest, world, engine)
+
+
+def _of_law(
+    figures: Sequence[Figure], law: Law, engine: type[Engine] | None, settings: Mapping[str, Any], version: str | None
+) -> Iterator[str]:
+    probes = [probe for probe in PROBES.values() if probe.applies(law)]
+    wanted = Counter((figure.probe, figure.quantity) for probe in probes for figure in figures_wanted(probe, law))
+    there = Counter((figure.probe, figure.quantity) for figure in figures)
+    for probe in probes:
+        if not figures_wanted(probe, law) and not any(name == probe.NAME for name, _ in there):
+            yield f"L5 {probe.NAME}: no figure of {law.subject}"
+    for (name, quantity), count in wanted.items():
+        if not there[name, quantity]:
+            yield f"L5 {name}: no figure of {law.subject} ({quantity})"
+        elif there[name, quantity] != count:
+            yield f"L5 {name}: {there[name, quantity]} figures of {law.subject} ({quantity}), this world has {count}"
+    for figure in figures:
+        source, reference = _reference(figure, law, probes)
+        if source is None:
+            yield f"L5 {figure.probe}: {figure.subject} has no figure {figure.case!r} ({figure.quantity})"
+        elif reference is not None:
+            yield from _numbers(figure, reference, source.slack(law))
+            if engine is not None:
+                yield from _deviation(figure, law, engine, settings, version, reference)
+
+
+def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe | None, Figure | None]:
+    """The probe that has this figure, and what the figure must be held against."""
+    for probe in probes:
+        if (found := probe.reference(law, figure)) is not None:
+            return probe, found
+    # a probe that does not say what it wants is judged by its own numbers
+    silent = (probe for probe in probes if not figures_wanted(probe, law))
+    return next(silent, None), None
+
+
+def _numbers(figure: Figure, reference: Figure, slack: float) -> Iterator[str]:
+    for name in ("expected", "without"):
+        given, wanted = getattr(figure, name), getattr(reference, name)
+        if (given is None) != (wanted is None) or (
+            given is not None and abs(given - wanted) > (ROUNDING + slack) * max(abs(wanted), abs(reference.expected))
+        ):
+            yield f"L5 {figure.probe}, {figure.case}: {name} value {_number(given)}, this world has {_number(wanted)}"
+
+
+def _deviation(
+    figure: Figure, law: Law, engine: type[Engine], settings: Mapping[str, Any], version: str | None, reference: Figure
+) -> Iterator[str]:
+    """The tolerance is the probe's, or that of a deviation that the engine declares for this law."""
+    share = figure.expected / reference.expected if reference.expected else 1.0
+    plain = replace(figure, tolerance=share * reference.tolerance, deviation="", promised=None)
+    wanted = deviating(plain, law, engine, settings, version)
+    if figure.deviation != wanted.deviation:
+        text = f"the deviation {figure.deviation!r}" if figure.deviation else "no deviation"
+        yield f"L5 {figure.probe}, {figure.case}: {text}, {engine.NAME} declares {wanted.deviation or 'none'!r} here"
+    elif abs(figure.tolerance - wanted.tolerance) > ROUNDING * wanted.tolerance:
+        yield f"L5 {figure.probe}, {figure.case}: a tolerance of {figure.tolerance:g}, should be {wanted.tolerance:g}"
+    elif (figure.promised is None) != (wanted.promised is None) or (
+        figure.promised is not None
+        and wanted.promised is not None
+        and abs(figure.promised - wanted.promised) > ROUNDING * wanted.promised
+    ):
+        yield f"L5 {figure.probe}, {figure.case}: a promised tolerance of {_number(figure.promised)}"
+
+
+def _of_sizes(figures: Sequence[Figure], world: World, engine: type[Engine] | None) -> Iterator[str]:
+    lacks = engine is not None and Capability.PAIR_DETECTION in engine.LACKS
+    trial = None if lacks else size.size_trial(world)
+    given = {figure.subject: figure for figure in figures if figure.probe == size.NAME}
+    wanted = {} if trial is None else {name: (shape, len(points)) for name, shape, _, points in trial.shapes}
+    for name in wanted.keys() - given.keys():
+        yield f"L5 {size.NAME}: no figure of {name}"
+    thicker = {} if trial is None or engine is None else engine.thicker(trial.world)
+    for figure in figures:
+        if figure.probe != size.NAME or figure.subject not in wanted or trial is None:
+            yield f"L5 {figure.probe}: {figure.subject} does not occur in this world"
+            continue
+        shape, points = wanted[figure.subject]
+        outside = thicker.get(trial.world.bodies[shape].shapes[0].name, 0.0)
+        limits = size.limits(outside)
+        numbers = (figure.expected, figure.tolerance, figure.deviation, figure.case)
+        if numbers != (0.0, *limits, size.case_of(points)):
+            found = f"{figure.case}, a tolerance of {figure.tolerance:g}, should be {limits[0]:g}"
+            yield f"L5 {size.NAME}, {figure.subject}: {found}"
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.6g}"

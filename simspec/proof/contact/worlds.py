@@ -1,23 +1,53 @@
 """Worlds of contact probes: a floor of a pair's first material and free bodies of its second, how they are driven, and trials
-in several worlds for engines whose time grows faster than the number of bodies in one."""
+in several worlds for engines whose time grows faster than the number of bodies in one.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from simspec.contact.plan import ContactPlan, contact_plan
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation
+from simspec.engines.kit.settings import idle_settings
+from simspec.errors import Problem, UnsupportedError
+from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.proof.building import AT_REST, fixed, free
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, Phase, Trial
+from simspec.support.features import Feature
 from simspec.world import frames
-from simspec.world.frames import vector6
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
+from simspec.world.frames import sorted_pair, vector3, vector6
 from simspec.world.kinematics import joined as joined_bodies
 from simspec.world.kinematics import layout_of
 from simspec.world.shapes import SHAPES
-from simspec.world.types import Body, Contact, EngineOptions, Inertial, Physics, Pose, Quaternion, Shape, Vector3, World
+from simspec.world.types import (
+    Body,
+    Contact,
+    EngineOptions,
+    Hardness,
+    Inertial,
+    Pair,
+    PairContact,
+    PairSettings,
+    Physics,
+    Pose,
+    Quaternion,
+    ReadBack,
+    Shape,
+    Surface,
+    Vector3,
+    World,
+)
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
 """m. A box, not a plane: on one engine's planes boxes tumble, and another's gives one contact for a face."""
@@ -215,3 +245,211 @@ def joined(motions: Sequence[Motion]) -> Motion:
         raise ValueError("parts of a trial were seen at different times")
     pose = {name: rows for motion in motions for name, rows in motion.pose.items()}
     return Motion(time, pose, {name: rows for motion in motions for name, rows in motion.velocity.items()})
+
+
+# The contact law as a scenario's *files* hold it, so that probes measure what was written, not what was meant.
+#
+# Read with the independent reader of proof level L0. Where shapes of one material disagree, the one furthest from the plan
+# counts: a slip in one shape must not hide behind the others.
+
+EVERYTHING = tuple(sorted(feature.value for feature in Feature))
+"""What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
+HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
+
+
+@dataclass(frozen=True)
+class FileLaw:
+    """What the files of one engine say: contact laws, the numbers of materials, solver settings, the timestep (s)."""
+
+    contact: Contact
+    plan: ContactPlan
+    options: EngineOptions
+    timestep: float
+    belts: Mapping[Pair, Vector3] = field(default_factory=dict)
+    """Velocities (m/s) of surfaces that move, by the pairs of materials that they are measured with."""
+
+
+def belts(world: World) -> dict[Pair, tuple[str, int, Vector3]]:
+    """For each two materials that meet, the first solid shape of one of them whose surface moves along: its body, its number
+    among the body's solid shapes, and the velocity (m/s) in its own axes."""
+    moving = [
+        (shape.material, (body.name, number, vector3(shape.surface_velocity[:3])))
+        for body in world.bodies
+        for number, shape in enumerate(solid_shapes(body))
+        if any(shape.surface_velocity[:3])
+    ]
+    chosen: dict[Pair, tuple[str, int, Vector3]] = {}
+    for material, belt in moving:
+        for pair in meeting_laws(world):
+            if material in pair:
+                chosen.setdefault(pair, belt)
+    return chosen
+
+
+def _told_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
+    """What the files say of them; nothing of a shape that they do not have, which others find."""
+    shapes = {body.name: solid_shapes(body) for body in read.bodies}
+    return {
+        pair: vector3(shapes[name][number].surface_velocity[:3])
+        for pair, (name, number, _) in belts(world).items()
+        if number < len(shapes.get(name, ()))
+    }
+
+
+def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> FileLaw:
+    """Read the contact law from the artifacts in ``folder``; ``read`` is what the independent reader made of them (default:
+    read here).
+
+    Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
+    """
+    read = dialects()[engine.DIALECT].read(folder) if read is None else read
+    # what the engine's own file says counts, not what is said beside it
+    sidecar = read_sidecar(folder)
+    settings = sidecar["settings"] | {
+        name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")
+    }
+    plan = contact_plan(world, engine.RULES, engine.LAYERS)
+    cone = world.contact.friction_cone if "friction_cone" in read.unreadable else read.friction_cone
+    timestep = world.physics.timestep if "timestep" in read.unreadable else read.timestep
+    contact = dataclasses.replace(world.contact, friction_cone=cone, pairs=_pairs(world, read))
+    numbers = _numbers(world, read, plan)
+    problems = list(_impossible(contact, numbers, timestep))
+    if problems:
+        raise UnsupportedError(problems)
+    # files hold all settings; what does nothing beside others may not be given
+    idle = idle_settings(engine, {name: setting.default for name, setting in engine.SETTINGS.items()} | settings)
+    written = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
+    pairs = tuple(
+        PairSettings(entry["between"][0], entry["between"][1], tuple(sorted(entry["settings"].items())))
+        for entry in sidecar.get("pair_settings", ())
+    )
+    options = EngineOptions(engine.NAME, written, EVERYTHING, pairs=pairs)
+    plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
+    return FileLaw(contact, plan, options, timestep, _told_belts(world, read))
+
+
+def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
+    """What the files say and no probe world could be written with."""
+    if contact.friction_cone not in FRICTION_CONES:
+        yield Problem("the files hold an unknown friction cone", found=contact.friction_cone)
+    if not 0.0 < timestep < math.inf:
+        yield Problem("the files hold an impossible timestep", found=f"{timestep}")
+    surfaces: list[tuple[str, Surface | PairContact]] = [
+        *((f"{name} in layer {layer}", surface) for (name, layer), surface in numbers.items()),
+        *((f"{pair.first} with {pair.second}", pair) for pair in contact.pairs),
+    ]
+    for where, numbers_actual in surfaces:
+        hardness = numbers_actual.hardness or Hardness()
+        values = {name: getattr(numbers_actual, name) for name in COMBINED_QUANTITIES}
+        values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
+        for name, value in values.items():
+            if value is not None and not math.isfinite(value):
+                yield Problem(f"the files hold an impossible {name.replace('_', ' ')} of {where}", found=f"{value}")
+
+
+def of_pair(whole: FileLaw, first: str, second: str) -> FileLaw:
+    """The part of a law that concerns two materials: what else a scenario has cannot matter to probes of these."""
+    names = {first, second}
+    contact = Contact(
+        whole.contact.friction_cone,
+        tuple(material for material in whole.contact.materials if material.name in names),
+        # without a margin: what is probed begins in touch
+        tuple(
+            dataclasses.replace(pair, margin=None) for pair in whole.contact.pairs if {pair.first, pair.second} <= names
+        ),
+    )
+    plan = ContactPlan(
+        {key: surface for key, surface in whole.plan.numbers.items() if key[0] in names},
+        {pair: layer for pair, layer in whole.plan.layer_of.items() if set(pair) <= names},
+        tuple(pair for pair in whole.plan.missed if set(pair) <= names),
+        tuple(pair for pair in whole.plan.explicit or () if set(pair) <= names),
+    )
+    pairs = tuple(pair for pair in whole.options.pairs if {pair.first, pair.second} <= names)
+    return FileLaw(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep, whole.belts)
+
+
+def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:
+    numbers = dict(plan.numbers)
+    bodies = {body.name: body for body in read.bodies}
+    for body in world.bodies:
+        if body.name not in bodies:
+            continue  # a missing body is L0's and L1's to find
+        for shape, other in zip(solid_shapes(body), solid_shapes(bodies[body.name]), strict=False):
+            for layer, surface in zip(plan.layers(shape.material), other.surfaces, strict=False):
+                key = (shape.material, layer)
+                whole = _filled(surface, plan.numbers[key])
+                if _distance(whole, plan.numbers[key]) > _distance(numbers[key], plan.numbers[key]):
+                    numbers[key] = whole
+    return numbers
+
+
+def _filled(surface: Surface, wanted: Surface) -> Surface:
+    """The surface, with what cannot be told taken from the plan."""
+    names = (*COMBINED_QUANTITIES, "hardness")
+    given = {name: value for name in names if (value := getattr(surface, name)) is not None}
+    return dataclasses.replace(wanted, **given)
+
+
+def _distance(surface: Surface, other: Surface) -> float:
+    return _far(
+        surface.hardness == other.hardness,
+        ((getattr(surface, name), getattr(other, name)) for name in COMBINED_QUANTITIES),
+    )
+
+
+def _known(number: float | None, law: float) -> float:
+    """What an engine says, or the law's own number where it cannot tell."""
+    return law if number is None else number
+
+
+def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
+    """The world's laws, with those of explicit pairs and of a table as they are held."""
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
+    worst = dict(laws)
+    worst.update({names: law for law in read.laws if (names := (law.first, law.second)) in laws})
+    for pair in read.pairs:
+        names = sorted_pair(material.get(pair.first, ""), material.get(pair.second, ""))
+        if names not in laws:
+            continue  # a stray pair is the comparator's to find
+        law, surface = laws[names], pair.surface
+        contact = dataclasses.replace(
+            law,
+            friction=_known(surface.friction, law.friction),
+            torsional_friction=_known(surface.torsional_friction, law.torsional_friction),
+            rolling_friction=_known(surface.rolling_friction, law.rolling_friction),
+            restitution=_known(surface.restitution, law.restitution),
+            hardness=law.hardness if surface.hardness is None else surface.hardness,
+            margin=None if law.margin is None else pair.margin,
+        )
+        if _apart(contact, law) > _apart(worst[names], law):
+            worst[names] = contact
+    return tuple(worst.values())
+
+
+def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
+    """The pairs of materials of which every two shapes that may touch are held as an explicit pair.
+
+    Where one is missing, it is the shapes' numbers that count there, and they are measured.
+    """
+    there = {(pair.first, pair.second) for pair in read.pairs}
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    named = {tuple(sorted(material.get(name, "") for name in pair)) for pair in there}
+    return tuple(
+        pair
+        for pair in meeting_laws(world)
+        if pair in named and all(two in there for two in shape_pairs(world, [pair]))
+    )
+
+
+def _apart(law: PairContact, other: PairContact) -> float:
+    return _far(
+        law.hardness == other.hardness,
+        ((getattr(law, name), getattr(other, name)) for name in (*COMBINED_QUANTITIES, "margin")),
+    )
+
+
+def _far(as_hard: bool, values: Iterable[tuple[float | None, float | None]]) -> float:
+    """How far apart two laws are, to find the worst one; NaN is beyond any number."""
+    numbers = sum(abs((number or 0.0) - (other or 0.0)) for number, other in values)
+    return math.inf if math.isnan(numbers) else numbers + (0.0 if as_hard else 1.0)

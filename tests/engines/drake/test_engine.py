@@ -18,7 +18,7 @@ from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world import WORLD
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.bench import state_error
 from simspec.world import frames

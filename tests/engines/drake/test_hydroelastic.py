@@ -13,7 +13,7 @@ from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
 from simspec.engines.drake.approximations import PRESSURE_SECONDS
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.contact import run, size
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped

@@ -10,7 +10,8 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError
-from simspec.proof.comparator import compare, inventory_checks
+from simspec.proof.checks import inventory_checks
+from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world import frames
 from simspec.world.types import Pose

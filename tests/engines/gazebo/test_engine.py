@@ -20,7 +20,7 @@ from simspec.engines.kit.compiled import CompileError, Missing
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world import WORLD, WorldJson
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.worlds import accepting
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, World

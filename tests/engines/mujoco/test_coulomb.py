@@ -13,7 +13,8 @@ from simspec.compiler import compile_world
 from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import stepping as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.proof.comparator import compare, inventory_checks
+from simspec.proof.checks import inventory_checks
+from simspec.proof.comparator import compare
 from simspec.proof.contact import leaning, run
 from simspec.proof.contact.probe import Motion
 from simspec.proof.contact.worlds import drive_of

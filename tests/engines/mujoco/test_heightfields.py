@@ -9,7 +9,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.mujoco.contact import FEW, ROCKS, ground_held
-from simspec.proof.distances import field_distance
+from simspec.proof.checks import field_distance
 from simspec.proof.touch.geometry import gap, solids
 from simspec.support.declarations import Level
 from simspec.testing.worlds import GROUND, accepting, ground

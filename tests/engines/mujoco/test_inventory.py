@@ -14,7 +14,7 @@ from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS, model
 from simspec.world.types import EngineOptions, Hardness, Shape
 

@@ -22,8 +22,8 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.comparator import inventory_checks
-from simspec.proof.contact.file_law import held, of_pair
+from simspec.proof.checks import inventory_checks
+from simspec.proof.contact.worlds import held, of_pair
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.runner.run import Case
 from simspec.support.features import Feature

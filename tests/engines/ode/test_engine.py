@@ -15,7 +15,7 @@ from simspec.engines.ode.engine import Ode
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world import WORLD
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, World

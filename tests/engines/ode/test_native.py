@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.engines.ode.engine import Ode
 from simspec.errors import UnsupportedError
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import inventory_checks
 from simspec.proof.verify import verify
 from tests import worlds
 from tests.engines.drake.scenes import boxes

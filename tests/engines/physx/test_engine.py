@@ -15,8 +15,7 @@ from simspec.engines.physx.building import exclusions, kinds, touches
 from simspec.engines.physx.engine import PhysX
 from simspec.engines.physx.simulation import turns
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.checks import PRECISIONS
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import PRECISIONS, inventory_checks
 from tests.engines.free_bodies import (
     DT,
     GRAVITY,

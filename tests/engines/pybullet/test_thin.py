@@ -10,8 +10,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
-from simspec.proof.touch.judge import touch_checks
-from simspec.proof.touch.plan import Meetings, meetings_of
+from simspec.proof.touch.plan import Meetings, meetings_of, touch_checks
 from simspec.proof.verify import verify
 from simspec.world.hull import hull_within_margin, margin_excess, mesh_size, rounded_core, thickened
 from simspec.world.types import EngineOptions, Joint, Pose, World

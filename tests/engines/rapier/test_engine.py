@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from simspec.engines.rapier.engine import Rapier
 from simspec.errors import EngineError
-from simspec.proof.checks import PRECISIONS
-from simspec.proof.comparator import inventory_checks
+from simspec.proof.checks import PRECISIONS, inventory_checks
 from simspec.world import frames
 from simspec.world.types import Inertial, Joint, Pose
 from tests.engines.free_bodies import (

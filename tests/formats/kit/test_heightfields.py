@@ -7,7 +7,7 @@ import pytest
 
 from simspec.formats.kit.mesh_reading import field_of_triangles, read_meshes
 from simspec.formats.kit.text import FIELDS, field_file, field_files
-from simspec.proof.distances import field_distance
+from simspec.proof.checks import field_distance
 from simspec.world.shapes import field_of, heightfield_size
 
 ROUGH = heightfield_size(2.0, 1.0, 0.5, np.random.default_rng(5).uniform(0.0, 0.3, (4, 6)))
