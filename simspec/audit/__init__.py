@@ -126,7 +126,7 @@ class FileAudit:
     def clean(self) -> bool:
         """Whether nothing was changed in silence, and nothing failed."""
         wrong = any(engine.silent for engine in self.engines)
-        return not wrong and not any(one.valid is False for one in self.compiled)
+        return not wrong and not any(compiled.valid is False for compiled in self.compiled)
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,9 +59,9 @@ def audit(
         replies = list(
             pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline, warm, roots), readers)
         )
-    held = dict(zip(readers, replies, strict=True))
-    meaning = _defined(meaning, held, {name: readers[name] for name in readers})
-    audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in held.items())
+    actual = dict(zip(readers, replies, strict=True))
+    meaning = _defined(meaning, actual, {name: readers[name] for name in readers})
+    audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in actual.items())
     results: tuple[Compiled, ...] = ()
     if prove and meaning.world is not None:
         progress(f"{path.name}: compiling and proving")
@@ -115,7 +115,7 @@ class Loaded:
         self.reply, self.error, self.seconds = reply, error, seconds
 
     @property
-    def held(self) -> ReadBack | None:
+    def read_back(self) -> ReadBack | None:
         """What the engine holds."""
         return self.reply.answers[0].held if self.reply is not None else None
 
@@ -155,12 +155,12 @@ def loaded(
             return Loaded(None, error, time.perf_counter() - begun)
 
 
-def _defined(meaning: Meaning, held: Mapping[str, Loaded], readers: Mapping[str, Reads]) -> Meaning:
+def _defined(meaning: Meaning, actual: Mapping[str, Loaded], readers: Mapping[str, Reads]) -> Meaning:
     """The meaning of a file that simspec does not import: what the engine makes of it that defines the language."""
     if meaning.bodies:
         return meaning
     for name, reads in readers.items():
-        back = held[name].held
+        back = actual[name].read_back
         if reads.defines and back is not None:
             title = find_engine(name).TITLE or name
             source = f"what {title} holds, which defines the language; simspec does not import the file"
@@ -174,12 +174,12 @@ def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) ->
         refused = error is not None and error.refused
         text = str(error).removeprefix(f"{name}: ")
         what = What.REFUSED if refused else What.DIED
-        told = clipped(text.removeprefix("refuses the file: "), 600)
-        finding = Finding(name, what, Severity.PHYSICS, "the file", "file", "", told, why=told)
+        given = clipped(text.removeprefix("refuses the file: "), 600)
+        finding = Finding(name, what, Severity.PHYSICS, "the file", "file", "", given, why=given)
         return EngineAudit(name, reads.how, False, (finding,), seconds=loading.seconds)
     answer = reply.answers[0]
-    held = reply.answers[0].held
-    findings, compared = compare(name, meaning, held, find_engine(name).FOREIGN_OWN)
+    read_back = reply.answers[0].held
+    findings, compared = compare(name, meaning, read_back, find_engine(name).FOREIGN_OWN)
     log = tuple(dict.fromkeys(clipped(line) for line in answer.log))
     version = reply.versions["engine_version"]
     return EngineAudit(name, reads.how, True, tuple(findings), compared, version, loading.seconds, log)
@@ -227,8 +227,8 @@ def accepting(world: World, engines: Sequence[str]) -> World:
     options = tuple(
         dataclasses.replace(world.options(name), accept=words, outside=words) for name in sorted(set(names))
     )
-    kept = tuple(one for one in world.engines if one.engine not in names)
-    return dataclasses.replace(world, engines=tuple(sorted((*kept, *options), key=lambda one: one.engine)))
+    kept = tuple(engine for engine in world.engines if engine.engine not in names)
+    return dataclasses.replace(world, engines=tuple(sorted((*kept, *options), key=lambda entry: entry.engine)))
 
 
 # Two files of one robot, in any languages: how what they mean differs.
@@ -253,7 +253,7 @@ class PairAudit:
     @property
     def same(self) -> bool:
         """Whether both mean one model."""
-        return not any(one.silent for one in self.findings) and not self.only_first and not self.only_second
+        return not any(finding.silent for finding in self.findings) and not self.only_first and not self.only_second
 
 
 def pair(
@@ -267,14 +267,14 @@ def pair(
         if not meaning.bodies:
             problems = meaning.defects or (Problem(f"{meaning.path}: simspec does not import files of this language"),)
             raise SpecError(problems)
-    one, other = meanings
-    matched = match(one.bodies, other.bodies)
-    if not matched.own:
+    entry, other = meanings
+    matched = match(entry.bodies, other.bodies)
+    if not matched.partners:
         raise SpecError([Problem(f"{names[0]} and {names[1]} have no body of the same name")])
-    shared = frozenset(matched.own)
-    partners = frozenset(body.name for body in matched.own.values())
-    held = ReadBack(tuple(map(_told, other.bodies)), other.gravity or (0.0, 0.0, 0.0), 0.0)
-    compared = Comparison(SECOND, dataclasses.replace(one, gravity=None), held, {}).run()
+    shared = frozenset(matched.partners)
+    partners = frozenset(body.name for body in matched.partners.values())
+    read_back = ReadBack(tuple(map(_as_read_back, other.bodies)), other.gravity or (0.0, 0.0, 0.0), 0.0)
+    compared = Comparison(SECOND, dataclasses.replace(entry, gravity=None), read_back, {}).run()
     findings = tuple(
         finding
         for finding in compared.findings
@@ -286,7 +286,7 @@ def pair(
         len(shared),
         compared.compared,
         findings,
-        _rest(one, shared),
+        _rest(entry, shared),
         _rest(other, partners),
         tuple(str(problem) for meaning in meanings for problem in meaning.defects),
     )
@@ -296,7 +296,7 @@ def _rest(meaning: Meaning, shared: frozenset[str]) -> tuple[str, ...]:
     return tuple(body.name for body in meaning.bodies if body.name not in shared)
 
 
-def _told(body: Body) -> Body:
+def _as_read_back(body: Body) -> Body:
     """A body as an engine would tell it: meshes by their support functions."""
     return dataclasses.replace(body, shapes=tuple(_support(shape) for shape in body.shapes))
 

@@ -1,4 +1,4 @@
-"""What an engine holds of a file, held against what the file means."""
+"""What an engine holds of a file, actual against what the file means."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ MESH_SHARE: Final = 2e-4
 """Share of a mesh's extent by which an engine may round its vertices."""
 
 
-def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], held: Sequence[Shape]) -> None:
+def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], actual: Sequence[Shape]) -> None:
     """Add findings about the shapes of a body."""
     solid = [shape for shape in said if shape.collision]
-    left = [shape for shape in held if shape.collision]
+    left = [shape for shape in actual if shape.collision]
     if not comparison.knows_meshes:
         left = [shape for shape in left if shape.kind != MESH]  # the file's own were not read
     for shape in solid:
         if not comparison.compares(body, "shapes"):
             return
-        near = min(left, key=lambda other: _apart(shape, other), default=None)
+        near = min(left, key=lambda other: _distance(shape, other), default=None)
         if near is None:
             comparison.add(What.DROPPED, Severity.PHYSICS, body, "shapes", shape_text(shape), None)
             continue
         left.remove(near)
-        apart = _apart(shape, near)
-        if apart > (max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE):
-            size = None if math.isinf(apart) else apart
+        distance = _distance(shape, near)
+        if distance > (max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE):
+            size = None if math.isinf(distance) else distance
             comparison.add(
                 What.CHANGED, Severity.PHYSICS, body, "shapes", shape_text(shape), shape_text(near), "", size
             )
     for shape in left:
         comparison.add(What.ADDED, Severity.PHYSICS, body, "shapes", None, shape_text(shape))
-    seen, held_seen = (sum(shape.visual for shape in shapes) for shapes in (said, held))
-    if seen and not held_seen:
+    seen, actual_seen = (sum(shape.visual for shape in shapes) for shapes in (said, actual))
+    if seen and not actual_seen:
         comparison.add(What.DROPPED, Severity.APPEARANCE, body, "shapes", f"{seen} that are seen", "none")
 
 
@@ -59,16 +59,16 @@ def _extent(shape: Shape) -> float:
     return float((points.max(axis=0) - points.min(axis=0)).max()) if len(points) else 0.0
 
 
-def _apart(shape: Shape, other: Shape) -> float:
+def _distance(shape: Shape, other: Shape) -> float:
     """How far two shapes are apart (m, rad); infinite where they are of different kinds."""
     if shape.kind != other.kind:
         return math.inf
     if shape.kind == MESH:
-        return _meshes_apart(shape, other)
+        return _mesh_distance(shape, other)
     return unlikeness(shape, other) - (0.0 if shape.name == other.name else 1e-6)
 
 
-def _meshes_apart(shape: Shape, other: Shape) -> float:
+def _mesh_distance(shape: Shape, other: Shape) -> float:
     """The largest difference of the support functions, in the axes of the engine's shape; nan-free. ``shape.size`` are
     vertices, ``other.size`` is a support function (``engines/kit/foreign.py``)."""
     if not other.size or not shape.size:
@@ -112,10 +112,10 @@ SCALARS: Final = {
 
 
 class Comparison:
-    """Collects findings of one engine about one file; ``compared`` counts values that were held against each other."""
+    """Collects findings of one engine about one file; ``compared`` counts values that were actual against each other."""
 
-    def __init__(self, engine: str, meaning: Meaning, held: ReadBack, own: Mapping[str, Own]):
-        self.engine, self._meaning, self._held, self._own = engine, meaning, held, own
+    def __init__(self, engine: str, meaning: Meaning, actual: ReadBack, extras: Mapping[str, Own]):
+        self.engine, self._meaning, self._actual, self._extras = engine, meaning, actual, extras
         self.findings: list[Finding] = []
         self.compared = 0
         imported = meaning.imported
@@ -125,16 +125,16 @@ class Comparison:
         self._unphysical = {name for path in paths if path[-1] == "inertia" for name in path[-2:-1]}
         self.knows_meshes = not any(MESH in account.what for account in lost)
         """Whether meshes of the file were read."""
-        self._matched = match(meaning.bodies, held.bodies)
-        self._at, self._held_at = zero_poses(meaning.bodies), zero_poses(held.bodies)
-        self._group, self._held_group = groups_of(meaning.bodies), groups_of(held.bodies)
+        self._matched = match(meaning.bodies, actual.bodies)
+        self._at, self._actual_at = zero_poses(meaning.bodies), zero_poses(actual.bodies)
+        self._group, self._actual_group = groups_of(meaning.bodies), groups_of(actual.bodies)
 
     def run(self) -> Comparison:
         """Compare everything."""
         if self._meaning.bodies:
             self._missing()
             for body in self._meaning.bodies:
-                partner = self._matched.own.get(body.name)
+                partner = self._matched.partners.get(body.name)
                 if partner is not None:
                     self._body(body, partner)
                 elif body.joint.kind in TREE_JOINTS:
@@ -163,9 +163,9 @@ class Comparison:
         self.findings.append(Finding(self.engine, what, severity, element, quantity, *values, location, why, size))
 
     def compares(self, body: Body, quantity: str) -> bool:
-        """Whether a value of the file can be held against the engine's; counts it."""
+        """Whether a value of the file can be actual against the engine's; counts it."""
         tail = quantity.rpartition(".")[2]
-        if {quantity, tail} & self._held.unreadable.keys():
+        if {quantity, tail} & self._actual.unreadable.keys():
             return False
         if any(f"{body.name}.{quantity}.".startswith(f"{path}.") for path in self._meaning.unsure):
             return False
@@ -189,7 +189,7 @@ class Comparison:
     def _stuck(self, root: Body) -> tuple[Severity, str, float]:
         """What it means that the engine fixes a free root to the world: severity, why, and the share of the tree's mass that
         cannot move then."""
-        held_group = self._held_group
+        actual_group = self._actual_group
         roots: dict[str, str] = {}
         for body in parents_first(self._meaning.bodies):
             roots[body.name] = body.name if body.joint.parent is None else roots[body.joint.parent]
@@ -197,9 +197,9 @@ class Comparison:
         total, fixed = 0.0, 0.0
         for body in tree:
             carrier = self._matched.carrier[body.name]
-            partner = self._matched.own.get(carrier) if carrier is not None else None
+            partner = self._matched.partners.get(carrier) if carrier is not None else None
             total += body.inertial.mass
-            if carrier == WORLD or (partner is not None and held_group[partner.name] == WORLD):
+            if carrier == WORLD or (partner is not None and actual_group[partner.name] == WORLD):
                 fixed += body.inertial.mass
         share = fixed / total if total else 0.0
         if share >= STUCK:
@@ -208,48 +208,48 @@ class Comparison:
 
     def _extra(self) -> None:
         for body in self._matched.extra:
-            moves = self._held_group[body.name] != WORLD
+            moves = self._actual_group[body.name] != WORLD
             if body.inertial.mass and moves:
                 self.add(What.ADDED, Severity.PHYSICS, body, "body", None, f"{body.inertial.mass:.6g} kg")
             elif body.joint.kind != "fixed":
                 self.add(What.ADDED, Severity.INFORMATION, body, "body", None, f"a {body.joint.kind} joint")
 
     def _body(self, body: Body, partner: Body) -> None:
-        carried = [one for one in self._meaning.bodies if self._matched.carrier[one.name] == body.name]
+        carried = [entry for entry in self._meaning.bodies if self._matched.carrier[entry.name] == body.name]
         inertial, shapes = folded(carried, self._at, body.name)
-        moves = self._group[body.name] != WORLD or self._held_group[partner.name] != WORLD
+        moves = self._group[body.name] != WORLD or self._actual_group[partner.name] != WORLD
         self._inertial(body, inertial, partner.inertial, moves)
         self._place(body, partner)
         self._joint(body, partner)
         compare_shapes(self, body, shapes, partner.shapes)
 
-    def _inertial(self, body: Body, said: Inertial, held: Inertial, moves: bool) -> None:
+    def _inertial(self, body: Body, said: Inertial, inertial: Inertial, moves: bool) -> None:
         severity = Severity.PHYSICS if moves else Severity.INFORMATION
         why = "" if moves else "it cannot move"
-        what = What.ADDED if not said.mass else What.DROPPED if not held.mass else What.CHANGED
-        if self.compares(body, "mass") and relative(said.mass, held.mass) > SAME:
-            off = relative(said.mass, held.mass)
-            self.add(what, severity, body, "mass", said.mass, held.mass, why, off)
-        if not said.mass or not held.mass:
+        what = What.ADDED if not said.mass else What.DROPPED if not inertial.mass else What.CHANGED
+        if self.compares(body, "mass") and relative(said.mass, inertial.mass) > SAME:
+            off = relative(said.mass, inertial.mass)
+            self.add(what, severity, body, "mass", said.mass, inertial.mass, why, off)
+        if not said.mass or not inertial.mass:
             return
-        away = math.dist(said.centre_of_mass, held.centre_of_mass)
+        away = math.dist(said.centre_of_mass, inertial.centre_of_mass)
         reach = max(1.0, math.hypot(*said.centre_of_mass))
         if self.compares(body, "centre_of_mass") and away > SAME * reach:
-            values = said.centre_of_mass, held.centre_of_mass
+            values = said.centre_of_mass, inertial.centre_of_mass
             self.add(What.CHANGED, severity, body, "centre_of_mass", *values, why, away)
         if body.name in self._unphysical:
-            self._replaced(body, held, severity)
+            self._replaced(body, inertial, severity)
         if not self.compares(body, "inertia"):
             return
-        scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(held.inertia)).max()), LEAST_INERTIA)
-        off = float(np.abs(full(said.inertia) - full(held.inertia)).max()) / scale
+        scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(inertial.inertia)).max()), LEAST_INERTIA)
+        off = float(np.abs(full(said.inertia) - full(inertial.inertia)).max()) / scale
         if off > SAME:
-            self.add(What.CHANGED, severity, body, "inertia", tensor_values(said), tensor_values(held), why, off)
+            self.add(What.CHANGED, severity, body, "inertia", tensor_values(said), tensor_values(inertial), why, off)
 
-    def _replaced(self, body: Body, held: Inertial, severity: Severity) -> None:
+    def _replaced(self, body: Body, inertial: Inertial, severity: Severity) -> None:
         """Another tensor in place of one that no body has: the file's own is repaired, and not compared."""
         self.compared += 1
-        low, middle, high = principal_moments(held.inertia)
+        low, middle, high = principal_moments(inertial.inertia)
         if high < LEAST_INERTIA:
             self.add(
                 What.DROPPED, severity, body, "inertia", NO_TENSOR, None, "the engine sets it to zero in silence", 1.0
@@ -261,7 +261,7 @@ class Comparison:
                 body,
                 "inertia",
                 NO_TENSOR,
-                tensor_values(held),
+                tensor_values(inertial),
                 "the engine replaces it in silence",
             )
 
@@ -270,106 +270,113 @@ class Comparison:
         if body.joint.kind == "free" or partner.joint.kind == "free":
             return
         above = body.joint.parent
-        by_name = {one.name: one for one in self._meaning.bodies}
-        while above is not None and above not in self._matched.own:
+        by_name = {body.name: body for body in self._meaning.bodies}
+        while above is not None and above not in self._matched.partners:
             above = by_name[above].joint.parent
         if above is None:
-            start, held_start = Pose(), Pose()
+            start, actual_start = Pose(), Pose()
         else:
-            start, held_start = self._at[above], self._held_at[self._matched.own[above].name]
+            start, actual_start = self._at[above], self._actual_at[self._matched.partners[above].name]
         said = frames.compose(frames.inverse(start), self._at[body.name])
-        held = frames.compose(frames.inverse(held_start), self._held_at[partner.name])
+        actual = frames.compose(frames.inverse(actual_start), self._actual_at[partner.name])
         if not self.compares(body, "joint.origin"):
             return
-        away = math.dist(said.position, held.position)
-        turned = turn_between(said.quaternion, held.quaternion)
+        away = math.dist(said.position, actual.position)
+        turned = turn_between(said.quaternion, actual.quaternion)
         if away > SAME * max(1.0, math.hypot(*said.position)):
-            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.origin.xyz", said.position, held.position, "", away)
+            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.origin.xyz", said.position, actual.position, "", away)
         if turned > SAME:
             self.add(
-                What.CHANGED, Severity.PHYSICS, body, "joint.origin.rpy", said.quaternion, held.quaternion, "", turned
+                What.CHANGED,
+                Severity.PHYSICS,
+                body,
+                "joint.origin.rpy",
+                said.quaternion,
+                actual.quaternion,
+                "",
+                turned,
             )
 
     def _joint(self, body: Body, partner: Body) -> None:
-        said, held = body.joint, partner.joint
+        said, joint = body.joint, partner.joint
         if not self.compares(body, "joint.type"):
             return
-        if said.kind == "fixed" and held.position_limits == (0.0, 0.0):
+        if said.kind == "fixed" and joint.position_limits == (0.0, 0.0):
             return  # one position is left to it, the one that the file says
-        if said.kind != held.kind:
-            roots = said.parent is None and held.parent is None and {said.kind, held.kind} == {"fixed", "free"}
+        if said.kind != joint.kind:
+            roots = said.parent is None and joint.parent is None and {said.kind, joint.kind} == {"fixed", "free"}
             severity, why = (Severity.DEFAULT, NO_ROOT) if roots else (Severity.PHYSICS, "")
-            what = What.DROPPED if held.kind == "fixed" and not roots else What.CHANGED
+            what = What.DROPPED if joint.kind == "fixed" and not roots else What.CHANGED
             if roots and said.kind == "free":
                 severity, why, _ = self._stuck(body)
-            self.add(what, severity, body, "joint.type", said.kind, held.kind, why)
+            self.add(what, severity, body, "joint.type", said.kind, joint.kind, why)
             return
         if said.kind in SCALAR_JOINTS:
-            if self.compares(body, "joint.axis") and (away := math.dist(said.axis, held.axis)) > SAME:
-                self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, held.axis, "", away)
-            self._limits(body, said, held)
+            if self.compares(body, "joint.axis") and (away := math.dist(said.axis, joint.axis)) > SAME:
+                self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, joint.axis, "", away)
+            self._limits(body, said, joint)
         if said.kind == "fixed":
             return
         for name, (nothing, _) in SCALARS.items():
             if self.compares(body, f"joint.{name}"):
-                self._scalar(body, name, getattr(said, name), getattr(held, name), nothing)
+                self._scalar(body, name, getattr(said, name), getattr(joint, name), nothing)
 
-    def _limits(self, body: Body, said: Joint, held: Joint) -> None:
+    def _limits(self, body: Body, said: Joint, joint: Joint) -> None:
         if not self.compares(body, "joint.limits"):
             return
-        one, other = said.position_limits, held.position_limits
-        if one is None and other is None:
+        entry, other = said.position_limits, joint.position_limits
+        if entry is None and other is None:
             return
-        if one is None or other is None:
+        if entry is None or other is None:
             what = What.DROPPED if other is None else What.ADDED
-            self.add(what, Severity.PHYSICS, body, "joint.limits", one, other)
-        elif (away := max(abs(a - b) for a, b in zip(one, other, strict=True))) > SAME:
-            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.limits", one, other, "", away)
+            self.add(what, Severity.PHYSICS, body, "joint.limits", entry, other)
+        elif (away := max(abs(a - b) for a, b in zip(entry, other, strict=True))) > SAME:
+            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.limits", entry, other, "", away)
 
-    def _scalar(self, body: Body, name: str, said: float | None, held: float | None, nothing: float | None) -> None:
-        one, other = (nothing if value is None or value == 0.0 else value for value in (said, held))
-        if one == other or (one is not None and other is not None and relative(one, other) <= SAME):
+    def _scalar(self, body: Body, name: str, said: float | None, actual: float | None, nothing: float | None) -> None:
+        entry, other = (nothing if value is None or value == 0.0 else value for value in (said, actual))
+        if entry == other or (entry is not None and other is not None and relative(entry, other) <= SAME):
             return
-        what = What.ADDED if one == nothing else What.DROPPED if other == nothing else What.CHANGED
+        what = What.ADDED if entry == nothing else What.DROPPED if other == nothing else What.CHANGED
         severity = Severity.RATING if name in RATINGS else Severity.PHYSICS
-        off = relative(one or 0.0, other or 0.0) if what is What.CHANGED else None
-        self.add(what, severity, body, f"joint.{name}", said, held, "", off)
+        off = relative(entry or 0.0, other or 0.0) if what is What.CHANGED else None
+        self.add(what, severity, body, f"joint.{name}", said, actual, "", off)
 
     def _static(self) -> None:
         """Shapes of bodies that became a part of the world."""
         merged = [body for body in self._meaning.bodies if self._matched.carrier[body.name] == WORLD]
         if not merged:
             return
-        world = [body for body in self._matched.extra if self._held_group[body.name] == WORLD]
-        held = folded(world, {**self._held_at, WORLD: Pose()}, WORLD)[1] if world else ()
+        world = [body for body in self._matched.extra if self._actual_group[body.name] == WORLD]
+        actual = folded(world, {**self._actual_at, WORLD: Pose()}, WORLD)[1] if world else ()
         _, shapes = folded(merged, {**self._at, WORLD: Pose()}, WORLD)
-        compare_shapes(self, merged[0], shapes, held)
+        compare_shapes(self, merged[0], shapes, actual)
 
     def _inventory(self) -> None:
-        meaning, held = self._meaning, self._held
+        meaning, back = self._meaning, self._actual
         if meaning.gravity is not None:
             self.compared += 1
-            if math.dist(meaning.gravity, held.gravity) > SAME:
-                self.add(What.CHANGED, Severity.PHYSICS, None, "gravity", meaning.gravity, held.gravity)
-        for name, own in self._own.items():
-            if name not in held.inventory:
+            if math.dist(meaning.gravity, back.gravity) > SAME:
+                self.add(What.CHANGED, Severity.PHYSICS, None, "gravity", meaning.gravity, back.gravity)
+        for name, extra in self._extras.items():
+            if name not in back.inventory:
                 continue
-            value = held.inventory[name]
-            self.compared += own.meaning is not None
-            if own.meaning is None:
+            value = back.inventory[name]
+            self.compared += extra.meaning is not None
+            if extra.meaning is None:
                 if value or isinstance(value, bool):
-                    self.add(What.ADDED, Severity(own.changes), None, name, None, value, own.why)
-            elif not _same(own.meaning, value):
-                what = What.CHANGED if own.meaning else What.ADDED
-                self.add(what, Severity(own.changes), None, name, own.meaning, value, own.why)
+                    self.add(What.ADDED, Severity(extra.changes), None, name, None, value, extra.why)
+            elif not _same(extra.meaning, value):
+                what = What.CHANGED if extra.meaning else What.ADDED
+                self.add(what, Severity(extra.changes), None, name, extra.meaning, value, extra.why)
         frictions = sorted(
             {
-                one.friction
-                for body in held.bodies
+                surface.friction
+                for body in back.bodies
                 for shape in body.shapes
                 if shape.collision
-                for one in shape.surfaces
-                if one.friction is not None
+                for surface in shape.surfaces
+                if surface.friction is not None
             }
         )
         if frictions:
@@ -383,13 +390,13 @@ def tensor_values(inertial: Inertial) -> tuple[float, ...]:
     return tuple(value for place, value in enumerate(inertial.inertia) if place < 3 or abs(value) > least)
 
 
-def _same(said: EngineValue | None, held: EngineValue) -> bool:
-    if isinstance(said, (int, float)) and isinstance(held, (int, float)) and not isinstance(said, bool):
-        return abs(held - said) <= SAME * max(1.0, abs(said))
-    return said == held
+def _same(said: EngineValue | None, engine_value: EngineValue) -> bool:
+    if isinstance(said, (int, float)) and isinstance(engine_value, (int, float)) and not isinstance(said, bool):
+        return abs(engine_value - said) <= SAME * max(1.0, abs(said))
+    return said == engine_value
 
 
-def compare(engine: str, meaning: Meaning, held: ReadBack, own: Mapping[str, Own]) -> tuple[Sequence[Finding], int]:
+def compare(engine: str, meaning: Meaning, back: ReadBack, extras: Mapping[str, Own]) -> tuple[Sequence[Finding], int]:
     """Findings of what an engine holds of a file, and how many values were compared."""
-    done = Comparison(engine, meaning, held, own).run()
+    done = Comparison(engine, meaning, back, extras).run()
     return done.findings, done.compared

@@ -139,8 +139,8 @@ class Foreseen:
     def unlike(self, found: Collection[Difference]) -> tuple[set[Difference], set[Difference]]:
         """The differences that were found and not foreseen, and those that were foreseen and not found."""
         allowed = self.exactly | self.may | self.elsewhere
-        unforeseen = {one for one in found if one not in allowed and (one[0], FILE) not in self.may}
-        missing = {one for one in self.exactly if (one[0], FILE) not in self.may} - set(found)
+        unforeseen = {entry for entry in found if entry not in allowed and (entry[0], FILE) not in self.may}
+        missing = {entry for entry in self.exactly if (entry[0], FILE) not in self.may} - set(found)
         return unforeseen, missing
 
 
@@ -157,23 +157,23 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
     return Foreseen(frozenset(exactly - lost), frozenset(pairs["may"]), frozenset(pairs["elsewhere"]))
 
 
-def differences(reader: Reader, exported: Exported, held: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
+def differences(reader: Reader, exported: Exported, back: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
     """What a reader holds of a file that is not the world's, but what the format itself does not carry."""
     world, support = exported.world, exported.written.SUPPORT
-    held = dataclasses.replace(held, bodies=tuple(map(_without_stand_ins, held.bodies)))
+    back = dataclasses.replace(back, bodies=tuple(map(_without_stand_ins, back.bodies)))
     gravity = world.physics.gravity if support[Feature.GRAVITY].level is Level.EXACT else None
     bodies = tuple(_as_said(exported))
     meaning = Meaning(Path(), exported.language, bodies=bodies, gravity=gravity)
-    own = engines()[reader.name].FOREIGN_OWN if reader.engine else {}
-    comparison = Comparison(reader.name, meaning, held, own).run()
+    extras = engines()[reader.name].FOREIGN_OWN if reader.engine else {}
+    comparison = Comparison(reader.name, meaning, back, extras).run()
     found = {difference for finding in comparison.findings if (difference := _difference(finding)) is not None}
     carried = support[Feature.TIMESTEP].level is Level.EXACT
-    if carried and held.timestep and abs(held.timestep - world.physics.timestep) > ROUND_OFF:
+    if carried and back.timestep and abs(back.timestep - world.physics.timestep) > ROUND_OFF:
         found.add(("timestep", FILE))
     found -= _lost_by_format(losses)
-    ours = match(bodies, held.bodies).own
+    ours = match(bodies, back.bodies).partners
     changed = {element for quantity, element in found if quantity.startswith(("joint.type", "joint.origin", "body"))}
-    return found | _moved_apart(bodies, held.bodies, ours, changed)
+    return found | _displaced(bodies, back.bodies, ours, changed)
 
 
 def _as_said(exported: Exported) -> Iterator[Body]:
@@ -235,8 +235,8 @@ def _lost_by_format(losses: Iterable[Loss]) -> set[Difference]:
     return lost
 
 
-def _moved_apart(
-    bodies: Sequence[Body], held: Sequence[Body], ours: Mapping[str, Body], changed: Collection[str]
+def _displaced(
+    bodies: Sequence[Body], actual: Sequence[Body], ours: Mapping[str, Body], changed: Collection[str]
 ) -> set[Difference]:
     """Bodies that stand elsewhere in some of a few configurations, drawn by a seed. What stands on a body whose joint is
     another (``changed``) is not compared."""
@@ -246,7 +246,7 @@ def _moved_apart(
         angles = {body.name: draw.uniform(-1.0, 1.0) for body in bodies if body.joint.kind in SCALAR_JOINTS}
         mine, compared = _places(bodies, angles), _as_written(bodies, changed)
         called = {partner.name: name for name, partner in ours.items()}
-        theirs = _places(held, {one: angles[name] for one, name in called.items() if name in angles})
+        theirs = _places(actual, {entry: angles[name] for entry, name in called.items() if name in angles})
         for name in compared:
             if name not in ours:
                 continue
@@ -267,7 +267,7 @@ def _as_written(bodies: Sequence[Body], changed: Collection[str]) -> list[str]:
 
 def _root_is_placed(body: Body, bodies: Sequence[Body]) -> bool:
     """Whether the file says where the root of a body's tree stands: of a free one not in every format."""
-    by_name = {one.name: one for one in bodies}
+    by_name = {body.name: body for body in bodies}
     while body.joint.parent is not None:
         body = by_name[body.joint.parent]
     return body.joint.kind != "free"

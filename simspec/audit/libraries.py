@@ -83,8 +83,8 @@ def _pinocchio(file: Path, language: str) -> ReadBack:
         if frame.type == pinocchio.FrameType.BODY and owner not in called:
             called[owner] = frame.name  # the first body of a joint is the one that it moves
     shapes: dict[int, list[Shape]] = {}
-    for one in geometry.geometryObjects if geometry is not None else ():
-        shapes.setdefault(int(one.parentJoint), []).append(_coal(one))
+    for object_ in geometry.geometryObjects if geometry is not None else ():
+        shapes.setdefault(int(object_.parentJoint), []).append(_coal(object_))
     bodies = []
     for index in range(model.njoints):
         inertia = model.inertias[index]
@@ -138,20 +138,20 @@ def _axis(model: Any, joint: Any) -> Vector3:
     return _vector(motion[3:] if np.any(motion[3:]) else motion[:3])
 
 
-def _coal(one: Any) -> Shape:
+def _coal(entry: Any) -> Shape:
     """A shape of the library's collision geometry, in the frame of its joint."""
-    held, pose = one.geometry, _placed(one.placement.homogeneous)
-    kind = type(held).__name__
+    actual, pose = entry.geometry, _placed(entry.placement.homogeneous)
+    kind = type(actual).__name__
     match kind:
         case "Box":
-            size = tuple(float(2.0 * value) for value in held.halfSide)
+            size = tuple(float(2.0 * value) for value in actual.halfSide)
         case "Sphere":
-            size = (float(held.radius),)
+            size = (float(actual.radius),)
         case "Cylinder" | "Capsule":
-            size = (float(held.radius), float(2.0 * held.halfLength))
+            size = (float(actual.radius), float(2.0 * actual.halfLength))
         case _:
-            kind, size = MESH, support(np.array(held.vertices()))
-    return Shape(one.name, kind.lower(), size, pose, visual=False)
+            kind, size = MESH, support(np.array(actual.vertices()))
+    return Shape(entry.name, kind.lower(), size, pose, visual=False)
 
 
 def _yourdfpy(file: Path, language: str) -> ReadBack:
@@ -161,16 +161,16 @@ def _yourdfpy(file: Path, language: str) -> ReadBack:
     joints = {joint.child: joint for joint in robot.joints}
     bodies = []
     for link in robot.links:
-        joint, held = joints.get(link.name), link.inertial
+        joint, actual = joints.get(link.name), link.inertial
         inertial = Inertial(0.0)
-        if held is not None:
-            place = _placed(held.origin)
-            turned = frames.rotate_inertia(place.quaternion, _six(held.inertia))
-            inertial = Inertial(float(held.mass), place.position, turned)
+        if actual is not None:
+            place = _placed(actual.origin)
+            turned = frames.rotate_inertia(place.quaternion, _six(actual.inertia))
+            inertial = Inertial(float(actual.mass), place.position, turned)
         shapes = tuple(
-            _yourdfpy_shape(one, file, solid)
+            _yourdfpy_shape(entry, file, solid)
             for group, solid in ((link.collisions, True), (link.visuals, False))
-            for one in group
+            for entry in group
         )
         bodies.append(Body(link.name, link.name, inertial, _yourdfpy_joint(joint), shapes))
     unreadable = {"armature": "URDF has none", "spring_stiffness": "URDF has none"}
@@ -202,19 +202,19 @@ def _yourdfpy_joint(joint: Any) -> Joint:
     )
 
 
-def _yourdfpy_shape(one: Any, file: Path, solid: bool) -> Shape:
-    held = one.geometry
-    if held.box is not None:
-        kind, size = "box", tuple(map(float, held.box.size))
-    elif held.sphere is not None:
-        kind, size = "sphere", (float(held.sphere.radius),)
-    elif held.cylinder is not None:
-        kind, size = "cylinder", (float(held.cylinder.radius), float(held.cylinder.length))
+def _yourdfpy_shape(entry: Any, file: Path, solid: bool) -> Shape:
+    geometry = entry.geometry
+    if geometry.box is not None:
+        kind, size = "box", tuple(map(float, geometry.box.size))
+    elif geometry.sphere is not None:
+        kind, size = "sphere", (float(geometry.sphere.radius),)
+    elif geometry.cylinder is not None:
+        kind, size = "cylinder", (float(geometry.cylinder.radius), float(geometry.cylinder.length))
     else:
         import trimesh
 
-        kind, size = MESH, support(np.array(trimesh.load_mesh(file.parent / held.mesh.filename).vertices))
-    return Shape(one.name, kind, size, _placed(one.origin), collision=solid, visual=not solid)
+        kind, size = MESH, support(np.array(trimesh.load_mesh(file.parent / geometry.mesh.filename).vertices))
+    return Shape(entry.name, kind, size, _placed(entry.origin), collision=solid, visual=not solid)
 
 
 def _usd(file: Path, language: str) -> ReadBack:
@@ -225,26 +225,26 @@ def _usd(file: Path, language: str) -> ReadBack:
     groups = {kind.name: list(zip(*rows, strict=True)) for kind, rows in found.items()}
     joined: dict[str, tuple[str, Any]] = {}
     for kind, word in DESCRIBED.items():
-        for _, held in groups.get(f"{kind}Joint", ()):
-            if not held.excludeFromArticulation:
-                joined[str(held.body1)] = (word, held)
+        for _, stored in groups.get(f"{kind}Joint", ()):
+            if not stored.excludeFromArticulation:
+                joined[str(stored.body1)] = (word, stored)
     shapes: dict[str, list[Shape]] = {}
     for kind in ("Sphere", "Cube", "Cylinder", "Capsule", "Plane", "Mesh"):
-        for path, held in groups.get(f"{kind}Shape", ()):
-            shapes.setdefault(str(held.rigidBody), []).append(_usd_shape(kind, held, stage.GetPrimAtPath(path)))
-    rigid = [(str(path), held) for path, held in groups.get("RigidBody", ())]
+        for path, stored in groups.get(f"{kind}Shape", ()):
+            shapes.setdefault(str(stored.rigidBody), []).append(_usd_shape(kind, stored, stage.GetPrimAtPath(path)))
+    rigid = [(str(path), actual) for path, actual in groups.get("RigidBody", ())]
     named = dict(zip((path for path, _ in rigid), told_apart([_called(stage, path) for path, _ in rigid]), strict=True))
     links = []
     placed: dict[str, Pose] = {}
     waiting = list(rigid)
     while waiting:
-        path, held = waiting.pop(0)
+        path, stored = waiting.pop(0)
         word, described = joined.get(path, ("free", None))
         above = str(described.body0) if described is not None else ""
         if above in named and above not in placed:
-            waiting.append((path, held))
+            waiting.append((path, stored))
             continue
-        pose = Pose(_vector(held.position), _turn(held.rotation))
+        pose = Pose(_vector(stored.position), _turn(stored.rotation))
         if described is not None:  # where it is with its joint at zero: bodies stand where they are at the start
             first = Pose(_vector(described.localPose0Position), _turn(described.localPose0Orientation))
             second = Pose(_vector(described.localPose1Position), _turn(described.localPose1Orientation))
@@ -256,9 +256,9 @@ def _usd(file: Path, language: str) -> ReadBack:
             HeldLink(named[path], named.get(above), pose, inertial, joint, anchor, tuple(shapes.get(path, ())))
         )
     if "" in shapes:
-        still = replace(HeldLink(WORLD, None, Pose(), Inertial(0.0), Joint("", "fixed")), shapes=tuple(shapes[""]))
-        links.insert(0, still)
-    (scene,) = (held for _, held in groups["Scene"])
+        static = replace(HeldLink(WORLD, None, Pose(), Inertial(0.0), Joint("", "fixed")), shapes=tuple(shapes[""]))
+        links.insert(0, static)
+    (scene,) = (actual for _, actual in groups["Scene"])
     gravity = _vector(np.array(scene.gravityDirection) * scene.gravityMagnitude)
     unreadable = dict.fromkeys(("armature", "dry_friction", "velocity_limit", "effort_limit"), "UsdPhysics has none")
     return ReadBack(bodies_of_links(links), gravity, 0.0, unreadable=unreadable)
@@ -268,27 +268,27 @@ def _called(stage: Any, path: str) -> str:
     return str(stage.GetPrimAtPath(path).GetName())
 
 
-def _turn(held: Any) -> tuple[float, float, float, float]:
-    w, (x, y, z) = held.GetReal(), held.GetImaginary()
+def _turn(actual: Any) -> tuple[float, float, float, float]:
+    w, (x, y, z) = actual.GetReal(), actual.GetImaginary()
     return frames.normalise((float(w), float(x), float(y), float(z)))
 
 
-def _usd_inertial(held: Any) -> Inertial:
-    moments, turn = held.GetDiagonalInertiaAttr().Get(), _turn(held.GetPrincipalAxesAttr().Get())
-    centre = _vector(held.GetCenterOfMassAttr().Get())
-    return Inertial(float(held.GetMassAttr().Get()), centre, tensor(_vector(moments), turn))
+def _usd_inertial(actual: Any) -> Inertial:
+    moments, turn = actual.GetDiagonalInertiaAttr().Get(), _turn(actual.GetPrincipalAxesAttr().Get())
+    centre = _vector(actual.GetCenterOfMassAttr().Get())
+    return Inertial(float(actual.GetMassAttr().Get()), centre, tensor(_vector(moments), turn))
 
 
-def _usd_joint(stage: Any, kind: str, held: Any) -> tuple[Joint, Vector3]:
+def _usd_joint(stage: Any, kind: str, actual: Any) -> tuple[Joint, Vector3]:
     """A joint, and its place in its body. Drives are told in SI units: what they say in degrees is turned into radians."""
-    if held is None:
+    if actual is None:
         return Joint("", kind), (0.0, 0.0, 0.0)
-    anchor, name = _vector(held.localPose1Position), _called(stage, str(held.primPath))
+    anchor, name = _vector(actual.localPose1Position), _called(stage, str(actual.primPath))
     if kind not in SCALAR_JOINTS:
         return Joint(name, kind), anchor
     degrees = math.pi / 180.0 if kind == "hinge" else 1.0
-    unit = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}[str(held.axis.name)[-1]]
-    limit, drive = held.limit, held.drive
+    unit = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}[str(actual.axis.name)[-1]]
+    limit, drive = actual.limit, actual.drive
     bounded = limit.enabled and math.isfinite(limit.lower) and abs(limit.lower) < 1e30
     stiffness, damping, rest = (
         (drive.stiffness / degrees, drive.damping / degrees, drive.targetPosition * degrees)
@@ -298,7 +298,7 @@ def _usd_joint(stage: Any, kind: str, held: Any) -> tuple[Joint, Vector3]:
     joint = Joint(
         name,
         kind,
-        axis=frames.rotate(_turn(held.localPose1Orientation), unit),
+        axis=frames.rotate(_turn(actual.localPose1Orientation), unit),
         position_limits=(limit.lower * degrees, limit.upper * degrees) if bounded else None,
         damping=damping,
         spring_stiffness=stiffness,
@@ -307,16 +307,16 @@ def _usd_joint(stage: Any, kind: str, held: Any) -> tuple[Joint, Vector3]:
     return joint, anchor
 
 
-def _usd_shape(kind: str, held: Any, prim: Any) -> Shape:
-    pose = Pose(_vector(held.localPos), _turn(held.localRot))
+def _usd_shape(kind: str, actual: Any, prim: Any) -> Shape:
+    pose = Pose(_vector(actual.localPos), _turn(actual.localRot))
     size: tuple[float, ...] = ()
     match kind:
         case "Sphere":
-            size = (float(held.radius),)
+            size = (float(actual.radius),)
         case "Cube":
-            kind, size = "box", tuple(float(2.0 * value) for value in held.halfExtents)
+            kind, size = "box", tuple(float(2.0 * value) for value in actual.halfExtents)
         case "Cylinder" | "Capsule":
-            size = (float(held.radius), float(2.0 * held.halfHeight))
+            size = (float(actual.radius), float(2.0 * actual.halfHeight))
         case "Mesh":
             size = support(np.array(prim.GetAttribute("points").Get(), dtype=float))
     return Shape(str(prim.GetName()), kind.lower(), size, pose, visual=False)

@@ -100,44 +100,44 @@ def _unique(key: Callable[[str], str], bodies: Sequence[Body]) -> dict[str, Body
 class Matched:
     """Bodies of a file beside those of an engine.
 
-    own       the engine's body for each of the file's, by name, where it has one
+    partners  the engine's body for each of the file's, by name, where it has one
     carrier   for each of the file's bodies the one of them whose engine body has it: itself, or one that it is fixed to;
               ``WORLD`` for one that became a part of the world; None where it is nowhere
     extra     the engine's bodies that stand for none of the file's
     """
 
-    own: dict[str, Body]
+    partners: dict[str, Body]
     carrier: dict[str, str | None]
     extra: tuple[Body, ...]
 
 
-def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
+def match(bodies: Sequence[Body], actual: Sequence[Body]) -> Matched:
     """Match by name: exactly, else without marks and case, else without the name of the model before it, where only one body of
     each side is called so; where no name fits, the only root of one with that of the other."""
-    own: dict[str, Body] = {}
+    partner_of: dict[str, Body] = {}
     taken: set[str] = set()
     for key in (str, key_of, tail_of):
-        left = _unique(key, [body for body in bodies if body.name not in own])
-        free = _unique(key, [body for body in held if body.name not in taken])
+        left = _unique(key, [body for body in bodies if body.name not in partner_of])
+        free = _unique(key, [body for body in actual if body.name not in taken])
         for name, body in left.items():
             partner = free.get(name)
             if body is not None and partner is not None:
-                own[body.name] = partner
+                partner_of[body.name] = partner
                 taken.add(partner.name)
     roots = [body for body in bodies if body.joint.parent is None]
-    held_roots = [body for body in held if body.joint.parent is None]
-    if not own and len(roots) == len(held_roots) == 1 and held_roots[0].name != WORLD:
-        own[roots[0].name] = held_roots[0]  # one is named after its model
-        taken.add(held_roots[0].name)
+    actual_roots = [body for body in actual if body.joint.parent is None]
+    if not partner_of and len(roots) == len(actual_roots) == 1 and actual_roots[0].name != WORLD:
+        partner_of[roots[0].name] = actual_roots[0]  # one is named after its model
+        taken.add(actual_roots[0].name)
     carrier: dict[str, str | None] = {}
     for body in bodies:
-        if body.name in own:
+        if body.name in partner_of:
             carrier[body.name] = body.name
         elif body.joint.parent is None:
             carrier[body.name] = WORLD  # whether a root is fixed is often left open
         else:
             carrier[body.name] = carrier[body.joint.parent] if body.joint.kind == "fixed" else None
-    return Matched(own, carrier, tuple(body for body in held if body.name not in taken))
+    return Matched(partner_of, carrier, tuple(body for body in actual if body.name not in taken))
 
 
 def folded(parts: Sequence[Body], at: dict[str, Pose], onto: str) -> tuple[Inertial, tuple[Shape, ...]]:
@@ -156,9 +156,9 @@ def folded(parts: Sequence[Body], at: dict[str, Pose], onto: str) -> tuple[Inert
         return Inertial(mass, lumps[0][1], six(sum((lump[2] for lump in lumps), np.zeros((3, 3))))), tuple(shapes)
     middle = np.sum([lump[0] * np.array(lump[1]) for lump in lumps], axis=0) / mass
     tensor = np.zeros((3, 3))
-    for own, centre, moment in lumps:
+    for value, centre, moment in lumps:
         arm = np.array(centre) - middle
-        tensor += moment + own * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        tensor += moment + value * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     x, y, z = middle.tolist()
     return Inertial(mass, (x, y, z), six(tensor)), tuple(shapes)
 
@@ -256,8 +256,8 @@ def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) 
         return _read(bare, options, allow_outside)
     except SpecError as error:
         bare = dataclasses.replace(bare, defects=error.problems)
-    told = getattr(importer, "rules", None)  # an importer may have none
-    rules = tuple(told()) if told is not None else ()
+    given = getattr(importer, "rules", None)  # an importer may have none
+    rules = tuple(given()) if given is not None else ()
     if rules:
         try:
             return _read(bare, dataclasses.replace(options, repair=rules), allow_outside)

@@ -22,7 +22,7 @@ from simspec.confinement import ANY_LOCALE, PROFILES, confine_calls, confine_fil
 from simspec.files import scratch_folder
 from simspec.processes import exchange, exit_if_signalled, search_environment, with_search_path
 
-ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SINGLE_THREADED: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Threads take memory that counts."""
 KEPT: Final = ("PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "TMPDIR", "VIRTUAL_ENV")
 """What a child has of the environment: nothing that a file could ask it for."""
@@ -50,7 +50,7 @@ def run(program: Path, arguments: Sequence[str], request: bytes, seconds: float,
     by itself, with code 0. The program limits its own CPU time and memory."""
     exit_if_signalled()
     environment = {name: value for name, value in os.environ.items() if name in KEPT}
-    environment |= {**ONE_THREAD, **ANY_LOCALE, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment |= {**SINGLE_THREADED, **ANY_LOCALE, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with scratch_folder("import") as folder:
         process = subprocess.Popen(
             with_search_path(__file__, json.dumps(vars(policy)), str(program), *arguments),

@@ -128,7 +128,9 @@ class Draft:
     def take_back(self, path: Path_) -> None:
         """Remove the repairs of what is at a path, or in it: another rule has replaced it, so that they have no effect."""
         place = dotted(path)
-        self.repairs = [one for one in self.repairs if one.path != place and not one.path.startswith(f"{place}.")]
+        self.repairs = [
+            repair for repair in self.repairs if repair.path != place and not repair.path.startswith(f"{place}.")
+        ]
 
     def note(self, path: Path_, sentence: str) -> None:
         """A sentence that stands above a value in the written spec, after those that are there already."""
@@ -377,7 +379,7 @@ def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Pro
     except Faults as error:
         form = f"{FROM_SHAPES}=1000, {FROM_SHAPES}=7850 kg/m^3"
         message = f"{shown}: the density of {FROM_SHAPES}: "
-        return DENSITY, [Problem(message + one.message, found=text[:80], allowed=form) for one in error.faults]
+        return DENSITY, [Problem(message + fault.message, found=text[:80], allowed=form) for fault in error.faults]
 
 
 def nearest(tensor: Sequence[float]) -> Six:
@@ -441,7 +443,7 @@ class NamedMesh:
 
 
 def find_mesh(
-    text: str, scale: tuple[float, float, float], element: Element, files: Files, beside: Path | None = None
+    text: str, scale: tuple[float, float, float], element: Element, files: Files, path: Path | None = None
 ) -> NamedMesh:
     """The mesh that a text in a file means; ``beside``: the folder that its path starts from, where that is another than the
     imported file's. Raises MissingFileError where there is no such file, SpecError for one that may
@@ -450,7 +452,7 @@ def find_mesh(
         raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
     if 0.0 in scale:
         raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
-    return NamedMesh(text, files.find(text, element, beside), scale)
+    return NamedMesh(text, files.find(text, element, path), scale)
 
 
 def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
@@ -466,7 +468,7 @@ def reduced_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
 def _made(meshes: Sequence[NamedMesh], most: int | None) -> list[MadeMesh | MeshError]:
     wanted = [(mesh.path, MeshOptions(up=mesh.up, scale=mesh.scale, max_vertices=most)) for mesh in meshes]
     made = load(wanted, MOST_VERTICES)
-    return [made[one] for one in wanted]
+    return [made[entry] for entry in wanted]
 
 
 def kept_vertices(mesh: MadeMesh) -> int | None:

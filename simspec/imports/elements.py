@@ -88,14 +88,14 @@ class _Set:
 class Element:
     """An element of a file. ``attributes`` are plain texts: reading them there does not count as taking them."""
 
-    __slots__ = ("_children", "_fates", "_own", "_taken", "attributes", "location", "parent", "tag", "text")
+    __slots__ = ("_children", "_fate", "_fates", "_taken", "attributes", "location", "parent", "tag", "text")
 
     def __init__(self, tag: str, attributes: Mapping[str, str], location: Location, text: str, parent: Element | None):
         self.tag, self.attributes, self.location, self.text, self.parent = tag, dict(attributes), location, text, parent
         self._children: list[Element] = []
         self._taken: set[str] = set()
         self._fates: dict[str, _Set] = {}
-        self._own: _Set | bool = False
+        self._fate: _Set | bool = False
 
     @property
     def label(self) -> str:
@@ -115,9 +115,9 @@ class Element:
             element = element.parent
         first, last = MOST_LABELS
         if len(around) <= first + last:
-            return "/".join(one.label for one in reversed(around))
+            return "/".join(element.label for element in reversed(around))
         outside, inside = around[: -first - 1 : -1], around[last - 1 :: -1]
-        return "/".join((*(one.label for one in outside), "...", *(one.label for one in inside)))
+        return "/".join((*(element.label for element in outside), "...", *(element.label for element in inside)))
 
     def grow(self, tag: str, text: str) -> Element:
         """A new child at this element's place: what an older form of the language says here by other means."""
@@ -127,7 +127,7 @@ class Element:
 
     def take(self) -> Element:
         """This element itself is carried (its attributes and children are not thereby)."""
-        self._own = True
+        self._fate = True
         return self
 
     def has(self, name: str) -> bool:
@@ -206,30 +206,30 @@ class Element:
         """Whether another element says the same: tag, attributes, text and all that is in it."""
         waiting = [(self, other)]
         while waiting:
-            one, two = waiting.pop()
-            if (one.tag, one.attributes, one.text, len(one._children)) != (
+            element, two = waiting.pop()
+            if (element.tag, element.attributes, element.text, len(element._children)) != (
                 two.tag,
                 two.attributes,
                 two.text,
                 len(two._children),
             ):
                 return False
-            waiting += zip(one._children, two._children, strict=True)
+            waiting += zip(element._children, two._children, strict=True)
         return True
 
     @property
     def is_settled(self) -> bool:
         """Whether the element is taken or set aside."""
-        return self._own is not False
+        return self._fate is not False
 
     def leave(self, reason: str, severity: Severity) -> None:
         """Say of what was neither taken nor set aside, of this element or in it, that it is lost."""
         waiting = [self]
         while waiting:
             element = waiting.pop()
-            if element._own is False:
+            if element._fate is False:
                 element.lose(None, reason, severity)
-            elif element._own is True:
+            elif element._fate is True:
                 for name in element.attributes:
                     if name not in element._taken and name not in element._fates:
                         element.lose(name, reason, severity)
@@ -241,7 +241,7 @@ class Element:
         """Say what becomes of an attribute, or (None) of this element with all that is in it and was not taken."""
         said = _Set(fate, severity, reason, hint)
         if name is None:
-            self._own = said
+            self._fate = said
         elif name in self.attributes:
             self._fates[name] = said
 
@@ -266,7 +266,7 @@ class Element:
     def forget(self) -> None:
         """Take back what was read of this element and of all that is in it: it is lost as a whole."""
         for element in self.within():
-            element._own = False
+            element._fate = False
             element._taken.clear()
             element._fates.clear()
 
@@ -288,28 +288,30 @@ class Element:
         while waiting:
             element = waiting.pop()
             yield from element._accounts()
-            own = element._own
-            if own is not False:  # what is in it goes with it
+            fate = element._fate
+            if fate is not False:  # what is in it goes with it
                 # what nobody asked for is told with an element that is set aside
-                waiting.extend(child for child in reversed(element._children) if child._own is not False or own is True)
+                waiting.extend(
+                    child for child in reversed(element._children) if child._fate is not False or fate is True
+                )
 
     def _accounts(self) -> Iterator[Account]:
         """What became of this element and its attributes."""
-        own, path = self._own, self.path
-        if own is True:
+        fate, path = self._fate, self.path
+        if fate is True:
             yield Account(self.location, path, Fate.CARRIED)
-        elif own is False:
+        elif fate is False:
             yield Account(self.location, path, Fate.LOST, Severity.PHYSICS, NOT_READ)
             return
         else:
-            yield _account(self.location, path, own)
+            yield _account(self.location, path, fate)
         for name in self.attributes:
             what = f"{path}/@{name}"
             if name in self._fates:
                 yield _account(self.location, what, self._fates[name])
             elif name in self._taken:
                 yield Account(self.location, what, Fate.CARRIED)
-            elif own is True:
+            elif fate is True:
                 yield Account(self.location, what, Fate.LOST, Severity.PHYSICS, NOT_READ)
 
 

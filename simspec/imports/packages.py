@@ -131,7 +131,7 @@ class Packages:
             if number == given:
                 self._demand_trust(name, element)
             yield iter([[folder]] if _has(folder, *MARKS) else [])
-            yield iter([self._beside(folder, name)])
+            yield iter([self._siblings(folder, name)])
             yield self._tree(folder).levels()
         if given == len(self.path):
             self._demand_trust(name, element)
@@ -150,9 +150,9 @@ class Packages:
         for folder in self._folders_above():
             if folder.name == name or _has(folder, MANIFEST):
                 yield [folder]
-            yield self._beside(folder, name)
+            yield self._siblings(folder, name)
 
-    def _beside(self, folder: Path, name: str) -> list[Path]:
+    def _siblings(self, folder: Path, name: str) -> list[Path]:
         """The packages in a folder, with the folder of this name, which may be without a mark."""
         direct = folder / name
         marked = [path for path in self._tree(folder).first() if path != direct]

@@ -78,13 +78,13 @@ def stable_timestep(
         world = _resolved(data, meshes)
         stiff = unstable(_stepped(world, SHORTEST if leave_out is not None else LEAST))
         if not stiff:
-            steps = [one.largest_stable_step for one in unstable(_stepped(world, USUAL))]
+            steps = [instability.largest_stable_step for instability in unstable(_stepped(world, USUAL))]
             return round_step(SHARE * min(steps)) if steps else None
         if leave_out is None:
             return None
         bodies = _bodies(data)
         for instability in stiff:
-            for name in dict.fromkeys(owner_of(one) for one in instability.bodies):
+            for name in dict.fromkeys(owner_of(body) for body in instability.bodies):
                 for joint in _joints(bodies[name]):
                     for word in DRIVEN:
                         joint.pop(word, None)
@@ -205,7 +205,7 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
             )
         else:
             if id(node) not in index:
-                index[id(node)] = {one.name: one for one in reversed(node.entries) if one.name is not None}
+                index[id(node)] = {entry.name: entry for entry in reversed(node.entries) if entry.name is not None}
             below = index[id(node)].get(step)
         if below is None:
             break

@@ -38,10 +38,10 @@ def audited(tiny) -> FileAudit:
 
 
 def silent(audited: FileAudit, engine: str) -> set[tuple[str, str, str]]:
-    one = next(one for one in audited.engines if one.engine == engine)
-    assert one.loaded
-    assert one.compared > 20
-    return {(finding.element, finding.quantity, finding.what.value) for finding in one.silent}
+    entry = next(entry for entry in audited.engines if entry.engine == engine)
+    assert entry.loaded
+    assert entry.compared > 20
+    return {(finding.element, finding.quantity, finding.what.value) for finding in entry.silent}
 
 
 def test_what_is_changed_in_silence(audited):
@@ -63,7 +63,7 @@ def test_what_is_changed_in_silence(audited):
 
 
 def test_places_and_values(audited):
-    findings = [finding for one in audited.engines for finding in one.findings]
+    findings = [finding for engine in audited.engines for finding in engine.findings]
     dropped = [finding for finding in findings if finding.quantity == "joint.dry_friction"]
     assert dropped
     line = next(number for number, text in enumerate(robot().splitlines(), 1) if 'friction="0.1"' in text)
@@ -75,13 +75,13 @@ def test_places_and_values(audited):
 
 
 def test_merged_bodies_are_no_other_model(audited):
-    one = next(one for one in audited.engines if one.engine == "mujoco")
-    merged = {finding.element: finding.severity for finding in one.findings if finding.what is What.MERGED}
+    engine = next(engine for engine in audited.engines if engine.engine == "mujoco")
+    merged = {finding.element: finding.severity for finding in engine.findings if finding.what is What.MERGED}
     assert merged == {"base": Severity.DEFAULT, "flange": Severity.INFORMATION}
 
 
 def test_what_simspec_compiles_is_proven(audited):
-    proven = {one.engine: one.valid for one in audited.compiled}
+    proven = {entry.engine: entry.valid for entry in audited.compiled}
     assert proven == {name: None if name == "drake" else True for name in READERS}
 
 
@@ -89,8 +89,10 @@ def held_by(meaning: Meaning) -> ReadBack:
     return ReadBack(meaning.bodies, (0.0, 0.0, 0.0), 0.001)
 
 
-def findings_of(meaning: Meaning, held: ReadBack) -> set[tuple[str, str]]:
-    return {(one.element, one.quantity) for one in Comparison("an engine", meaning, held, {}).run().findings}
+def findings_of(meaning: Meaning, back: ReadBack) -> set[tuple[str, str]]:
+    return {
+        (finding.element, finding.quantity) for finding in Comparison("an engine", meaning, back, {}).run().findings
+    }
 
 
 @pytest.mark.parametrize(
@@ -154,7 +156,7 @@ def test_the_command(tiny, tmp_path, monkeypatch):
     assert done.exit_code == 0
     data = json.loads(done.stdout)
     assert data["clean"]
-    assert [one["engine"] for one in data["files"][0]["engines"]] == ["mujoco"]
+    assert [engine["engine"] for engine in data["files"][0]["engines"]] == ["mujoco"]
     assert "merged" in (tmp_path / "audit.xml").read_text(encoding="utf-8")
     page = (tmp_path / "audit.html").read_text(encoding="utf-8")
     assert "What engines make of the file" in page
@@ -167,7 +169,7 @@ def test_two_files_of_one_robot(tiny, tmp_path):
     done = CliRunner().invoke(cli.app, ["audit", str(tiny), str(other), "--pair", "--json"])
     assert done.exit_code == 1
     data = json.loads(done.stdout)
-    assert [(one["element"], one["quantity"]) for one in data["findings"]] == [("hand", "joint.limits")]
+    assert [(finding["element"], finding["quantity"]) for finding in data["findings"]] == [("hand", "joint.limits")]
     assert data["matched"] == 4
 
 

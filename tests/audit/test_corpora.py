@@ -28,8 +28,8 @@ def test_a_finger_is_imported_and_certified():
     found = audited("gripper/wsg50_one_motor_gripper_left_finger.urdf")
     assert not found.defects
     valid = dict.fromkeys(READERS, True)
-    assert {one.engine: one.valid for one in found.compiled} == valid
-    silent = {one.engine: {finding.quantity for finding in one.silent} for one in found.engines}
+    assert {compiled.engine: compiled.valid for compiled in found.compiled} == valid
+    silent = {engine.engine: {finding.quantity for finding in engine.silent} for engine in found.engines}
     assert "inertia" in silent.pop("pybullet")
     assert silent.pop("mujoco") == {"body"}  # the one link becomes a part of the world: nothing is left that moves
     assert not any(silent.values())
@@ -39,7 +39,7 @@ def test_a_robot_with_impossible_inertias_is_refused_by_name():
     found = audited("TwoJointRobot_w_fixedJoints.urdf")
     assert [defect.count("breaks the triangle inequality") for defect in found.defects] == [1, 1]
     assert not found.compiled
-    loads = {one.engine: one.loaded for one in found.engines}
+    loads = {engine.engine: engine.loaded for engine in found.engines}
     assert loads == {name: name != "mujoco" for name in READERS}
 
 
@@ -47,7 +47,7 @@ def test_a_defect_that_a_rule_of_sdf_repairs_leaves_a_meaning_to_compare_with():
     """Importers say their rules, and the audit reads a file with all of them; of SDF it once knew none."""
     assert FOUND is not None
     assert FOUND.submodule_search_locations is not None
-    told = meaning_of(Path(FOUND.submodule_search_locations[0]) / "kuka_iiwa/model.sdf", ImportOptions(), True)
-    assert [defect.message for defect in told.defects] == ["a link that moves freely has no mass"]
-    assert "with every repair" in told.source
-    assert len(told.bodies) == 8
+    meaning = meaning_of(Path(FOUND.submodule_search_locations[0]) / "kuka_iiwa/model.sdf", ImportOptions(), True)
+    assert [defect.message for defect in meaning.defects] == ["a link that moves freely has no mass"]
+    assert "with every repair" in meaning.source
+    assert len(meaning.bodies) == 8

@@ -68,7 +68,7 @@ def test_what_is_there_is_not_replaced(tools, tmp_path):
         ("anew", (), ["proven", "refuses", "fails", "lacks"]),
     ],
 )
-def test_what_is_asked_again(tools, tmp_path, monkeypatch, again, among, asked):
+def test_what_is_asked_again(tools, tmp_path, monkeypatch, again, among, requested):
     """Answers of other code: two engines, of which one or none has proven a file, refused it, failed, or was never asked."""
     _, models, run = tools
     monkeypatch.setattr(run, "installed", lambda: ("one", "two"))
@@ -83,9 +83,9 @@ def test_what_is_asked_again(tools, tmp_path, monkeypatch, again, among, asked):
         ]
         for stage, answer in (("import", {"imported": True}), ("certify", {"proven": proven, "code": "older"})):
             run.place(tmp_path, stage, file).write_text(json.dumps(answer))
-    assert [file.key for file in files if run.needed(tmp_path, "certify", file, again, among)] == asked
+    assert [file.key for file in files if run.needed(tmp_path, "certify", file, again, among)] == requested
     known = {file.key: run.stored(tmp_path, "certify", file) for file in files}
-    assert {key: run.undecided(tmp_path, "certify", files[0], one) for key, one in known.items()} == {
+    assert {key: run.undecided(tmp_path, "certify", files[0], entry) for key, entry in known.items()} == {
         "proven": [],
         "refuses": ["two"],
         "fails": ["one"],

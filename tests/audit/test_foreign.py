@@ -27,12 +27,12 @@ def held(engine: str, folder: Path, text: str, language: str = "urdf") -> ReadBa
     loading = loaded(engine, Meaning(path, language), None, 60.0)
     if loading.error is not None:
         raise loading.error
-    assert loading.held is not None
-    return loading.held
+    assert loading.read_back is not None
+    return loading.read_back
 
 
 def body(back: ReadBack, name: str) -> Body:
-    return next(one for one in back.bodies if one.name == name)
+    return next(entry for entry in back.bodies if entry.name == name)
 
 
 @pytest.mark.parametrize("engine", READERS)
@@ -70,8 +70,8 @@ def test_a_link_without_inertial(tmp_path):
 
 def test_fixed_links_and_visuals_are_dropped(tmp_path):
     back = held("mujoco", tmp_path, robot())
-    assert [one.name for one in back.bodies] == ["world", "arm", "hand"]
-    assert not any(shape.visual and not shape.collision for one in back.bodies for shape in one.shapes)
+    assert [entry.name for entry in back.bodies] == ["world", "arm", "hand"]
+    assert not any(shape.visual and not shape.collision for entry in back.bodies for shape in entry.shapes)
     assert body(back, "arm").joint.velocity_limit is None
 
 
@@ -82,12 +82,12 @@ def test_limits_that_are_both_zero(engine, tmp_path):
 
 
 def test_what_is_added_to_every_file(tmp_path):
-    own = held("pybullet", tmp_path, robot()).inventory
-    assert own["linear_damping"] == pytest.approx(0.04, abs=2e-3)
-    assert own["joints_held_by_motors"] == 2
-    assert own["gravity_set"] is False
-    assert own["self_collision"] is False
-    assert own["collision_margin"] == pytest.approx(0.001)
+    inventory = held("pybullet", tmp_path, robot()).inventory
+    assert inventory["linear_damping"] == pytest.approx(0.04, abs=2e-3)
+    assert inventory["joints_held_by_motors"] == 2
+    assert inventory["gravity_set"] is False
+    assert inventory["self_collision"] is False
+    assert inventory["collision_margin"] == pytest.approx(0.001)
 
 
 def test_links_of_one_body_do_not_touch_without_a_flag(tmp_path):
@@ -111,9 +111,9 @@ def test_links_of_one_body_do_not_touch_without_a_flag(tmp_path):
 
 
 def test_limits_and_self_collision_are_off(tmp_path):
-    own = held("dart", tmp_path, robot()).inventory
-    assert own["limits_enforced"] is False
-    assert own["self_collision"] is False
+    inventory = held("dart", tmp_path, robot()).inventory
+    assert inventory["limits_enforced"] is False
+    assert inventory["self_collision"] is False
 
 
 def test_degrees_are_taken_for_radians(tmp_path):
@@ -121,7 +121,7 @@ def test_degrees_are_taken_for_radians(tmp_path):
     limits = {}
     for engine in ("mujoco", "dart", "drake"):
         back = held(engine, tmp_path, PENDULUM, "mjcf")
-        joints = {one.joint.name: one.joint for one in back.bodies}
+        joints = {entry.joint.name: entry.joint for entry in back.bodies}
         limits[engine] = joints["swing"].position_limits if "swing" in joints else None
     assert limits["mujoco"] == pytest.approx((-1.5707963, 0.78539816))
     assert limits["drake"] == pytest.approx((-1.5707963, 0.78539816))
@@ -130,7 +130,7 @@ def test_degrees_are_taken_for_radians(tmp_path):
 
 def test_several_joints_of_one_body_are_a_chain(tmp_path):
     back = held("mujoco", tmp_path, PENDULUM, "mjcf")
-    assert [(one.name, one.joint.kind, one.joint.parent) for one in back.bodies] == [
+    assert [(entry.name, entry.joint.kind, entry.joint.parent) for entry in back.bodies] == [
         ("world", "fixed", None),
         ("upper/swing", "hinge", None),
         ("upper", "slide", "upper/swing"),

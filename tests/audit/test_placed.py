@@ -12,9 +12,9 @@ def body(name: str, parent: str | None = None, kind: str = "hinge") -> Body:
     return Body(name, "model", Inertial(1.0), Joint(f"{name}_joint", kind, parent))
 
 
-def pairs(said: list[str], held: list[str]) -> dict[str, str]:
-    matched = match([body(name) for name in said], [body(name) for name in held])
-    return {name: partner.name for name, partner in matched.own.items()}
+def pairs(said: list[str], actual: list[str]) -> dict[str, str]:
+    matched = match([body(name) for name in said], [body(name) for name in actual])
+    return {name: partner.name for name, partner in matched.partners.items()}
 
 
 def test_names_as_they_are_come_first():
@@ -54,6 +54,6 @@ def test_the_only_root_of_each_side():
 
 def test_parents_come_first_whatever_the_order():
     said = [body("b", "a"), body("c", "b"), body("a")]
-    assert [one.name for one in parents_first(said)] == ["a", "b", "c"]
+    assert [entry.name for entry in parents_first(said)] == ["a", "b", "c"]
     with pytest.raises(ValueError, match="without a way to the world"):
         parents_first([body("a", "b"), body("b", "a")])

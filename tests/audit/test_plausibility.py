@@ -30,21 +30,21 @@ def merged(tmp_path, mass: float, world: bool):
     """The finding about the root of a drone with one rotor of ``mass``, in an engine that fixes the root to the world, as a
     part of it (``world``) or as a body of its own."""
     bodies = (Body("root", "drone", ROOT, FREE), rotor(mass))
-    held_rotor = bodies[1]
+    actual_rotor = bodies[1]
     fixed = dataclasses.replace(bodies[0], joint=Joint("root_joint", "fixed"))
-    held = (fixed, held_rotor)
+    actual = (fixed, actual_rotor)
     if world:
-        held = (dataclasses.replace(held_rotor, joint=dataclasses.replace(held_rotor.joint, parent=None)),)
+        actual = (dataclasses.replace(actual_rotor, joint=dataclasses.replace(actual_rotor.joint, parent=None)),)
     meaning = Meaning(tmp_path / "drone.urdf", "urdf", bodies=bodies)
-    found = Comparison("engine", meaning, ReadBack(held, (0.0, 0.0, -9.81), 0.001), {}).run().findings
-    return [one for one in found if one.element == "root" and one.quantity in ("body", "joint.type")]
+    found = Comparison("engine", meaning, ReadBack(actual, (0.0, 0.0, -9.81), 0.001), {}).run().findings
+    return [finding for finding in found if finding.element == "root" and finding.quantity in ("body", "joint.type")]
 
 
 @pytest.mark.parametrize("world", [True, False])
 @pytest.mark.parametrize(("rotor_mass", "severity"), [(0.09, Severity.PHYSICS), (0.11, Severity.DEFAULT)])
 def test_a_free_model_whose_mass_is_fixed_is_another_model(tmp_path, world, rotor_mass, severity):
     found = merged(tmp_path, rotor_mass, world)
-    assert [one.severity for one in found] == [severity]
+    assert [entry.severity for entry in found] == [severity]
     assert found[0].what is (What.MERGED if world else What.CHANGED)
     if severity is Severity.PHYSICS:
         assert "0.9 kg of 0.99 kg cannot move" in found[0].why
@@ -64,26 +64,26 @@ def impossible(tmp_path) -> Meaning:
         ((0.001, 0.001, 0.01, 0.0, 0.0, 0.0), None),
     ],
 )
-def test_tensors_that_no_body_has(tmp_path, held, what):
+def test_tensors_that_no_body_has(tmp_path, actual, what):
     meaning = impossible(tmp_path)
     assert meaning.defects
     bodies = tuple(
-        dataclasses.replace(body, inertial=dataclasses.replace(body.inertial, inertia=held))
+        dataclasses.replace(body, inertial=dataclasses.replace(body.inertial, inertia=actual))
         if body.name == "tip"
         else body
         for body in meaning.bodies
     )
     found = Comparison("engine", meaning, ReadBack(bodies, (0.0, 0.0, -9.81), 0.001), {}).run().findings
-    tensors = [one for one in found if one.element == "tip" and one.quantity == "inertia"]
-    assert [one.what for one in tensors] == ([what] if what else [])
-    assert all(one.silent and "in silence" in one.why for one in tensors)
+    tensors = [finding for finding in found if finding.element == "tip" and finding.quantity == "inertia"]
+    assert [tensor.what for tensor in tensors] == ([what] if what else [])
+    assert all(tensor.silent and "in silence" in tensor.why for tensor in tensors)
 
 
 def test_repaired_values_are_not_judged(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(urdf(tip_inertia="0.00001 0.00001 0.03", centre="0 0 -0.05"), encoding="utf-8")
     found = plausibility_of(meaning_of(path, ImportOptions()))
-    assert {(one.rule, one.element) for one in found.findings} == {("mass-outside", "arm")}
+    assert {(finding.rule, finding.element) for finding in found.findings} == {("mass-outside", "arm")}
 
 
 @pytest.mark.usefixtures("warm_engines")
@@ -95,4 +95,4 @@ def test_an_audit_has_what_is_implausible(tmp_path):
     assert "plausibility: 1 warning" in result.stdout
     assert "  warning mass-outside: 50 mm, arm, line 7" in result.stdout
     data = json.loads(CliRunner().invoke(cli.app, [*words, "--json"]).stdout)
-    assert [one["rule"] for one in data["files"][0]["plausibility"]["findings"]] == ["mass-outside"]
+    assert [finding["rule"] for finding in data["files"][0]["plausibility"]["findings"]] == ["mass-outside"]

@@ -28,9 +28,9 @@ CASES = range(15)
 
 def test_a_case_is_its_number(tmp_path):
     for language in ("sdf", "usd"):
-        one, other = (Fuzz(language, tmp_path / name) for name in "ab")
-        assert [one.files(case) for case in range(5)] == [other.files(case) for case in range(5)]
-    assert one.files(0)[1] != one.files(1)[1]
+        entry, other = (Fuzz(language, tmp_path / name) for name in "ab")
+        assert [entry.files(case) for case in range(5)] == [other.files(case) for case in range(5)]
+    assert entry.files(0)[1] != entry.files(1)[1]
 
 
 def test_every_reader_of_meshes_begins_with_files_that_are_read(tmp_path):
@@ -47,9 +47,9 @@ def test_every_reader_of_meshes_begins_with_files_that_are_read(tmp_path):
 def test_importers_of_xml_stand_some_cases(tmp_path):
     for language in ("sdf", "urdf"):
         fuzz = Fuzz(language, tmp_path / language)
-        told = [fuzz.attempt(case) for case in CASES]
-        assert not [finding for _, finding in told if finding is not None]
-        assert {outcome.partition(":")[0] for outcome, _ in told} == {"accepted", "refused"}
+        attempts = [fuzz.attempt(case) for case in CASES]
+        assert not [finding for _, finding in attempts if finding is not None]
+        assert {outcome.partition(":")[0] for outcome, _ in attempts} == {"accepted", "refused"}
 
 
 def verdict(fuzz):
@@ -96,25 +96,25 @@ def leaves(path):
         (lambda path: time.sleep(60), "hangs"),
     ],
 )
-def test_what_an_importer_may_not_do_is_noticed(act, told, tmp_path, monkeypatch):
+def test_what_an_importer_may_not_do_is_noticed(act, given, tmp_path, monkeypatch):
     def plant(self, path, shown, options):
         act(path.resolve())
         raise SpecError([Problem("refused", location=None)])
 
     monkeypatch.setattr(Sdf, "read", plant)
     monkeypatch.setattr(judge, "CPU_SECONDS", 0.3)
-    monkeypatch.setattr(judge, "WALL", 2.0 if told == "hangs" else 60.0)
+    monkeypatch.setattr(judge, "WALL", 2.0 if given == "hangs" else 60.0)
     _, wrong = verdict(Fuzz("sdf", tmp_path / "case"))
-    assert any(told in one for one in wrong), wrong
+    assert any(given in entry for entry in wrong), wrong
 
 
 @pytest.mark.parametrize(
     ("error", "told"),
     [(KeyError("x"), "KeyError"), (RecursionError(), "Recursion"), (SpecError([Problem("here")]), "without a place")],
 )
-def test_errors_of_another_form_are_noticed(error, told, tmp_path, monkeypatch):
+def test_errors_of_another_form_are_noticed(error, given, tmp_path, monkeypatch):
     monkeypatch.setattr(Sdf, "read", raises(error))
     _, wrong = verdict(Fuzz("sdf", tmp_path / "case"))
-    assert any(told in one for one in wrong), wrong
+    assert any(given in entry for entry in wrong), wrong
     monkeypatch.undo()
     assert verdict(Fuzz("sdf", tmp_path / "case")) == ("refused: this file has no model and no world", [])

@@ -22,7 +22,7 @@ def test_a_panda_with_its_own_meshes_and_coupled_fingers_picks_a_cube(tmp_path, 
     engines = ["--engine", "mujoco", "--engine", "pybullet"]
     assert cli.main(["run", "panda-pick.yaml", *engines, "--no-repeats", "--no-verify"]) == 0
     runs = json.loads(Path("runs/panda-pick/report.json").read_text(encoding="utf-8"))["runs"]
-    assert {name: [one["passed"] for one in run["expectations"]] for name, run in runs.items()} == {
+    assert {name: [expectation["passed"] for expectation in run["expectations"]] for name, run in runs.items()} == {
         "mujoco": [True],
         "pybullet": [True],
     }

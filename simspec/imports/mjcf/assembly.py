@@ -246,7 +246,7 @@ class _Builder:
                     continue
                 if depth > DEEPEST:
                     raise child.error(f"more than {DEEPEST} files that include each other in a chain")
-                name, path = self._beside(child.take().need("file"), child, (main.parent, home))
+                name, path = self._relative_file(child.take().need("file"), child, (main.parent, home))
                 if name in seen:
                     hint = "the compiler of this language reads each file once"
                     raise child.error("this file is included already, or is the file itself", path.name, hint=hint)
@@ -258,7 +258,7 @@ class _Builder:
                 self._homes[id(inside)] = name.parent
                 waiting.append((inside, name.parent, depth + 1))
 
-    def _beside(self, text: str, element: Element, folders: Sequence[Path]) -> tuple[Path, Path]:
+    def _relative_file(self, text: str, element: Element, folders: Sequence[Path]) -> tuple[Path, Path]:
         """A file whose path starts from the first of the folders where there is one: the path without links followed, by which
         the compiler knows a file, and the file. Raises MissingFileError."""
         found = self._first([(text, folder) for folder in dict.fromkeys(folders)], element)

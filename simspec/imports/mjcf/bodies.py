@@ -111,7 +111,7 @@ class MjcfBodies:
     constraint_places: dict[str, Location] = field(default_factory=dict)
     begun: dict[int, float] = field(default_factory=dict)
     """Where joints begin whose reference is beyond their limits, by their numbers (rad or m)."""
-    held_tendons: dict[int, float] = field(default_factory=dict)
+    fixed_tendons: dict[int, float] = field(default_factory=dict)
     """The values at which constraints keep sums of joint positions, by the tendon's number."""
 
     def named(self, number: int) -> str:
@@ -228,8 +228,8 @@ class MjcfBodies:
         self._mass(number, shift, body)
         self.data[name] = body
         self.places[(name,)] = element.location
-        for index, one in enumerate(joints if len(joints) > 1 else ()):
-            self.places[name, "joints", index] = model.part("joint", one).element.location
+        for index, entry in enumerate(joints if len(joints) > 1 else ()):
+            self.places[name, "joints", index] = model.part("joint", entry).element.location
         if len(joints) == 1:
             self.places[name, "joint"] = model.part("joint", joints[0]).element.location
         if int(model["body_mocapid"][number]) >= 0:

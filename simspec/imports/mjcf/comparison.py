@@ -68,9 +68,9 @@ def _compare(world: World, bodies: MjcfBodies, answer: dict[str, Any]) -> Vector
     """Relative deviations of mass matrix, bias force, passive force and places in one state."""
     q, v, change, extra = _coordinates(world, bodies, answer)
     oracle = Oracle(world)
-    own_mass = oracle.mass_matrix(q)
-    mass = change.T @ own_mass @ change
-    bias = change.T @ (oracle.bias_force(q, v) + own_mass @ extra)
+    local_mass = oracle.mass_matrix(q)
+    mass = change.T @ local_mass @ change
+    bias = change.T @ (oracle.bias_force(q, v) + local_mass @ extra)
     passive = change.T @ oracle.joint_effort(q, v)
     wanted = {name: np.asarray(answer[name]) for name in ("mass", "bias", "passive", "position", "quaternion")}
     missing = _moving(bodies, passive - wanted["passive"])
@@ -88,12 +88,12 @@ def _compare(world: World, bodies: MjcfBodies, answer: dict[str, Any]) -> Vector
 
 def _moving(bodies: MjcfBodies, force: Vector) -> Vector:
     """What of a force moves anything, beside the sums of joint positions that constraints hold."""
-    held = without_effect(bodies.model, bodies.held_tendons)
-    along = np.zeros((len(held), len(force)))
-    for row, summed in zip(along, held, strict=True):
+    effect = without_effect(bodies.model, bodies.fixed_tendons)
+    along = np.zeros((len(effect), len(force)))
+    for row, summed in zip(along, effect, strict=True):
         for joint, coefficient in summed.items():
             row[int(bodies.model["jnt_dofadr"][joint])] = coefficient
-    absorbed: Vector = along.T @ np.linalg.lstsq(along.T, force, rcond=None)[0] if held else np.zeros_like(force)
+    absorbed: Vector = along.T @ np.linalg.lstsq(along.T, force, rcond=None)[0] if effect else np.zeros_like(force)
     return force - absorbed
 
 

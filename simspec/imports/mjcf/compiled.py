@@ -378,10 +378,10 @@ def compile_model(assembly: MjcfAssembly, states: Random | None = None) -> Compi
     installed, or takes more time or memory than is allowed."""
     root = assembly.root
     compiler = _compiler(root)
-    asked: dict[str, Any] = {"files": [[name, len(content)] for name, content in assembly.texts.items()]}
+    requested: dict[str, Any] = {"files": [[name, len(content)] for name, content in assembly.texts.items()]}
     if states is not None:
-        asked["random"] = states
-    head = json.dumps(asked).encode()
+        requested["random"] = states
+    head = json.dumps(requested).encode()
     message = b"".join((struct.pack("<Q", len(head)), head, *assembly.texts.values()))
     try:
         answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), message, PATIENCE, POLICY)

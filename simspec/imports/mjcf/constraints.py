@@ -36,7 +36,7 @@ def terms(model: CompiledMjcf, number: int) -> Terms | None:
     return {joint: coefficient for joint, coefficient in summed.items() if coefficient}
 
 
-def held_sum(model: CompiledMjcf, number: int) -> tuple[Terms, float] | None:
+def fixed_sum(model: CompiledMjcf, number: int) -> tuple[Terms, float] | None:
     """The sum of joint positions, from the reference on, that an equality of one or two tendons keeps at a value; None where
     there is no such sum."""
     first, second = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
@@ -67,7 +67,7 @@ def reference_of(model: CompiledMjcf, summed: Terms) -> float:
     )
 
 
-def add_tendons(bodies: MjcfBodies, held: Mapping[int, float], constraints: dict[str, Any]) -> None:
+def add_tendons(bodies: MjcfBodies, actual: Mapping[int, float], constraints: dict[str, Any]) -> None:
     """Give joints what tendons say of them alone, and add the others to the ``constraints`` of the spec; what nothing says is a
     feature. ``held``: the values at which constraints keep tendons, by their number: no force along such a tendon moves
     anything."""
@@ -83,9 +83,9 @@ def add_tendons(bodies: MjcfBodies, held: Mapping[int, float], constraints: dict
             features.add("tendon.passive", part.element)
         elif summed is None or model["tendon_actfrclimited"][number].any():
             features.add("tendon", part.element)
-        elif number in held:
+        elif number in actual:
             lower, upper = range_of(model, number, summed)
-            if limited and not lower <= held[number] <= upper:
+            if limited and not lower <= actual[number] <= upper:
                 features.add("tendon", part.element)
             else:
                 features.carry(part.element)
@@ -142,10 +142,10 @@ def _limit(bodies: MjcfBodies, allowed: tuple[float, float], summed: Terms) -> b
         ((joint, coefficient),) = summed.items()
         least, most = sorted((lower / coefficient, upper / coefficient))
         data = bodies.joint_data(joint)
-        own = data.get("limits", {}).get("position")
-        least, most = (least, most) if own is None else (max(least, own[0]), min(most, own[1]))
+        position = data.get("limits", {}).get("position")
+        least, most = (least, most) if position is None else (max(least, position[0]), min(most, position[1]))
         if not least <= 0.0 <= most:
-            return own is not None and bool([least, most] == own)
+            return position is not None and bool([least, most] == position)
         data.setdefault("limits", {})["position"] = [least, most]
         return True
     ends = [bodies.joint_data(joint).get("limits", {}).get("position") for joint in summed]
@@ -160,9 +160,9 @@ def _limit(bodies: MjcfBodies, allowed: tuple[float, float], summed: Terms) -> b
     return within
 
 
-def without_effect(model: CompiledMjcf, held: Collection[int]) -> list[Terms]:
+def without_effect(model: CompiledMjcf, actual: Collection[int]) -> list[Terms]:
     """The sums along which forces move nothing."""
-    return [summed for number in held if (summed := terms(model, number)) is not None]
+    return [summed for number in actual if (summed := terms(model, number)) is not None]
 
 
 def as_follow(summed: Terms, value: float) -> tuple[int, int, float, float] | None:
@@ -170,8 +170,8 @@ def as_follow(summed: Terms, value: float) -> tuple[int, int, float, float] | No
     where there are not two."""
     if len(summed) != 2:
         return None
-    one, two = summed
-    return one, two, -summed[two] / summed[one], value / summed[one]
+    index, two = summed
+    return index, two, -summed[two] / summed[index], value / summed[index]
 
 
 def leads_to(joint: int, other: int, leaders: Mapping[int, int]) -> bool:
@@ -232,21 +232,21 @@ def _made(bodies: MjcfBodies, number: int, leaders: dict[int, int]) -> dict[str,
 
 def _joined(bodies: MjcfBodies, number: int) -> tuple[int, int]:
     """The two bodies that a loop joins, also where it is written by sites in them."""
-    one, two = (int(bodies.model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    index, two = (int(bodies.model[f"eq_obj{which}id"][number]) for which in (1, 2))
     if int(bodies.model["eq_objtype"][number]) == SITE:
-        one, two = (int(bodies.model["site_bodyid"][site]) for site in (one, two))
-    return one, two
+        index, two = (int(bodies.model["site_bodyid"][site]) for site in (index, two))
+    return index, two
 
 
-def _held(bodies: MjcfBodies, number: int, kind: int) -> tuple[Vector, Vector, Vector]:
+def _closing_frames(bodies: MjcfBodies, number: int, kind: int) -> tuple[Vector, Vector, Vector]:
     """Where a loop holds its bodies together: the point in the first body, the point in the second one, and the rotation of the
     second body in the first, of a weld; in the file's frames of the bodies."""
     model = bodies.model
     data = model["eq_data"][number]
     if int(model["eq_objtype"][number]) == SITE:
-        one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
-        turn = product(model["site_quat"][one], inverse(model["site_quat"][two]))
-        return model["site_pos"][one], model["site_pos"][two], turn
+        index, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+        turn = product(model["site_quat"][index], inverse(model["site_quat"][two]))
+        return model["site_pos"][index], model["site_pos"][two], turn
     if kind == CONNECT:
         return data[0:3], data[3:6], np.array([1.0, 0.0, 0.0, 0.0])
     return data[3:6], data[0:3], data[6:10] / np.linalg.norm(data[6:10])
@@ -265,23 +265,23 @@ def _follow(bodies: MjcfBodies, number: int, leaders: dict[int, int]) -> dict[st
 
 def _of_tendons(bodies: MjcfBodies, number: int, leaders: dict[int, int]) -> dict[str, Any] | None:
     """A sum of two joint positions that is kept at a value."""
-    held = held_sum(bodies.model, number)
-    coupled = None if held is None else as_follow(*held)
+    actual = fixed_sum(bodies.model, number)
+    coupled = None if actual is None else as_follow(*actual)
     made = None if coupled is None else _coupling(bodies, leaders, *coupled)
-    if held is not None and made is not None and int(bodies.model["eq_obj2id"][number]) < 0:
-        bodies.held_tendons[int(bodies.model["eq_obj1id"][number])] = held[1]
+    if actual is not None and made is not None and int(bodies.model["eq_obj2id"][number]) < 0:
+        bodies.fixed_tendons[int(bodies.model["eq_obj1id"][number])] = actual[1]
     return made
 
 
 def _coupling(
-    bodies: MjcfBodies, leaders: dict[int, int], one: int, two: int, ratio: float, offset: float
+    bodies: MjcfBodies, leaders: dict[int, int], index: int, two: int, ratio: float, offset: float
 ) -> dict[str, Any] | None:
     """Two joints of which one follows the other; None where both follow already, or would begin beyond limits."""
-    ways = ((one, two, ratio, offset), (two, one, 1.0 / ratio, -offset / ratio))
+    ways = ((index, two, ratio, offset), (two, index, 1.0 / ratio, -offset / ratio))
     for follower, leader, factor, shift in ways:
-        own, lead = bodies.joint_data(follower), bodies.joint_data(leader)
+        data, lead = bodies.joint_data(follower), bodies.joint_data(leader)
         begins = factor * lead.get("position", 0.0) + shift
-        lower, upper = own.get("limits", {}).get("position", (begins, begins))
+        lower, upper = data.get("limits", {}).get("position", (begins, begins))
         if follower in leaders or leads_to(leader, follower, leaders) or not lower <= begins <= upper:
             continue
         leaders[follower] = leader
@@ -295,36 +295,36 @@ def _coupling(
 
 
 def _loop(bodies: MjcfBodies, number: int, kind: int) -> dict[str, Any] | None:
-    one, two = _joined(bodies, number)
-    if bodies.model["body_weldid"][one] == bodies.model["body_weldid"][two]:
+    index, two = _joined(bodies, number)
+    if bodies.model["body_weldid"][index] == bodies.model["body_weldid"][two]:
         return None  # they are one already, or neither moves
-    first_point, second_point, turn = _held(bodies, number, kind)
-    first, second = bodies.shifts[one], bodies.shifts[two]
+    first_point, second_point, turn = _closing_frames(bodies, number, kind)
+    first, second = bodies.shifts[index], bodies.shifts[two]
     if kind == CONNECT:
         at, other = first_point - first, second_point - second
-        if not _fits(bodies.reference(one, at)[0], bodies.reference(two, other)[0]):
+        if not _fits(bodies.reference(index, at)[0], bodies.reference(two, other)[0]):
             return None
-        ends = [(bodies.initial(body, point), point) for body, point in ((one, at), (two, other))]
-        if not _fits(ends[0][0][0], ends[1][0][0]) and not _moved(bodies, (one, two), ends):
+        ends = [(bodies.initial(body, point), point) for body, point in ((index, at), (two, other))]
+        if not _fits(ends[0][0][0], ends[1][0][0]) and not _moved(bodies, (index, two), ends):
             return None
-        names = [bodies.named(one), bodies.named(two)]
+        names = [bodies.named(index), bodies.named(two)]
         return {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(other)}}
     place = first_point - rotated(turn, second_point) + rotated(turn, second) - first
-    held, held_turn = bodies.reference(one, place)
+    values, stored_turn = bodies.reference(index, place)
     actual, actual_turn = bodies.reference(two, np.zeros(3))
-    if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):
+    if not _fits(values, actual) or not _alike(product(stored_turn, turn), actual_turn):
         return None
-    (held, held_turn), (actual, actual_turn) = bodies.initial(one, place), bodies.initial(two, np.zeros(3))
-    if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):
-        ends = [((held, product(held_turn, turn)), place), ((actual, actual_turn), np.zeros(3))]
-        if not _moved(bodies, (one, two), ends, turn):
+    (values, stored_turn), (actual, actual_turn) = bodies.initial(index, place), bodies.initial(two, np.zeros(3))
+    if not _fits(values, actual) or not _alike(product(stored_turn, turn), actual_turn):
+        ends = [((values, product(stored_turn, turn)), place), ((actual, actual_turn), np.zeros(3))]
+        if not _moved(bodies, (index, two), ends, turn):
             return None
-    return {"weld": {"bodies": [bodies.named(one), bodies.named(two)], "pose": pose(place, turn)}}
+    return {"weld": {"bodies": [bodies.named(index), bodies.named(two)], "pose": pose(place, turn)}}
 
 
 def _moved(
     bodies: MjcfBodies,
-    held: tuple[int, int],
+    actual: tuple[int, int],
     ends: list[tuple[tuple[Vector, Vector], Vector]],
     turn: Vector | None = None,
 ) -> bool:
@@ -333,21 +333,21 @@ def _moved(
     first, that which it wants of the second), and the point in the body; ``turn``: of the second body in the first, of a
     weld."""
     for number, other in ((0, 1), (1, 0)):
-        if not bodies.stands_alone(held[number]):
+        if not bodies.stands_alone(actual[number]):
             continue
         (there, wanted), point = ends[other][0], ends[number][1]
         if turn is None:
-            wanted = bodies.initial(held[number], point)[1]
+            wanted = bodies.initial(actual[number], point)[1]
         elif number == 0:
             wanted = product(wanted, inverse(turn))
-        bodies.stand(held[number], there - rotated(wanted, point), wanted)
+        bodies.stand(actual[number], there - rotated(wanted, point), wanted)
         return True
     return False
 
 
-def _fits(one: Vector, two: Vector) -> bool:
-    return float(np.abs(one - two).max()) < FITS
+def _fits(vector: Vector, two: Vector) -> bool:
+    return float(np.abs(vector - two).max()) < FITS
 
 
-def _alike(one: Vector, two: Vector) -> bool:
-    return 2.0 * float(np.linalg.norm(product(inverse(one), two)[1:])) < FITS
+def _alike(vector: Vector, two: Vector) -> bool:
+    return 2.0 * float(np.linalg.norm(product(inverse(vector), two)[1:])) < FITS

@@ -30,7 +30,7 @@ CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
 
 
 class MjcfSurface(NamedTuple):
-    """All that the contact of a geom follows from. ``own``: its number from 1 on where a pair of the file names it, or another
+    """All that the contact of a geom follows from. ``owner``: its number from 1 on where a pair of the file names it, or another
     geom of its body that the filter keeps apart from the second one's body; else 0."""
 
     contype: int
@@ -38,7 +38,7 @@ class MjcfSurface(NamedTuple):
     directions: int
     priority: int
     friction: tuple[float, float, float]
-    own: int = 0
+    owner: int = 0
 
 
 class MjcfLaw(NamedTuple):
@@ -64,7 +64,7 @@ def combined(first: MjcfSurface, second: MjcfSurface) -> MjcfLaw:
 
 
 def _owners(first: MjcfSurface, second: MjcfSurface) -> tuple[int, int]:
-    return (min(first.own, second.own), max(first.own, second.own))
+    return (min(first.owner, second.owner), max(first.owner, second.owner))
 
 
 def _law(directions: int, sliding: float, torsional: float, rolling: float) -> MjcfLaw:
@@ -88,7 +88,7 @@ class MjcfSurfaces:
     """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
     _margins_of: dict[tuple[int, int], float] = field(default_factory=dict)
     """Where contact of two such geoms begins (m), where that is not the sum of their margins."""
-    _apart: set[tuple[int, int]] = field(default_factory=set)
+    _separated: set[tuple[int, int]] = field(default_factory=set)
     """Bodies that the filter keeps apart, by their smaller and larger number, of which the file lets two geoms touch."""
     touching_joined: dict[tuple[int, int], None] = field(default_factory=dict)
     """Bodies and those that they are joined to and may touch, by their numbers."""
@@ -100,18 +100,20 @@ class MjcfSurfaces:
         if not model.disabled("contact", "constraint"):
             self._read_pairs()
             paired = {geom - 1 for pair in self._pairs_of for geom in pair}
-            parted = {body for pair in self._apart for body in pair}
+            parted = {body for pair in self._separated for body in pair}
             surfaces = {
                 number: self._surface(number, number in paired or int(model["geom_bodyid"][number]) in parted)
                 for number in range(model.numbers["ngeom"])
             }
             # most geoms that touch nothing have no bits: they are not held against each other
-            solid = {one for one in surfaces.values() if one.own or one.contype or one.conaffinity}
+            solid = {
+                surface for surface in surfaces.values() if surface.owner or surface.contype or surface.conaffinity
+            }
             if len(solid) > MOST_SURFACES:
                 found, allowed = f"{len(solid):,}", f"{MOST_SURFACES:,}"
                 hint = "give geoms that touch alike the same friction, condim, contype, conaffinity and priority"
                 raise model.root.error("too many different surfaces of contact", found, allowed, hint)
-            touching = {one for one in solid if any(self.meets(one, other) for other in solid)}
+            touching = {entry for entry in solid if any(self.meets(entry, other) for other in solid)}
             self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
         self._grouped = self._groups(set(self._of.values()))
         names: dict[tuple[Any, ...], str] = {}
@@ -132,8 +134,8 @@ class MjcfSurfaces:
         sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
         words = ("contype", "conaffinity", "condim", "priority")
         contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
-        own = number + 1 if alone else 0
-        return MjcfSurface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
+        owner = number + 1 if alone else 0
+        return MjcfSurface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), owner)
 
     def _read_pairs(self) -> None:
         """Laws of two geoms, as far as two bodies have them that may touch."""
@@ -141,21 +143,21 @@ class MjcfSurfaces:
         weld = model["body_weldid"]
         for number, part in model.parts["pair"].items():
             first, second = sorted(int(model[f"pair_geom{which}"][number]) for which in (1, 2))
-            one, two = (int(model["geom_bodyid"][geom]) for geom in (first, second))
-            if weld[one] == weld[two] == 0:
+            index, two = (int(model["geom_bodyid"][geom]) for geom in (first, second))
+            if weld[index] == weld[two] == 0:
                 continue  # neither moves
-            both = (min(one, two), max(one, two))
+            both = (min(index, two), max(index, two))
             sliding, other, torsional, rolling, rolling_other = (
                 float(value) for value in model["pair_friction"][number]
             )
             even = sliding == other and rolling == rolling_other
-            if weld[one] == weld[two] or not even:
+            if weld[index] == weld[two] or not even:
                 self.features.add("contact.pair" if even else "contact.uneven", part.element)
                 continue
-            if self._filters(one, two):
-                self._apart.add(both)
-                if self._parted(one, two):
-                    self._touch(one, two)
+            if self._filters(index, two):
+                self._separated.add(both)
+                if self._parted(index, two):
+                    self._touch(index, two)
             margin = self._felt("pair", number)
             if margin < 0.0:
                 self.features.add("pair.margin", part.element)
@@ -176,19 +178,19 @@ class MjcfSurfaces:
         keep their bodies apart."""
         if self._stated(first, second) is not None:
             return True
-        if self._apart and first.own and second.own:
-            one, two = sorted(int(self.model["geom_bodyid"][surface.own - 1]) for surface in (first, second))
-            if (one, two) in self._apart:
+        if self._separated and first.owner and second.owner:
+            index, two = sorted(int(self.model["geom_bodyid"][surface.owner - 1]) for surface in (first, second))
+            if (index, two) in self._separated:
                 return False
         return meets(first, second)
 
-    def _parted(self, one: int, other: int) -> bool:
+    def _parted(self, index: int, other: int) -> bool:
         """Whether the spec keeps two bodies apart because one is the other's parent; the world is nobody's."""
         parent = self.model["body_parentid"]
-        return bool((one and int(parent[other]) == one) or (other and int(parent[one]) == other))
+        return bool((index and int(parent[other]) == index) or (other and int(parent[index]) == other))
 
     def law(self, first: MjcfSurface, second: MjcfSurface) -> MjcfLaw:
-        """The law of two surfaces: the file's own for them, or what both combine to."""
+        """The law of two surfaces: the file's owner for them, or what both combine to."""
         return self._stated(first, second) or combined(first, second)
 
     def material(self, geom: int) -> str | None:
@@ -205,23 +207,23 @@ class MjcfSurfaces:
         """The margin (m) of a geom."""
         return max(0.0, self._felt("geom", geom))
 
-    def looped(self, one: int, two: int) -> None:
+    def looped(self, index: int, two: int) -> None:
         """Two bodies, by their numbers, that a loop joins: where the file lets shapes of them touch, the spec says it."""
-        weld, both = self.model["body_weldid"], (min(one, two), max(one, two))
-        if weld[one] == weld[two] or (self._filters(one, two) and both not in self._apart):
+        weld, both = self.model["body_weldid"], (min(index, two), max(index, two))
+        if weld[index] == weld[two] or (self._filters(index, two) and both not in self._separated):
             return
-        sides = [self._of_body.get(body, set()) for body in (one, two)]
+        sides = [self._of_body.get(body, set()) for body in (index, two)]
         if any(self.meets(first, second) for first in sides[0] for second in sides[1]):
-            self._touch(one, two)
+            self._touch(index, two)
 
-    def _filters(self, one: int, two: int) -> bool:
+    def _filters(self, index: int, two: int) -> bool:
         """Whether the file keeps two bodies apart, whatever the bits of their geoms: by name, or as joined ones."""
         model = self.model
         weld, parent = model["body_weldid"], model["body_parentid"]
-        above = weld[parent[weld[one]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[one] != 0
+        above = weld[parent[weld[index]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[index] != 0
         if above and not model.disabled("filterparent"):
             return True
-        return (one, two) in self._excludes or (two, one) in self._excludes
+        return (index, two) in self._excludes or (two, index) in self._excludes
 
     @functools.cached_property
     def _excludes(self) -> frozenset[tuple[int, int]]:
@@ -236,10 +238,10 @@ class MjcfSurfaces:
             solid.setdefault(int(self.model["geom_bodyid"][geom]), set()).add(surface)
         return solid
 
-    def _touch(self, one: int, two: int) -> None:
+    def _touch(self, index: int, two: int) -> None:
         """Two bodies touch although they are joined."""
         parent = self.model["body_parentid"]
-        pair = (two, one) if int(parent[two]) == one else (one, two)
+        pair = (two, index) if int(parent[two]) == index else (index, two)
         if pair not in self.touching_joined and pair[::-1] not in self.touching_joined:
             self.touching_joined[pair] = None
 
@@ -292,8 +294,8 @@ class MjcfSurfaces:
 
     @staticmethod
     def _material(surface: MjcfSurface) -> dict[str, float]:
-        own = combined(surface, surface)
-        return {name: value for name, value in own._asdict().items() if value}
+        law = combined(surface, surface)
+        return {name: value for name, value in law._asdict().items() if value}
 
     def _pairs(self) -> list[dict[str, Any]]:
         """Laws that the larger of two values does not give."""
@@ -301,11 +303,11 @@ class MjcfSurfaces:
         for (first, name), (second, other) in combinations(self.materials.items(), 2):
             if name == other or not self.meets(first, second):
                 continue
-            wanted, one, two = self.law(first, second), combined(first, first), combined(second, second)
+            wanted, entry, two = self.law(first, second), combined(first, first), combined(second, second)
             differing = {
                 key: value
                 for key, value in wanted._asdict().items()
-                if value != max(getattr(one, key), getattr(two, key))
+                if value != max(getattr(entry, key), getattr(two, key))
             }
             if _owners(first, second) in self._margins_of:
                 differing["margin"] = self._margins_of[_owners(first, second)]
@@ -316,10 +318,17 @@ class MjcfSurfaces:
     def _groups(self, surfaces: set[MjcfSurface]) -> dict[str, Any] | None:
         """Collision groups that say what the bits do; None where the shapes of one body differ in theirs, or a pair of the file
         lets shapes touch that their bits keep apart."""
-        stated = (not meets(one, other) and self._stated(one, other) for one, other in combinations(surfaces, 2))
-        if self._apart or any(stated):
+        stated = (
+            not meets(surface, other) and self._stated(surface, other) for surface, other in combinations(surfaces, 2)
+        )
+        if self._separated or any(stated):
             return None
-        if all(self.meets(one, other) for one in surfaces for other in surfaces if one is not other or not one.own):
+        if all(
+            self.meets(surface, other)
+            for surface in surfaces
+            for other in surfaces
+            if surface is not other or not surface.owner
+        ):
             return {}
         bits: dict[int, tuple[int, int]] = {}
         for geom, surface in self._of.items():
@@ -327,11 +336,11 @@ class MjcfSurfaces:
             if bits.setdefault(body, surface[:2]) != surface[:2]:
                 return None
         kinds: dict[tuple[int, int], str] = {}
-        for body, own in sorted(bits.items()):
-            self.groups[body] = kinds.setdefault(own, f"group_{len(kinds) + 1}")
+        for body, bit_pair in sorted(bits.items()):
+            self.groups[body] = kinds.setdefault(bit_pair, f"group_{len(kinds) + 1}")
         groups: dict[str, Any] = {}
         for (contype, conaffinity), name in kinds.items():
-            ignored = [other for (one, two), other in kinds.items() if not (contype & two or one & conaffinity)]
+            ignored = [other for (index, two), other in kinds.items() if not (contype & two or index & conaffinity)]
             groups[name] = {"ignores": ignored}
         return groups
 
@@ -359,22 +368,26 @@ class MjcfSurfaces:
             if not group:
                 continue
             if above and not self.model.disabled("filterparent"):
-                for one in bodies:
-                    pairs |= {(min(one, other), max(one, other)) for other in members.get(above, ())}
+                for index in bodies:
+                    pairs |= {(min(index, other), max(index, other)) for other in members.get(above, ())}
             elif (
                 int(parent[group]) in solid
                 and (min(group, int(parent[group])), max(group, int(parent[group]))) not in pairs
             ):
                 self._joined(group, int(parent[group]), solid)
         return [
-            [names[one], names[other]]
-            for one, other in sorted(pairs)
-            if one in solid and other in solid and one in names and other in names
-            if one != other and not self._parted(one, other) and (one, other) not in self._apart
-            if weld[one] != weld[other]
+            [names[index], names[other]]
+            for index, other in sorted(pairs)
+            if index in solid and other in solid and index in names and other in names
+            if index != other and not self._parted(index, other) and (index, other) not in self._separated
+            if weld[index] != weld[other]
         ]
 
     def _joined(self, body: int, parent: int, solid: dict[int, set[MjcfSurface]]) -> None:
         """A body and the one that it is joined to: the file lets them touch."""
-        if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
+        if (
+            parent
+            and body in solid
+            and any(self.meets(entry, other) for entry in solid[body] for other in solid[parent])
+        ):
             self._touch(body, parent)

@@ -112,7 +112,7 @@ SECTIONS: Final = {"equality": "equality", "tendon": "tendon", "actuator": "actu
 """Sections whose elements are told one by one, as features of these kinds."""
 PARTS: Final = ("joint",)
 """Elements in one of a section that are carried with it: those that a tendon sums."""
-ONE_BY_ONE: Final = ("body", "joint", "freejoint", "geom", "pair")
+SEPARATE: Final = ("body", "joint", "freejoint", "geom", "pair")
 """Elements of which each has its own features; a class of defaults says what any of those that take it has."""
 MATERIAL: Final = "a material's texture and gloss"
 
@@ -233,10 +233,10 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
     aside = words.split()
     for name in element.attributes:
         lost = by_attribute.get(f"{tag}/{name}", [])
-        if tag in ONE_BY_ONE and not in_default:
-            lost = [one for one in lost if features.has(one, element)]
+        if tag in SEPARATE and not in_default:
+            lost = [name for name in lost if features.has(name, element)]
         if lost:
-            feature = FEATURES[min(lost, key=lambda one: list(Severity).index(FEATURES[one].severity))]
+            feature = FEATURES[min(lost, key=lambda entry: list(Severity).index(FEATURES[entry].severity))]
             element.lose(name, feature.reason, feature.severity, feature.hint)
         elif name in aside:
             element.lose(name, reason, _INFORMATION)

@@ -164,10 +164,10 @@ def _moving(bodies: MjcfBodies, number: int, place: Vector, turn: Vector) -> dic
     if field is None or not field[number].any():
         return {}
     linear, angular = field[number][:3], field[number][3:]
-    own_place, own_turn = bodies.model["geom_pos"][number], bodies.model["geom_quat"][number]
-    if not (np.array_equal(place, own_place) and np.array_equal(turn, own_turn)):
-        linear = linear + np.cross(angular, rotated(inverse(own_turn), place - own_place))
-        into = product(inverse(turn), own_turn)
+    local_place, local_turn = bodies.model["geom_pos"][number], bodies.model["geom_quat"][number]
+    if not (np.array_equal(place, local_place) and np.array_equal(turn, local_turn)):
+        linear = linear + np.cross(angular, rotated(inverse(local_turn), place - local_place))
+        into = product(inverse(turn), local_turn)
         linear, angular = rotated(into, linear), rotated(into, angular)
     return {name: numbers(value) for name, value in (("linear", linear), ("angular", angular)) if value.any()}
 
@@ -180,14 +180,14 @@ def _mesh(bodies: MjcfBodies, number: int, solid: bool) -> tuple[dict[str, Any],
     if mesh is None or mesh.path is None or mesh.path.suffix.lower() not in SUFFIXES:
         return None
     flat = min(mesh.extent) < THINNEST * max(mesh.extent)
-    scale, origin, own = (np.array(values) for values in (mesh.scale, mesh.origin, mesh.turn))
-    turned = np.any(own[1:])
+    scale, origin, rotation = (np.array(values) for values in (mesh.scale, mesh.origin, mesh.turn))
+    turned = np.any(rotation[1:])
     if flat or mesh.faces > MOST_FACES or (turned and np.any(scale != scale[0])):
         return None
     turn = product(model["geom_quat"][number], inverse(model["mesh_quat"][data]))
     place = model["geom_pos"][number] - rotated(turn, model["mesh_pos"][data])
-    own = own / np.linalg.norm(own)
-    place = place - rotated(turn, scale * rotated(inverse(own), origin))
+    rotation = rotation / np.linalg.norm(rotation)
+    place = place - rotated(turn, scale * rotated(inverse(rotation), origin))
     text = os.path.relpath(mesh.path, bodies.folder).replace(os.sep, "/")
     bodies.files[text] = mesh.path
     said: dict[str, Any] = {"file": text}
@@ -196,7 +196,7 @@ def _mesh(bodies: MjcfBodies, number: int, solid: bool) -> tuple[dict[str, Any],
     if mesh.hull > MOST_VERTICES:
         said["max_vertices"] = MOST_VERTICES
         bodies.features.add("geom.hull" if solid else "geom.drawn_hull", model.part("geom", number).element)
-    return {"mesh": said}, place, product(turn, inverse(own))
+    return {"mesh": said}, place, product(turn, inverse(rotation))
 
 
 def _colour(bodies: MjcfBodies, number: int) -> list[float]:
@@ -220,7 +220,7 @@ NOTE: Final = "they act where `control: {NAME: {actuators: [...]}}` names them"
 def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """The actuators of a file, by their names; those that a spec has are carried, the others are told."""
     model, names = bodies.model, MjcfNames()
-    following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
+    following = {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
     made: dict[str, dict[str, Any]] = {}
     for number, part in model.parts["actuator"].items():
         words = _words(bodies, number, following) if len(made) < MOST["actuators"] else None
@@ -299,7 +299,7 @@ def add_states(
     beyond their limits are at the nearest limit, and are added to ``starts``. A joint that follows another begins where that
     one says."""
     model, names = bodies.model, MjcfNames()
-    following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
+    following = {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
     states: dict[str, dict[str, Any]] = {}
     for key in range(min(model.numbers["nkey"], MOST_STATES)):
         moved: list[Start] = []
@@ -310,7 +310,7 @@ def add_states(
                 state["commands"] = commands
             given = names.give(name, f"state_{key}")
             states[given] = state
-            starts += [replace(one, state=given, path=("model", "states", given)) for one in moved]
+            starts += [replace(entry, state=given, path=("model", "states", given)) for entry in moved]
             bodies.features.states.add(name)
     return states
 
@@ -346,11 +346,11 @@ def _state(bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved:
     velocities: dict[str, Any] = {}
     for joint in range(model.numbers["njnt"]):
         kind, at, dof, body = (int(model[f"jnt_{word}"][joint]) for word in ("type", "qposadr", "dofadr", "bodyid"))
-        own = bodies.names[body]
+        body_name = bodies.names[body]
         name = bodies.joints.get(joint)
-        if name is None and f"{own}_joint" in bodies.joint_names.taken:
+        if name is None and f"{body_name}_joint" in bodies.joint_names.taken:
             return None  # whose implied name is another's
-        name = name or f"{own}_joint"
+        name = name or f"{body_name}_joint"
         if kind == FREE:
             turn, spin = np.asarray(qpos[at + 3 : at + 7]), np.asarray(qvel[dof + 3 : dof + 6])
             lever = rotated(turn, bodies.shifts[body])
@@ -395,7 +395,7 @@ def outside_the_tree(bodies: MjcfBodies, constraints: dict[str, Any]) -> None:
     model, features = bodies.model, bodies.features
     if model.has_fluid:
         _say_fluid(bodies)
-    add_tendons(bodies, bodies.held_tendons, constraints)
+    add_tendons(bodies, bodies.fixed_tendons, constraints)
     for number, part in model.parts["actuator"].items():
         if _has_inertia(bodies, number):
             features.add("actuator.inertia", part.element, _controller(bodies, number))

@@ -117,7 +117,7 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
     models = root.look("model")
     if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
-    included = (reader.include(one.take(), version, folder, None, chain) for one in root.look("include"))
+    included = (reader.include(element.take(), version, folder, None, chain) for element in root.look("include"))
     scopes = [reader.model(model.take(), version, folder, None, chain) for model in models]
     scopes += [scope for scope in included if scope is not None]
     if not scopes:
@@ -171,7 +171,7 @@ class _Spec:
         if alone:
             self.data["model"] = {"bodies": self._bodies(model, ("model", "bodies"))}
             self._constrain(model, self.data["model"], ("model",))
-            self._keep_apart(model, "")
+            self._separate(model, "")
         else:
             self._scenario()
         if self.materials.names:
@@ -212,7 +212,7 @@ class _Spec:
                 self.data.setdefault("models", {})[name] = {"bodies": bodies}
                 self.draft.places["models", name] = model.scope.element.location
                 self._constrain(model, self.data["models"][name], ("models", name))
-                self._keep_apart(model, f"{name}/", group=name)
+                self._separate(model, f"{name}/", group=name)
                 continue
             loose = roots[0].name == model.scope.name or len(model.bodies) == 1
             renamed: dict[str, str] = {}
@@ -230,7 +230,7 @@ class _Spec:
                 body.name = renamed[body.name]
             self.data.setdefault("bodies", {}).update(self._bodies(model, ("bodies",)))
             self._constrain(model, self.data, ())
-            self._keep_apart(model, "", group=names.give(model.scope.name))
+            self._separate(model, "", group=names.give(model.scope.name))
 
     def _constrain(self, model: ModelRead, around: dict[str, Any], path: Path_) -> None:
         """The named frames of a model, and what holds its bodies together outside its trees."""
@@ -242,9 +242,9 @@ class _Spec:
         if not said:
             return
         names = SdfNames(around.get("constraints", ()))
-        held = {names.give(name): constraint for name, constraint in said.items()}
-        around.setdefault("constraints", {}).update(held)
-        for name in held:
+        actual = {names.give(name): constraint for name, constraint in said.items()}
+        around.setdefault("constraints", {}).update(actual)
+        for name in actual:
             self.draft.places[(*path, "constraints", name)] = model.scope.element.location
 
     def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
@@ -257,18 +257,18 @@ class _Spec:
         bodies: dict[str, Any] = {}
         for body in model.bodies:
             data = body_data(model, body, around)
-            own = (*path, body.name)
-            self._place(body, data, own)
-            shapes = [self._shape(body, index, (*own, "shapes", index)) for index in range(len(body.content.shapes))]
+            at = (*path, body.name)
+            self._place(body, data, at)
+            shapes = [self._shape(body, index, (*at, "shapes", index)) for index in range(len(body.content.shapes))]
             if shapes:
                 data["shapes"] = shapes
             if body.content.comment:
-                self.draft.comments[".".join((*own, "mass"))] = body.content.comment
+                self.draft.comments[".".join((*at, "mass"))] = body.content.comment
             if body.content.repaired:
                 element = body.content.inertial or body.element
-                self.draft.repaired(draft.RULE, element, body.content.repaired, (*own, "inertia"))
+                self.draft.repaired(draft.RULE, element, body.content.repaired, (*at, "inertia"))
             for rule, what, word in body.content.given:
-                self.draft.repaired(rule, body.content.inertial or body.element, what, (*own, word))
+                self.draft.repaired(rule, body.content.inertial or body.element, what, (*at, word))
             bodies[body.name] = data
         for note in (scope.note for scope in model.scope.within() if scope.note):
             self.draft.comments[".".join((*path, model.bodies[0].name))] = note
@@ -283,25 +283,25 @@ class _Spec:
             pose = pose.then(self.graph.pose(scope, scope.placement_frame, scope.element).inverse())
         return pose
 
-    def _place(self, body: BodyRead, data: dict[str, Any], own: tuple[str, ...]) -> None:
-        self.draft.places[own] = body.element.location
+    def _place(self, body: BodyRead, data: dict[str, Any], at: tuple[str, ...]) -> None:
+        self.draft.places[at] = body.element.location
         if body.joint is not None:
-            self.draft.places[(*own, "joint")] = body.joint.element.location
+            self.draft.places[(*at, "joint")] = body.joint.element.location
         if body.content.inertial is not None:
             for key in ("mass", "centre_of_mass", "inertia"):
                 if key in data:
-                    self.draft.places[(*own, key)] = body.content.inertial.location
+                    self.draft.places[(*at, key)] = body.content.inertial.location
 
-    def _shape(self, body: BodyRead, index: int, own: Path_) -> dict[str, Any]:
+    def _shape(self, body: BodyRead, index: int, path: Path_) -> dict[str, Any]:
         shape = body.content.shapes[index]
-        self.draft.places[own] = shape.element.location
+        self.draft.places[path] = shape.element.location
         named = {} if shape.name in ("", f"{body.name}_{index}") else {"name": shape.name}
         data = {**named, **shape.data}
         if shape.surface is not None and len(self.materials.names) > 1:
             data["material"] = self.materials.name(shape.surface)
         return data
 
-    def _keep_apart(self, model: ModelRead, prefix: str, group: str | None = None) -> None:
+    def _separate(self, model: ModelRead, prefix: str, group: str | None = None) -> None:
         """Bodies of a model that do not touch each other: pairs in a model file, which may be placed twice, else a group."""
         bodies = silent(model)
         if not bodies:
@@ -342,7 +342,7 @@ def _physics(world: Scope) -> dict[str, Any]:
     set_aside(element, IN_WORLD)
     gravity, step = GRAVITY, STEP
     profiles = element.look("physics")
-    chosen = next((one for one in profiles if one.attributes.get("default", "") in ("1", "true")), None)
+    chosen = next((profile for profile in profiles if profile.attributes.get("default", "") in ("1", "true")), None)
     chosen = chosen or (profiles[0] if profiles else None)
     for profile in profiles:
         if profile is not chosen:

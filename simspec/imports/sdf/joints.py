@@ -100,8 +100,8 @@ class FrameGraph:
             self._open.append(key)
             self._attached[key] = self._link(scope, name, asking)
             self._open.pop()
-        for one in walked:  # each frame of a chain asks
-            self._attached[one] = self._attached[key]
+        for entry in walked:  # each frame of a chain asks
+            self._attached[entry] = self._attached[key]
         return self._attached[key]
 
     def _link(self, scope: Scope, name: str, asking: Element) -> Link | None:
@@ -188,8 +188,8 @@ class FrameGraph:
             table, default = scope.frames, scope.frames[name].word("attached_to") or MODEL
         key = (id(scope), name)
         if key not in self._placed:
-            own = pose_of(table[name])
-            self._placed[key] = SdfPose(own.placement, own.relative_to or default, own.element)
+            pose = pose_of(table[name])
+            self._placed[key] = SdfPose(pose.placement, pose.relative_to or default, pose.element)
         return self._placed[key], table[name]
 
     def in_scope(self, outer: Scope, inner: Scope) -> Placement:

@@ -183,13 +183,15 @@ def _shaft(
         between = [_key(joint.parent), _key(joint.child)]
         if joint.kind != "hinge" or sorted(between, key=str) != sorted(wanted, key=str):
             continue
-        own = _turned(graph, scope, joint.child, tuple(joint.data["axis"]), element)
+        joint_axis = _turned(graph, scope, joint.child, tuple(joint.data["axis"]), element)
         axis = element.child(word)
         if axis is None:
             axis = Element(word, {}, element.location, "", element)
         carried = _child(graph, scope, element)
-        asked = _turned(graph, scope, carried, direction_of(graph, scope, name, carried, axis), element)
-        along = frames.dot(own, asked) / math.sqrt(frames.dot(own, own) * frames.dot(asked, asked))
+        turned = _turned(graph, scope, carried, direction_of(graph, scope, name, carried, axis), element)
+        along = frames.dot(joint_axis, turned) / math.sqrt(
+            frames.dot(joint_axis, joint_axis) * frames.dot(turned, turned)
+        )
         if not abs(along) > 1.0 - PARALLEL:
             raise axis.error(f"the axis of a gearbox is that of the joint {joint.name!r}, whose angle it is about")
         sign = 1.0 if between == wanted else -1.0

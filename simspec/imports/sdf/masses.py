@@ -137,10 +137,10 @@ def silent(model: ModelRead) -> list[BodyRead]:
         for body in model.bodies
         if not body.self_collide and any(shape.surface is not None for shape in body.content.shapes)
     ]
-    apart = [
+    separate = [
         pair for pair in combinations(bodies, 2) if pair[0].parent is not pair[1] and pair[1].parent is not pair[0]
     ]
-    return bodies if apart else []
+    return bodies if separate else []
 
 
 def excluded(bodies: list[BodyRead]) -> list[list[str]]:

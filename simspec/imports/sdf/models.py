@@ -170,10 +170,10 @@ class SdfMeshes:
         try:
             return find_mesh(uri.text, scale, uri, self.draft.files, folder)
         except SpecError:
-            beside = uri.text.lstrip("/")
-            if beside == uri.text or not (folder / beside).is_file():
+            relative = uri.text.lstrip("/")
+            if relative == uri.text or not (folder / relative).is_file():
                 raise
-        mesh = find_mesh(beside, scale, uri, self.draft.files, folder)
+        mesh = find_mesh(relative, scale, uri, self.draft.files, folder)
         uri.set_aside(None, Fate.CARRIED, "beside the file: there is no such path from the root", Severity.INFORMATION)
         return mesh
 
@@ -240,9 +240,9 @@ class Scope:
 
     def names(self) -> list[str]:
         """All names in it, those of merged models among them."""
-        own = [*self.links, *self.joints, *self.frames]
-        own += [name for name, model in self.models.items() if not model.merged]
-        return own + [name for model in self.models.values() if model.merged for name in model.names()]
+        found = [*self.links, *self.joints, *self.frames]
+        found += [name for name, model in self.models.items() if not model.merged]
+        return found + [name for model in self.models.values() if model.merged for name in model.names()]
 
     @property
     def is_world(self) -> bool:

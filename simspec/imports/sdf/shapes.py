@@ -443,7 +443,7 @@ def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:
     """Take out of each list of shapes the meshes that cannot be read. Raises SpecError with every one that no rule leaves
     out."""
     lists = list(bodies)
-    for shape in (one for found in lists for one in found if one.mesh is None):
+    for shape in (shape_read for found in lists for shape_read in found if shape_read.mesh is None):
         shape.volume = _volume(shape.data)
     shapes = [shape for found in lists for shape in found if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in shapes if shape.mesh is not None])

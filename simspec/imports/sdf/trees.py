@@ -57,7 +57,7 @@ class LinkRead:
         return (
             self.inertial is not None
             and not self.mass.get("mass", 0.0)
-            and not any("density" in one.data for one in self.shapes)
+            and not any("density" in shape.data for shape in self.shapes)
         )
 
 
@@ -241,7 +241,7 @@ def _bodies(
 ) -> ModelRead:
     of_child, closed_by = spanning(joints)
     closing = {id(joint) for joint in closed_by}
-    held = _held(of_child)
+    actual = _fixed_to_world(of_child)
     names, joint_names = SdfNames(), SdfNames()
     bodies: dict[tuple[int, str], BodyRead] = {}
     for scope in model.within():
@@ -254,7 +254,7 @@ def _bodies(
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
             content = LinkRead({}, [])
             with problems.collecting():
-                is_static = scope.static or key in held
+                is_static = scope.static or key in actual
                 content = read_link(element, offset, meshes, scope.folder, static=is_static)
             body = BodyRead(
                 names.give(_long_name(model, scope, name), element),
@@ -295,20 +295,20 @@ def _bodies(
 TO_WORLD: Final = "a loop that is closed by a joint to the world is not supported"
 
 
-def _held(of_child: dict[tuple[int, str], JointRead]) -> set[tuple[int, str]]:
+def _fixed_to_world(of_child: dict[tuple[int, str], JointRead]) -> set[tuple[int, str]]:
     """The links that fixed joints hold to the world."""
     below: dict[tuple[int, str] | None, list[tuple[int, str]]] = {}
     for key, joint in of_child.items():
         if joint.kind == "fixed":
             parent = None if joint.parent is None else (id(joint.parent[0]), joint.parent[1])
             below.setdefault(parent, []).append(key)
-    held: set[tuple[int, str]] = set()
+    actual: set[tuple[int, str]] = set()
     waiting = list(below.get(None, ()))
     while waiting:
         key = waiting.pop()
-        held.add(key)
+        actual.add(key)
         waiting.extend(below.get(key, ()))
-    return held
+    return actual
 
 
 def _long_name(model: Scope, scope: Scope, name: str) -> str:
@@ -370,9 +370,9 @@ def named_frames(read: ModelRead) -> dict[str, dict[str, Any]]:
             if body is None:
                 continue
             place = read.graph.in_scope(read.scope, scope).then(read.graph.pose(scope, name, element))
-            own = body.frame.inverse().then(place).data()
+            data = body.frame.inverse().then(place).data()
             given = names.give(_long_name(read.scope, scope, name), element)
-            made[given] = {"body": body.name, **({"pose": own} if own else {})}
+            made[given] = {"body": body.name, **({"pose": data} if data else {})}
     return made
 
 

@@ -370,7 +370,7 @@ def settle(root: Element) -> None:
         for index, child in enumerate(children):
             if child.is_settled:
                 continue
-            if any(child.same_as(one) for one in children[:index] if one.tag == child.tag):
+            if any(child.same_as(element) for element in children[:index] if element.tag == child.tag):
                 child.ignore(None, "said twice, the same")
             elif _is_empty(child):
                 child.ignore(None, "it is empty: it says nothing")

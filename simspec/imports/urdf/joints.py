@@ -235,7 +235,7 @@ def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
     (kg m²) and a gear of ratio r. Raises SpecError for what are no numbers."""
     known = {joint.element.attributes["name"].strip(): joint for joint in joints}
     for transmission in root.look("transmission"):
-        names = [one.attributes.get("name", "").strip() for one in transmission.look("joint")]
+        names = [element.attributes.get("name", "").strip() for element in transmission.look("joint")]
         for actuator in transmission.look("actuator"):
             for inertia in actuator.look(ROTOR):
                 gears = actuator.look(GEAR)[:1]
@@ -280,11 +280,11 @@ def lock(joints: Sequence[UrdfJointRead]) -> None:
 
 
 def _fix(joint: UrdfJointRead, at: float) -> None:
-    held = f"the joint is fixed at {at:g}: {LOCKED}"
+    reason = f"the joint is fixed at {at:g}: {LOCKED}"
     for element in joint.element.look("axis", "limit", "dynamics"):
         for name in element.attributes:
             fate = CARRIED if name in ("lower", "upper", "xyz") else UNUSED
-            element.set_aside(name, fate, held, INFORMATION)
+            element.set_aside(name, fate, reason, INFORMATION)
     if at:
         axis = joint.data["axis"]
         joint.origin = frames.compose(joint.origin, _moved(joint.kind, (axis[0], axis[1], axis[2]), at))

@@ -304,11 +304,11 @@ def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) ->
                 members.setdefault(name, []).append(bodies[link])
         ignored += [(name, other.need("name")) for other in group.children("drake:ignored_collision_filter_group")]
     pairs = {
-        (min(one, two), max(one, two))
+        (min(name, two), max(name, two))
         for first, second in ignored
-        for one in members.get(first, ())
+        for name in members.get(first, ())
         for two in members.get(second, ())
-        if one != two
+        if name != two
     }
     return [list(pair) for pair in sorted(pairs)]
 

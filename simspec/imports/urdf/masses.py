@@ -110,13 +110,13 @@ def read_mass(link: Element) -> UrdfMass | None:
     else:
         missing += [f"i{name} of <inertia>" for name in MOMENTS[:3] if not inertia.has(f"i{name}")]
         six = [inertia.number(f"i{name}") or 0.0 for name in MOMENTS]
-        for copy, own in COPIES.items():
+        for copy, text in COPIES.items():
             if not inertia.has(copy):
                 continue
-            if inertia.number(copy) == (inertia.number(own) or 0.0):
-                inertia.ignore(copy, f"the same as {own}")
+            if inertia.number(copy) == (inertia.number(text) or 0.0):
+                inertia.ignore(copy, f"the same as {text}")
             else:
-                inertia.lose(copy, f"another than {own}, which readers take")
+                inertia.lose(copy, f"another than {text}, which readers take")
         read.tensor = (six[0], six[1], six[2], six[3], six[4], six[5])
     read.missing = ", ".join(missing)
     return read
@@ -236,10 +236,10 @@ def total(members: Iterable[tuple[UrdfMass, Pose]]) -> tuple[float, Six]:
         return whole, (0.0,) * 6
     middle = [math.fsum(part[0] * part[1][axis] for part in parts) / whole for axis in range(3)]
     sums = [0.0] * 6
-    for own, centre, tensor in parts:
+    for weight, centre, tensor in parts:
         x, y, z = (centre[axis] - middle[axis] for axis in range(3))
         steiner = (y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
-        sums = [value + a + own * b for value, a, b in zip(sums, tensor, steiner, strict=True)]
+        sums = [value + a + weight * b for value, a, b in zip(sums, tensor, steiner, strict=True)]
     return whole, (sums[0], sums[1], sums[2], sums[3], sums[4], sums[5])
 
 
@@ -342,11 +342,11 @@ def _numbers(text: str) -> list[float] | None:
 def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead], draft: Draft) -> list[UrdfShapeRead]:
     """The shapes whose meshes are many times larger than the robot, with others of the same factors: by the rule they are
     millimetres now, and have to be read again. Without it none, and it is told."""
-    apart = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
-    least = max(LARGEST_MESH, MESH_SHARE * apart) if apart > 0.0 else FURTHEST_JOINT
+    longest = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
+    least = max(LARGEST_MESH, MESH_SHARE * longest) if longest > 0.0 else FURTHEST_JOINT
     far = [shape for shape in shapes if shape.mesh is not None and shape.radius > least]
     # without joints the rule has to be named, since a ground may be of any size
-    if not far or (apart == 0.0 and not draft.options.repairs.is_named(MILLIMETRES)):
+    if not far or (longest == 0.0 and not draft.options.repairs.is_named(MILLIMETRES)):
         return []
     shown = f"{far[0].radius:.3g} m from its origin"
     if not draft.repairing(MILLIMETRES):

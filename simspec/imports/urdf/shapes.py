@@ -188,9 +188,9 @@ def _of_visual(element: Element, known: Mapping[str, list[float] | None]) -> lis
     material = element.child("material")
     if material is None:
         return None
-    own = _colour(material)
-    if own is not None:
-        return own
+    colour = _colour(material)
+    if colour is not None:
+        return colour
     name = material.word("name") or ""
     if name not in known and material.child("color") is None and not material.look("texture"):
         material.lose("name", "the file defines no such material", APPEARANCE)

@@ -45,7 +45,7 @@ NO_GRAVITY: Final = "physxRigidBody:disableGravity"
 COMPENSATED: Final = "mjc:body:gravcomp"
 """The part of a body's weight that is away."""
 ARTICULATION: Final = "PhysicsArticulationRootAPI"
-APART: Final = 1e-3
+LARGEST_GAP: Final = 1e-3
 """m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
 MASSLESS: Final = "massless"
 
@@ -118,7 +118,8 @@ class UsdAssembly:
                 if joint is None:
                     continue
                 first, second = (
-                    Pose() if one is None else self.places.world(one).pose for one in (joint.first, joint.second)
+                    Pose() if prim_read is None else self.places.world(prim_read).pose
+                    for prim_read in (joint.first, joint.second)
                 )
                 start_of(joint, first, second)
                 joints.append(joint)
@@ -140,9 +141,11 @@ class UsdAssembly:
                     bind(shape, self.stage)
                 holder = body if body is not None else self._holder(prim)
                 shapes.setdefault(holder.where, []).append(shape)
-        readable = name_meshes([shape for held in shapes.values() for shape in held], self.draft)
+        readable = name_meshes([shape for shape_reads in shapes.values() for shape in shape_reads], self.draft)
         return {
-            path: kept for path, held in shapes.items() if (kept := [shape for shape in held if id(shape) in readable])
+            path: kept
+            for path, shape_reads in shapes.items()
+            if (kept := [shape for shape in shape_reads if id(shape) in readable])
         }
 
     def _holder(self, prim: PrimRead) -> PrimRead:
@@ -164,9 +167,9 @@ class UsdAssembly:
             body.frame = frame_in_body(link.joint)
             for joint in (*link.joint.outer, link.joint):
                 start_words(joint)
-            if link.joint.apart > APART:
-                apart = f"{link.joint.apart:.3g} m or rad apart where the bodies are"
-                reason = f"the joint's frames are {apart}: the joint places {link.prim.name}"
+            if link.joint.gap > LARGEST_GAP:
+                text = f"{link.joint.gap:.3g} m or rad apart where the bodies are"
+                reason = f"the joint's frames are {text}: the joint places {link.prim.name}"
                 link.prim.lose("xformOp:translate", reason)
                 link.joint.prim.lose("physics:body1", reason)
         self.bodies[id(link.prim)] = body
@@ -174,11 +177,11 @@ class UsdAssembly:
 
     def _static_bodies(self, shapes: dict[str, list[UsdShapeRead]]) -> list[UsdBodyRead]:
         bodies = []
-        for path, held in shapes.items():
+        for path, shape_reads in shapes.items():
             prim = self.stage.prims[path]
-            body = UsdBodyRead(prim, UsdLinkRead(prim), held, fixed=True)
+            body = UsdBodyRead(prim, UsdLinkRead(prim), shape_reads, fixed=True)
             back = frames.inverse(self.places.world(prim).pose)
-            for shape in held:
+            for shape in shape_reads:
                 if shape.prim is not prim and shape.prim.tag in ("Cube", "Sphere", "Mesh"):
                     shape.pose = self.places.within(shape.prim, prim).pose
                 else:
@@ -209,12 +212,14 @@ class UsdAssembly:
             body.name = name
         for top, name in zip(models, given[len(loose) :], strict=True):
             inside = [self.bodies[id(link.prim)] for link in in_order(top)]
-            for body, own in zip(inside, names([body.prim.called() for body in inside]), strict=True):
-                body.name, body.model = own, name
-        for held in ([body for body in order if body.model == model] for model in {body.model: None for body in order}):
+            for body, given_name in zip(inside, names([body.prim.called() for body in inside]), strict=True):
+                body.name, body.model = given_name, name
+        for body_reads in (
+            [body for body in order if body.model == model] for model in {body.model: None for body in order}
+        ):
             joined = [
                 joint
-                for body in held
+                for body in body_reads
                 if body.link.joint is not None
                 for joint in (*body.link.joint.outer, body.link.joint)
             ]
@@ -310,7 +315,7 @@ class UsdAssembly:
             if said is None:
                 continue
             leader, other = of_prim.get(said.leader, (None, ""))
-            kinds = [] if leader is None or other != model else [one.kind for one in leader.freedoms]
+            kinds = [] if leader is None or other != model else [freedom.kind for freedom in leader.freedoms]
             if leader is None or len(kinds) != 1 or kinds[0] not in SCALAR_JOINTS:
                 reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
                 joint.prim.lose("newton:mimicJoint", reason)
@@ -422,21 +427,26 @@ class UsdAssembly:
             data["joint"] = {**named, **words[0]}
             return
         called = (
-            (one.name or (f"{part.name}_{one.word}" if len(part.freedoms) > 1 else part.name))
+            (freedom.name or (f"{part.name}_{freedom.word}" if len(part.freedoms) > 1 else part.name))
             for part in (*joint.outer, joint)
-            for one in part.freedoms
+            for freedom in part.freedoms
         )
-        data["joints"] = [{"name": name, **one} for name, one in zip(called, words, strict=True)]
+        data["joints"] = [{"name": name, **word} for name, word in zip(called, words, strict=True)]
 
     def _freedom_words(self, joint: UsdJointRead, freedom: Freedom) -> dict[str, Any]:
-        one: dict[str, Any] = {"type": freedom.kind}
+        entry: dict[str, Any] = {"type": freedom.kind}
         if freedom.kind != "ball":
             axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
-            own = joint.own(freedom, "axis")
-            if own is not None and len(own) == 3 and any(own) and agree(direction((own[0], own[1], own[2])), axis):
-                axis = (own[0], own[1], own[2])
-            one["axis"] = numbers(tidy(axis))
-        return one | freedom.data
+            stored = joint.stored(freedom, "axis")
+            if (
+                stored is not None
+                and len(stored) == 3
+                and any(stored)
+                and agree(direction((stored[0], stored[1], stored[2])), axis)
+            ):
+                axis = (stored[0], stored[1], stored[2])
+            entry["axis"] = numbers(tidy(axis))
+        return entry | freedom.data
 
     def _free(self, body: UsdBodyRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
         prim = body.prim
@@ -446,17 +456,17 @@ class UsdAssembly:
         if pose := pose_data(place.pose):
             data["pose"] = pose
         speeds: list[tuple[float, ...]] = []
-        for name, own, unit in (
+        for name, text, unit in (
             ("velocity", "velocity", self.stage.metres),
             ("angularVelocity", "angular_velocity", math.pi / 180.0),
         ):
             said = prim.reals(f"physics:{name}", 3) or (0.0, 0.0, 0.0)
-            speeds.append(prim.exactly(own, [value * unit for value in said]))
+            speeds.append(prim.exactly(text, [value * unit for value in said]))
         if self.stage.up == "Y":
-            speeds = [frames.rotate(UPRIGHT.quaternion, (one[0], one[1], one[2])) for one in speeds]
-        if any(any(one) for one in speeds) and not data.keys() & {"fixed", "kinematic"}:
+            speeds = [frames.rotate(UPRIGHT.quaternion, (speed[0], speed[1], speed[2])) for speed in speeds]
+        if any(any(speed) for speed in speeds) and not data.keys() & {"fixed", "kinematic"}:
             data["velocity"] = {
-                word: numbers(one) for word, one in zip(("linear", "angular"), speeds, strict=True) if any(one)
+                word: numbers(speed) for word, speed in zip(("linear", "angular"), speeds, strict=True) if any(speed)
             }
         said_name = prim.token("simspec:joint_name")
         if said_name and "fixed" not in data:
@@ -467,9 +477,9 @@ class UsdAssembly:
         if body.link.parent is not None or body.link.joint is not None or "fixed" in data or "kinematic" in data:
             return
 
-        def weighs(one: UsdBodyRead) -> bool:
-            return bool(one.prim.record["attributes"].get("physics:mass", {}).get("value")) or any(
-                shape.collision for shape in one.shapes
+        def weighs(body_read: UsdBodyRead) -> bool:
+            return bool(body_read.prim.record["attributes"].get("physics:mass", {}).get("value")) or any(
+                shape.collision for shape in body_read.shapes
             )
 
         if any(weighs(self.bodies[id(link.prim)]) for link in in_order(body.link)):

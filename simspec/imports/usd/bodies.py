@@ -39,7 +39,7 @@ def reverse(joint: UsdJointRead) -> None:
         raise joint.prim.error(
             "a joint with slides and three turns, whose first body is the one that it moves", hint=hint
         )
-    joint.freedoms = [_turned(one) for one in reversed(joint.freedoms)]
+    joint.freedoms = [_turned(freedom) for freedom in reversed(joint.freedoms)]
 
 
 def _turned(freedom: Freedom) -> Freedom:
@@ -55,11 +55,11 @@ def trees(
 ) -> tuple[list[UsdLinkRead], list[UsdJointRead]]:
     """The roots of the trees, in the file's order, and the joints that are in none. ``roots``: those that the file names."""
     inside = [joint for joint in joints if not joint.outside]
-    beside: dict[int, list[UsdJointRead]] = {}
+    joints_of: dict[int, list[UsdJointRead]] = {}
     for joint in inside:
         for side in (joint.first, joint.second):
             if side is not None:
-                beside.setdefault(id(side), []).append(joint)
+                joints_of.setdefault(id(side), []).append(joint)
     links: dict[int, UsdLinkRead] = {}
     used: set[int] = set()
     tops: list[UsdLinkRead] = []
@@ -68,7 +68,7 @@ def trees(
         waiting = [top]
         while waiting:
             link = waiting.pop(0)
-            for joint in beside.get(id(link.prim), ()):
+            for joint in joints_of.get(id(link.prim), ()):
                 other = joint.other(link.prim)
                 if id(joint) in used or other is None or id(other) in links:
                     continue
@@ -90,7 +90,7 @@ def trees(
 
     # a chain between two walls is one tree with a loop: the first wall holds it, by a fixed joint where there is one
     to_world = [joint for joint in inside if joint.first is None or joint.second is None]
-    for joint in sorted(to_world, key=lambda one: bool(one.freedoms)):
+    for joint in sorted(to_world, key=lambda joint_read: bool(joint_read.freedoms)):
         body = joint.first if joint.second is None else joint.second
         if body is not None and id(body) not in links:
             start(body, joint)
@@ -210,6 +210,6 @@ def add_frames(
             continue
         body = bodies[id(holder)]
         around = data["model"] if alone else data["models"][body.model] if body.model else data
-        own = pose_data(frames.compose(frames.inverse(body.frame), place))
+        place_data = pose_data(frames.compose(frames.inverse(body.frame), place))
         (given,) = names([prim.called()], [*around.get("bodies", ()), *around.get("frames", ())])
-        around.setdefault("frames", {})[given] = {"body": body.name, **({"pose": own} if own else {})}
+        around.setdefault("frames", {})[given] = {"body": body.name, **({"pose": place_data} if place_data else {})}

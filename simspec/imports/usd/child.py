@@ -72,9 +72,9 @@ def prepare() -> None:
 
 def main() -> None:
     """Answer one request."""
-    asked = json.loads(sys.stdin.buffer.read())
+    request = json.loads(sys.stdin.buffer.read())
     try:
-        answer = _answer(asked)
+        answer = _answer(request)
     except RefusedError as refused:
         answer = {"error": str(refused), "found": refused.found, "missing": refused.missing, "at": refused.at}
     except MemoryError:
@@ -86,17 +86,17 @@ def main() -> None:
     sys.stdout.buffer.write(json.dumps(answer, allow_nan=False).encode())
 
 
-def _answer(asked: dict[str, Any]) -> dict[str, Any]:
+def _answer(requested: dict[str, Any]) -> dict[str, Any]:
     try:
         from pxr import Tf, Usd
     except ImportError:
         return {"error": "USD is read by usd-core, which is not installed", "found": "", "missing": True}
-    path, roots = asked["path"], [os.path.realpath(root) for root in asked["roots"]]
+    path, roots = requested["path"], [os.path.realpath(root) for root in requested["roots"]]
     packed = path.lower().endswith(PACKAGE)
     if packed:
-        path = unpacked(asked["path"])
+        path = unpacked(requested["path"])
         roots = [os.path.realpath(UNPACKED)]
-    layers = _Layers(roots, bool(asked["forgive"]))
+    layers = _Layers(roots, bool(requested["forgive"]))
     layers.walk(path)
     with Tf.DiagnosticTrap():  # what is wrong is told by the stage itself
         try:
@@ -106,7 +106,7 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
     used = {os.path.realpath(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
     if beyond := sorted(used - layers.read.keys()):
         raise RefusedError("this stage reads a file that it does not name", beyond[0])
-    if not asked["forgive"]:
+    if not requested["forgive"]:
         for wrong in stage.GetCompositionErrors():
             raise RefusedError("this stage does not compose", " ".join(str(wrong).split())[:LONGEST_TEXT])
     answer = _Reader(stage).answer()
@@ -210,7 +210,7 @@ class _Layers:
         self.opened[place] = layer
         return layer
 
-    def _target(self, text: str, beside: str) -> str | None:
+    def _target(self, text: str, alongside: str) -> str | None:
         """The file that an asset path means; None for one that is missing and may be."""
         if not text:
             return None
@@ -222,7 +222,7 @@ class _Layers:
             or ":SDF_FORMAT_ARGS:" in text
         ):
             raise RefusedError("simspec does not read this kind of path", text[:LONGEST_TEXT])
-        target = os.path.realpath(os.path.join(os.path.dirname(beside), text))
+        target = os.path.realpath(os.path.join(os.path.dirname(alongside), text))
         if self.roots and not any(target == root or target.startswith(root + os.sep) for root in self.roots):
             raise RefusedError("leaves the project folder", text)
         if not os.path.isfile(target):

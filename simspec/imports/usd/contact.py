@@ -63,7 +63,9 @@ class UsdMaterials:
         called = names([self.stage.prims[path].called() for path in paths])
         for path, name in zip(paths, called, strict=True):
             self.names[path] = name
-            self.data[name] = self._material(self.stage.prims[path], [one for one in solid if one.material == path])
+            self.data[name] = self._material(
+                self.stage.prims[path], [shape_read for shape_read in solid if shape_read.material == path]
+            )
         if (paths or not alone) and any(not shape.material for shape in solid):
             (self.names[""],) = names([UNBOUND], called)
             self.data[self.names[""]] = {"friction": FRICTION}
@@ -82,14 +84,14 @@ class UsdMaterials:
         if bounce:
             data["restitution"] = plain(prim.exactly("restitution", (bounce,))[0])
         else:
-            prim.own("restitution")
+            prim.stored("restitution")
         return data | self._turning(prim, shapes)
 
     def _turning(self, prim: PrimRead, shapes: Sequence[UsdShapeRead]) -> dict[str, Any]:
         """Torsional and rolling friction (m) of a material. Where shapes say in how many directions friction acts
         (:data:`CONDIM`, 3 unless it is said), the first needs 4 of these, and the second 6."""
-        governed = any("MjcCollisionAPI" in one.prim.schemas or one.prim.has(CONDIM) for one in shapes)
-        directions = {one.prim.real(CONDIM, 3.0) if governed else 6.0 for one in shapes}
+        governed = any("MjcCollisionAPI" in shape.prim.schemas or shape.prim.has(CONDIM) for shape in shapes)
+        directions = {shape.prim.real(CONDIM, 3.0) if governed else 6.0 for shape in shapes}
         data: dict[str, Any] = {}
         for least, word, attributes in (
             (4.0, "torsional_friction", ("newton:torsionalFriction", "mjc:torsionalfriction")),
@@ -105,9 +107,9 @@ class UsdMaterials:
                     prim.lose(name, f"shapes of one material differ in {CONDIM}")
             elif said and said[0]:
                 data[word] = plain(said[0])
-        for one in shapes:
-            if one.prim.has(CONDIM) and one.prim.real(CONDIM, 3.0) < 3.0:
-                one.prim.lose(CONDIM, "two such shapes touch without friction")
+        for shape in shapes:
+            if shape.prim.has(CONDIM) and shape.prim.real(CONDIM, 3.0) < 3.0:
+                shape.prim.lose(CONDIM, "two such shapes touch without friction")
         return data
 
 
@@ -123,8 +125,8 @@ def filtered(stage: StageRead, body_of: Mapping[str, PrimRead]) -> list[tuple[Pr
                 prim.lose("physics:filteredPairs", "names what is no body, or a part of none")
             elif first is not second:
                 pairs.append((first, second))
-                for one, path in ((first, prim.where), (second, target)):
-                    if one.where != path and len(_solid(stage, one, body_of)) > 1:
+                for prim_read, path in ((first, prim.where), (second, target)):
+                    if prim_read.where != path and len(_solid(stage, prim_read, body_of)) > 1:
                         prim.lose("physics:filteredPairs", "pairs are of whole bodies: all their shapes do not touch")
     return pairs
 
@@ -162,8 +164,8 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
             if other in called:
                 table[name].add(called[other])
     # what ignores no group that has a shape is as if it were in none
-    held = {name for said in member.values() for names in said.values() for name in names}
-    acting = {name for name in held for other in held if other in table[name] or name in table[other]}
+    actual = {name for said in member.values() for names in said.values() for name in names}
+    acting = {name for name in actual for other in actual if other in table[name] or name in table[other]}
     of_body: dict[str, str] = {}
     for body, said in member.items():
         sets = {frozenset(said.get(path, set()) & acting) for path, holder in shapes.items() if holder == body}
@@ -175,10 +177,12 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
                 "apiSchemas:PhysicsCollisionAPI", "shapes of one body are in several collision groups"
             )
     words = {
-        name: {"ignores": sorted(ignored & held)} for name, ignored in table.items() if name in held and ignored & held
+        name: {"ignores": sorted(ignored & actual)}
+        for name, ignored in table.items()
+        if name in actual and ignored & actual
     }
     return words, {
-        body: name for body, name in of_body.items() if name in words or any(name in one for one in table.values())
+        body: name for body, name in of_body.items() if name in words or any(name in entry for entry in table.values())
     }
 
 
@@ -217,7 +221,7 @@ def physics_data(stage: StageRead, draft: Draft) -> dict[str, Any] | None:
         vector = tidy(frames.rotate(UPRIGHT.quaternion, vector))
         draft.note(("physics", "gravity"), "y is up in the file: its world is turned by 90 deg about x")
     physics: dict[str, Any] = {"gravity": numbers([_short(value) for value in vector])}
-    step = scene.own("timestep", 1)
+    step = scene.stored("timestep", 1)
     if step is not None and step[0] > 0.0:
         physics["timestep"] = plain(step[0])
     return physics
@@ -254,11 +258,11 @@ def contact_data(
             body_of[body.prim.where] = body.prim
             body_of |= {shape.prim.where: body.prim for shape in body.shapes}
     pairs = {
-        tuple(sorted((full[id(one)], full[id(two)])))
-        for one, two in filtered(stage, body_of)
-        if id(one) in full and id(two) in full
+        tuple(sorted((full[id(prim_read)], full[id(two)])))
+        for prim_read, two in filtered(stage, body_of)
+        if id(prim_read) in full and id(two) in full
     }
-    if "model" in data and _keeps_apart(stage):
+    if "model" in data and _excludes_self_collision(stage):
         contact["self_collision"] = False
     rigid = _rigid_groups(every, bodies)
     kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
@@ -269,7 +273,7 @@ def contact_data(
     return contact
 
 
-def _keeps_apart(stage: StageRead) -> bool:
+def _excludes_self_collision(stage: StageRead) -> bool:
     """Whether an articulation says that its bodies do not touch each other, by a word of an engine that many files have."""
     said = [prim for prim in stage.used() for name in SELF_COLLISION if name in prim.record["attributes"]]
     flags = [prim.flag(name, True) for prim in said for name in SELF_COLLISION]

@@ -19,7 +19,7 @@ ARMATURES: Final = ("physxJoint:armature", "newton:armature", "mjc:armature")
 UNBOUNDED: Final = 1e9
 """Degrees or units of length beyond which a limit is none: files write the largest number that they have."""
 COMPLIANCE: Final = "how hard a constraint is: those of the spec are rigid"
-APART: Final = 1e-3
+LARGEST_GAP: Final = 1e-3
 """rad or m that a joint may stand away from where the file says: in single precision, written by hand."""
 
 
@@ -184,7 +184,7 @@ def velocity(prim: PrimRead, instance: str, units: Units) -> float:
 def check_position(prim: PrimRead, instance: str, units: Units, start: float) -> None:
     """Tell where the file says that an axis stands elsewhere than its bodies do (``start``, rad or m)."""
     for name in _names(instance, "position"):
-        if prim.has(name) and abs(prim.real(name, 0.0) * units.position - start) > APART:
+        if prim.has(name) and abs(prim.real(name, 0.0) * units.position - start) > LARGEST_GAP:
             prim.lose(name, "the bodies stand elsewhere, and a joint begins where they do")
 
 

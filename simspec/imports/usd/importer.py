@@ -234,7 +234,7 @@ def settle(stage: StageRead) -> None:
             prim.ignore(None, "inactive, abstract, or not defined")
             continue
         rule = next((rule for rule in TYPES if rule.pattern.fullmatch(prim.tag)), None)
-        if prim._own is False:
+        if prim._fate is False:
             if rule is not None:
                 prim.set_aside(None, rule.fate, rule.reason, rule.severity, rule.hint)
             else:
@@ -246,9 +246,11 @@ def settle(stage: StageRead) -> None:
             if name in prim._taken or name in prim._fates:
                 continue
             said = (
-                rule or _neutral(prim, name) or next((one for one in ATTRIBUTES if one.pattern.fullmatch(name)), None)
+                rule
+                or _neutral(prim, name)
+                or next((attribute for attribute in ATTRIBUTES if attribute.pattern.fullmatch(name)), None)
             )
-            if said is not None and prim._own is True:
+            if said is not None and prim._fate is True:
                 prim.set_aside(name, said.fate, said.reason, said.severity, said.hint)
 
 
@@ -262,7 +264,7 @@ def _neutral(prim: PrimRead, name: str) -> LossRule | None:
         numbers = [0.0 if number in ("-inf", "inf") else number for number in numbers]
     if any(not isinstance(number, (bool, int, float)) or number for number in numbers):
         return None
-    return next((one for one in NEUTRAL if one.pattern.fullmatch(name)), None)
+    return next((entry for entry in NEUTRAL if entry.pattern.fullmatch(name)), None)
 
 
 RULES: Final = {

@@ -11,7 +11,7 @@ from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd import engine_schemas
 from simspec.imports.usd.engine_schemas import UNBOUNDED, Units, UsdMimic
 from simspec.imports.usd.places import PrimPlaces, quaternion
-from simspec.imports.usd.stage import OWN, PrimRead, StageRead, agree
+from simspec.imports.usd.stage import PREFIX, PrimRead, StageRead, agree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
@@ -71,16 +71,16 @@ class UsdJointRead:
     name: str = ""
     touching: bool = False
     """Whether the bodies that it joins touch each other."""
-    apart: float = 0.0
+    gap: float = 0.0
     """m or rad by which its frames are apart where the bodies are."""
     said: bool = False
     """Whether simspec's own attributes say where its axes stand."""
     outer: list[UsdJointRead] = field(default_factory=list)
     """Joints of the same two bodies that move the second before this one does, from the first outwards."""
 
-    def own(self, freedom: Freedom, name: str) -> tuple[float, ...] | None:
+    def stored(self, freedom: Freedom, name: str) -> tuple[float, ...] | None:
         """Numbers that only simspec says of one of the axes."""
-        return self.prim.own(prefix(self.prim, freedom.word) + name)
+        return self.prim.stored(prefix(self.prim, freedom.word) + name)
 
     def other(self, body: PrimRead | None) -> PrimRead | None:
         """The body that it joins to ``body``."""
@@ -186,7 +186,7 @@ class JointReader:
             for drive in prim.instances("PhysicsDriveAPI"):
                 self._no_drive(prim, drive)
             ball = Freedom("ball", (0.0, 0.0, 0.0), "ball")
-            stiffness, damping = prim.own("spring_stiffness", 1), prim.own("damping", 1)
+            stiffness, damping = prim.stored("spring_stiffness", 1), prim.stored("damping", 1)
             if stiffness is not None:
                 ball.data["spring"] = {"stiffness": plain(stiffness[0])}
             if damping is not None:
@@ -214,10 +214,10 @@ class JointReader:
             return None
         freedoms = [self._along(prim, word, "slide", SLIDES[word]) for word in free if word in SLIDES]
         plain_turns = not any(
-            self._bounded(prim, word) or word in drives or prim.has(f"{OWN}{word}:axis") for word in turns
+            self._bounded(prim, word) or word in drives or prim.has(f"{PREFIX}{word}:axis") for word in turns
         )
         if len(turns) == 3 and plain_turns:
-            return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot", name=prim.token(f"{OWN}rot:name"))]
+            return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot", name=prim.token(f"{PREFIX}rot:name"))]
         for drive in drives:
             if drive not in free:
                 self._no_drive(prim, drive)
@@ -228,7 +228,7 @@ class JointReader:
         return any(math.isfinite(end) and abs(end) < UNBOUNDED for end in ends)
 
     def _along(self, prim: PrimRead, word: str, kind: str, axis: Vector3) -> Freedom:
-        freedom = Freedom(kind, axis, word, name=prim.token(f"{OWN}{word}:name"))
+        freedom = Freedom(kind, axis, word, name=prim.token(f"{PREFIX}{word}:name"))
         self._moves(prim, freedom, f"limit:{word}:physics:low", f"limit:{word}:physics:high", word)
         return freedom
 
@@ -238,33 +238,33 @@ class JointReader:
         unit = math.pi / 180.0 if turns else self.stage.metres
         lower, upper = (prim.real(name, end, infinite=True) for name, end in ((low, -math.inf), (high, math.inf)))
         bounded = lower <= upper and (abs(lower) < UNBOUNDED or abs(upper) < UNBOUNDED)
-        data, own_word = freedom.data, prefix(prim, freedom.word)
+        data, local_word = freedom.data, prefix(prim, freedom.word)
         limits: dict[str, Any] = {}
         if lower > upper and TYPES[prim.tag] != "several":
             # the schema says: a lower limit above the upper one locks nothing, it is no limit
             prim.ignore(low, "above the upper limit: no limits are said")
         if bounded:
             ends = [max(-FAR, min(FAR, value * unit)) for value in (lower, upper)]
-            said = prim.exactly(f"{own_word}limits", ends)
+            said = prim.exactly(f"{local_word}limits", ends)
             limits["position"] = [angle(value) if turns else plain(value) for value in said]
         self._drive(prim, freedom, drive)
         for name, word in (("velocity_limit", "velocity"), ("effort_limit", "effort")):
-            own = prim.own(own_word + name, 1)
-            if own is not None:
-                limits[word] = plain(own[0])
+            stored = prim.stored(local_word + name, 1)
+            if stored is not None:
+                limits[word] = plain(stored[0])
         units = self._units(turns)
         engine_schemas.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
         if limits:
             data["limits"] = limits
         for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
-            own = prim.own(own_word + name, 1)
-            if own is not None and own[0]:
-                data[word] = plain(own[0])
+            stored = prim.stored(local_word + name, 1)
+            if stored is not None and stored[0]:
+                data[word] = plain(stored[0])
         freedom.instance, freedom.units = drive, units
         if (armature := engine_schemas.armature(prim, units, drive)) and "armature" not in data:
             data["armature"] = plain(armature)
         engine_schemas.passive(prim, data, units, self.degrees, drive)
-        if not own_word:
+        if not local_word:
             freedom.mimic = engine_schemas.mimic(prim, units)
         if speed := engine_schemas.velocity(prim, drive, units):
             data["velocity"] = plain(speed)
@@ -293,10 +293,10 @@ class JointReader:
             for word in ("targetPosition", "targetVelocity", "maxForce", "type"):
                 prim.ignore(f"{start}{word}", "a drive without stiffness and damping does nothing")
             return
-        if (own := self._passive(prim, freedom, stiffness, damping)) is not None:
+        if (passive := self._passive(prim, freedom, stiffness, damping)) is not None:
             for word in ("targetPosition", "targetVelocity", "maxForce"):
                 prim.ignore(f"{start}{word}", OF_CONTROL)
-            stiffness, damping, rest = own
+            stiffness, damping, rest = passive
             self._say_passive(freedom, turns, stiffness, damping, rest)
             return
         if kind != "force":
@@ -327,9 +327,9 @@ class JointReader:
         """Stiffness, damping and rest of the joint itself, where simspec wrote the gains of a controller into the same drive;
         None where it did not, or the drive has been changed since."""
         before = prefix(prim, freedom.word)
-        gains = prim.own(f"{before}gains", 2)
+        gains = prim.stored(f"{before}gains", 2)
         words = ("spring_stiffness", "damping", "spring_rest")
-        said = [prim.own(before + word, 1) for word in words] if gains is not None else []
+        said = [prim.stored(before + word, 1) for word in words] if gains is not None else []
         if gains is None or any(value is None for value in said):
             return None
         (spring,), (damper,), (rest,) = (value or (0.0,) for value in said)
@@ -367,7 +367,7 @@ def stacked(joints: list[UsdJointRead], adding: bool) -> list[UsdJointRead]:
             of_pair.setdefault((id(joint.first), id(joint.second)), []).append(joint)
     taken: set[int] = set()
     for row in of_pair.values():
-        at_rest = all(joint.apart < START and not any(_turn(joint)) for joint in row)
+        at_rest = all(joint.gap < START and not any(_turn(joint)) for joint in row)
         balls = any(joint.freedoms[0].kind == "ball" for joint in row[:-1])
         adds = adding or all(ADDING in joint.prim.schemas for joint in row)
         if adds and len(row) > 1 and at_rest and not balls:
@@ -398,7 +398,7 @@ def start_of(joint: UsdJointRead, first: Pose, second: Pose) -> Pose:
         if freedom.kind == "slide":
             along = frames.dot(position, freedom.axis)
             freedom.start = (along,)
-            left = frames.subtract(left, tuple(along * one for one in freedom.axis))  # type: ignore[arg-type]
+            left = frames.subtract(left, tuple(along * value for value in freedom.axis))  # type: ignore[arg-type]
         elif freedom.kind == "ball":
             freedom.start, turned = turn, frames.IDENTITY
     if len(hinges) == 1:
@@ -411,18 +411,18 @@ def start_of(joint: UsdJointRead, first: Pose, second: Pose) -> Pose:
             hinge.start = (angles.pop(hinge.axis),)
         turned = frames.IDENTITY if not angles else (1.0, *(0.5 * value for value in angles.values()))  # type: ignore[assignment]
     away = max(abs(value) for value in left)
-    joint.apart = max(away, 2.0 * max(abs(value) for value in turned[1:]))
+    joint.gap = max(away, 2.0 * max(abs(value) for value in turned[1:]))
     return rest
 
 
 def stand_as_said(joint: UsdJointRead, rest: Pose) -> bool:
     """Take the positions that simspec's own attributes say of hinges and slides, where they bring the second frame to ``rest``
     in the first: an angle beyond a half turn, and one of several, is not seen in places. Whether they do."""
-    held = [joint.own(freedom, "position") for freedom in joint.freedoms]
-    if all(values is None for values in held) or [one.kind for one in joint.freedoms] == ["ball"]:
+    actual = [joint.stored(freedom, "position") for freedom in joint.freedoms]
+    if all(values is None for values in actual) or [freedom.kind for freedom in joint.freedoms] == ["ball"]:
         return False
     place, starts = Pose(), []
-    for freedom, values in zip(joint.freedoms, held, strict=True):
+    for freedom, values in zip(joint.freedoms, actual, strict=True):
         count = 4 if freedom.kind == "ball" else 1
         if values is None:
             values = frames.IDENTITY if count == 4 else (0.0,)
@@ -430,7 +430,7 @@ def stand_as_said(joint: UsdJointRead, rest: Pose) -> bool:
             return False
         starts.append(values)
         if freedom.kind == "slide":
-            x, y, z = (values[0] * one for one in freedom.axis)
+            x, y, z = (values[0] * value for value in freedom.axis)
             step = Pose((x, y, z))
         elif freedom.kind == "hinge":
             step = Pose((0.0, 0.0, 0.0), frames.from_axis_angle(freedom.axis, values[0]))
@@ -461,11 +461,13 @@ def start_words(joint: UsdJointRead) -> None:
             w, x, y, z = freedom.start
             freedom.start = frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn)))
     if len(joint.freedoms) == 1 and not joint.said:
-        own, start = joint.own(joint.freedoms[0], "position"), joint.freedoms[0].start
-        if own is None:
+        stored, start = joint.stored(joint.freedoms[0], "position"), joint.freedoms[0].start
+        if stored is None:
             joint.freedoms[0].start = tuple(0.0 if abs(value) < START else value for value in start)
-        elif len(own) == len(start) and all(abs(one - two) < START for one, two in zip(own, start, strict=True)):
-            joint.freedoms[0].start, joint.said = own, True
+        elif len(stored) == len(start) and all(
+            abs(value - two) < START for value, two in zip(stored, start, strict=True)
+        ):
+            joint.freedoms[0].start, joint.said = stored, True
     for freedom in joint.freedoms:
         values = freedom.start
         if freedom.kind == "ball":
@@ -476,6 +478,6 @@ def start_words(joint: UsdJointRead) -> None:
                 freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
             if freedom.units is not None:
                 engine_schemas.check_position(joint.prim, freedom.instance, freedom.units, values[0])
-        speeds = joint.own(freedom, "velocity")
+        speeds = joint.stored(freedom, "velocity")
         if speeds is not None and len(speeds) == (3 if freedom.kind == "ball" else 1):
             freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])

@@ -15,7 +15,7 @@ import numpy as np
 from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown, tensor_words
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.shapes import UsdShapeRead
-from simspec.imports.usd.stage import OWN, STALE, PrimRead, StageRead, agree
+from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, StageRead, agree
 from simspec.language.foreign import Severity
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
@@ -58,7 +58,7 @@ class MassReader:
         numbers."""
         prim.applies(MASS)
         mass = prim.real("physics:mass", 0.0) * self.of_mass
-        if prim.own("mass") == (0.0,) and mass == STANDS_FOR_NONE * self.of_mass:
+        if prim.stored("mass") == (0.0,) and mass == STANDS_FOR_NONE * self.of_mass:
             for name in (
                 "physics:density",
                 "physics:centerOfMass",
@@ -105,8 +105,8 @@ class MassReader:
         if said is None or any(math.isinf(value) for value in said):
             return None
         x, y, z = (value * factor * self.stage.metres for value, factor in zip(said, scale, strict=True))
-        own = prim.exactly("centre_of_mass", (x, y, z))
-        return (own[0], own[1], own[2])
+        stored = prim.exactly("centre_of_mass", (x, y, z))
+        return (stored[0], stored[1], stored[2])
 
     def _moments(self, prim: PrimRead) -> tuple[float, ...] | None:
         """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
@@ -123,11 +123,11 @@ class MassReader:
             turn = quaternion(prim, "physics:principalAxes", axes)
         moments = tuple(value * self.of_inertia for value in said)
         tensor = frames.rotate_inertia(turn, (*moments, 0.0, 0.0, 0.0))
-        own = prim.own("inertia", 6)
-        if own is not None and (agree(own, tensor) or _stands_for(moments, own)):
-            return own
-        if own is not None:
-            prim.lose(OWN + "inertia", STALE, Severity.INFORMATION)
+        stored = prim.stored("inertia", 6)
+        if stored is not None and (agree(stored, tensor) or _stands_for(moments, stored)):
+            return stored
+        if stored is not None:
+            prim.lose(PREFIX + "inertia", STALE, Severity.INFORMATION)
         return tensor
 
     def _inertia(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:
@@ -180,7 +180,7 @@ class MassReader:
                 return None
             kind, size = shape.sizes
             parts.append(shape_part(kind, size, shape.pose, self._density(shape, prim) * SHAPES[kind].volume(size)))
-        if not any(one.mass for one in parts):
+        if not any(part.mass for part in parts):
             return None
         inertial = combined_inertial(parts)
         return inertial.mass, inertial.centre_of_mass, inertial.inertia
@@ -189,9 +189,9 @@ class MassReader:
         """kg/m³ of a shape."""
         prim = shape.prim
         prim.applies(MASS)
-        own = prim.real("physics:mass", 0.0) * self.of_mass if prim is not body else 0.0
-        if own > 0.0 and shape.sizes is not None:
-            return own / SHAPES[shape.sizes[0]].volume(shape.sizes[1])
+        value = prim.real("physics:mass", 0.0) * self.of_mass if prim is not body else 0.0
+        if value > 0.0 and shape.sizes is not None:
+            return value / SHAPES[shape.sizes[0]].volume(shape.sizes[1])
         for holder in (prim, body):
             density = holder.real("physics:density", 0.0)
             if density > 0.0:
@@ -232,7 +232,7 @@ class MassReader:
                     -m * x * z,
                     -m * y * z,
                 )
-                moved = tuple(factor * one + two for one, two in zip(tensor, more, strict=True))
+                moved = tuple(factor * value + two for value, two in zip(tensor, more, strict=True))
                 place = frames.subtract(centre, offset)
                 return {
                     "mass": plain(m),
@@ -273,8 +273,8 @@ class MassReader:
         }
 
 
-def _stands_for(moments: Sequence[float], own: Sequence[float]) -> bool:
+def _stands_for(moments: Sequence[float], tensor: Sequence[float]) -> bool:
     """Whether moments are those of ``own`` with 1e-12 kg m² for each of zero, as simspec writes them."""
     least = float(np.float32(1e-12))
     scale = max(moments)
-    return least in moments and all(abs(value) <= scale * (1.0 + 1e-6) for value in own)
+    return least in moments and all(abs(value) <= scale * (1.0 + 1e-6) for value in tensor)

@@ -19,7 +19,7 @@ from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 
-ONE: Final = (1.0, 1.0, 1.0)
+UNIT_SCALE: Final = (1.0, 1.0, 1.0)
 SAME: Final = Pose()
 SHEARED: Final = 1e-4
 """Cosine between two axes of a shape up to which they are at right angles: files have single precision."""
@@ -35,7 +35,7 @@ class PrimPlace:
     """A rigid pose (m), and factors along the axes that it gives."""
 
     pose: Pose = SAME
-    scale: Vector3 = ONE
+    scale: Vector3 = UNIT_SCALE
 
 
 class PrimPlaces:
@@ -72,8 +72,8 @@ class PrimPlaces:
             return PrimPlace(
                 frames.compose(frames.inverse(self._exact(body).pose), self._exact(prim).pose), self._exact(prim).scale
             )
-        start = ONE if body is None else self._exact(body).scale
-        place = self._composed(chain) if start == ONE else None
+        start = UNIT_SCALE if body is None else self._exact(body).scale
+        place = self._composed(chain) if start == UNIT_SCALE else None
         return place or self._by_matrix(prim, body)
 
     def _exact(self, prim: PrimRead) -> PrimPlace:
@@ -83,12 +83,12 @@ class PrimPlaces:
         """The place of the first of a chain of prims in what is around the last; None where factors stand in between."""
         pose = Pose()
         for index, prim in enumerate(reversed(chain)):
-            own = self._local(prim)
-            if own is None or (own.scale != ONE and index < len(chain) - 1):
+            operations = self._local(prim)
+            if operations is None or (operations.scale != UNIT_SCALE and index < len(chain) - 1):
                 return None
-            pose = frames.compose(pose, own.pose)
+            pose = frames.compose(pose, operations.pose)
         scale = self._local(chain[0]) if chain else None
-        return PrimPlace(pose, scale.scale if scale is not None else ONE)
+        return PrimPlace(pose, scale.scale if scale is not None else UNIT_SCALE)
 
     def _by_matrix(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
         matrix = _matrix(prim)
@@ -121,12 +121,12 @@ class PrimPlaces:
 
     def _read(self, prim: PrimRead) -> PrimPlace | None:
         """A prim's own operations; None where they are no pose with factors after it."""
-        pose, scale = Pose(), ONE
+        pose, scale = Pose(), UNIT_SCALE
         for name, kind, inverse, value in prim.record.get("ops", ()):
             prim._taken.add(name.removeprefix("!invert!"))
             if value is None:
                 continue
-            if scale != ONE:
+            if scale != UNIT_SCALE:
                 return None
             if kind == "Scale":
                 if inverse:
@@ -135,10 +135,10 @@ class PrimPlaces:
                 if 0.0 in scale:
                     raise prim.error("a factor of 0 leaves no volume", found=str(value)[:80])
                 continue
-            own = self._pose(prim, kind, value)
-            if own is None:
+            operations = self._pose(prim, kind, value)
+            if operations is None:
                 return None
-            pose = frames.compose(pose, frames.inverse(own) if inverse else own)
+            pose = frames.compose(pose, frames.inverse(operations) if inverse else operations)
         return PrimPlace(pose, scale)
 
     def _pose(self, prim: PrimRead, kind: str, value: Any) -> Pose | None:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.imports.draft import Draft, made_file, numbers, plain
-from simspec.imports.usd.places import ALIKE, ONE, PrimPlace, PrimPlaces
-from simspec.imports.usd.stage import OWN, STALE, PrimRead, agree
+from simspec.imports.usd.places import ALIKE, UNIT_SCALE, PrimPlace, PrimPlaces
+from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, agree
 from simspec.language.foreign import Severity
 from simspec.language.shapes import FEWEST_VERTICES, MOST_VERTICES
 from simspec.meshes.load import MeshOptions, load
@@ -216,12 +216,12 @@ class ShapeReader:
         if points is None or counts is None or indices is None or points.ndim != 2:
             self._refuse(shape, "a mesh without points or faces")
             return
-        own = prim.array(f"{OWN}points")
-        if own is not None:
-            same = own.shape == points.shape and agree(own.ravel().tolist(), points.ravel().tolist())
-            points = own if same else points
+        stored = prim.array(f"{PREFIX}points")
+        if stored is not None:
+            same = stored.shape == points.shape and agree(stored.ravel().tolist(), points.ravel().tolist())
+            points = stored if same else points
             if not same:
-                prim.lose(f"{OWN}points", STALE, Severity.INFORMATION)
+                prim.lose(f"{PREFIX}points", STALE, Severity.INFORMATION)
         if not np.isfinite(points).all():
             raise prim.error("the points of a mesh should be finite")
         wrong = counts.size and (counts.min() < 0 or int(counts.sum()) != indices.size)
@@ -235,7 +235,7 @@ class ShapeReader:
             faces = [(a, c, b) for a, b, c in faces]
         if prim.token("orientation", "rightHanded") == "leftHanded":
             faces = [(a, c, b) for a, b, c in faces]
-        self._file(shape, points * factors if place.scale != ONE or self.places.metres != 1.0 else points, faces)
+        self._file(shape, points * factors if place.scale != UNIT_SCALE or self.places.metres != 1.0 else points, faces)
 
     def _approximation(self, prim: PrimRead) -> None:
         said = prim.token("physics:approximation", "none")

@@ -75,7 +75,7 @@ PATIENCE: Final = 60.0
 """s by the clock, on a busy machine."""
 MEMORY: Final = 2 * 2**30
 """Bytes of addresses of the reader's process, of which usd-core itself takes 0.6 GB."""
-OWN: Final = "simspec:"
+PREFIX: Final = "simspec:"
 """How attributes of simspec's own begin."""
 ROUNDING: Final = 1e-6
 """Largest relative deviation of a number that was computed from numbers of single precision (6e-8 each)."""
@@ -129,7 +129,7 @@ class PrimRead(Element):
 
     def instances(self, schema: str) -> list[str]:
         """The names under which a schema is applied (``PhysicsLimitAPI:rotX``)."""
-        names = [one.partition(":")[2] for one in self.schemas if one.startswith(f"{schema}:")]
+        names = [name.partition(":")[2] for name in self.schemas if name.startswith(f"{schema}:")]
         for name in names:
             self._taken.add(f"apiSchemas:{schema}:{name}")
         return names
@@ -195,34 +195,34 @@ class PrimRead(Element):
         kind, shape, text = said["array"]
         return np.frombuffer(base64.b64decode(text), kind).reshape(shape)
 
-    def own(self, name: str, count: int = 0) -> tuple[float, ...] | None:
+    def stored(self, name: str, count: int = 0) -> tuple[float, ...] | None:
         """Numbers that only simspec reads, taken; None where there are none. ``count`` 0: any."""
-        value = self.value(OWN + name)
+        value = self.value(PREFIX + name)
         values = [value] if isinstance(value, (int, float)) else value
         if not isinstance(values, list) or (count and len(values) != count):
             return None
-        return tuple(self._number(OWN + name, item, False) for item in values)
+        return tuple(self._number(PREFIX + name, item, False) for item in values)
 
     def exactly(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
         """The doubles of ``simspec:NAME``, where they are ``rough`` but for its single precision; else ``rough``."""
-        said = self.own(name, len(rough))
+        said = self.stored(name, len(rough))
         if said is None:
             return tuple(rough)
         if agree(said, rough):
             return said
-        self.lose(OWN + name, STALE, Severity.INFORMATION)
+        self.lose(PREFIX + name, STALE, Severity.INFORMATION)
         return tuple(rough)
 
     def turn(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
         """The same of a quaternion, of which both signs are one rotation."""
-        said = self.own(name, 4)
+        said = self.stored(name, 4)
         if said is not None and agree(said, [-value for value in rough]):
             return said
         return self.exactly(name, rough)
 
     def called(self) -> str:
         """The name in a spec: that of ``simspec:name`` where the prim's comes from it, else the prim's."""
-        said = self.token(OWN + "name")
+        said = self.token(PREFIX + "name")
         plain = "".join(character if character.isalnum() and character.isascii() else "_" for character in said)
         if said and (self.name.startswith((plain, f"_{plain}"))):
             return said
@@ -232,7 +232,7 @@ class PrimRead(Element):
 def agree(first: Sequence[float], second: Sequence[float]) -> bool:
     """Whether numbers are the same but for rounding to single precision."""
     scale = max((abs(value) for value in (*first, *second)), default=0.0)
-    return all(abs(one - two) <= ROUNDING * scale for one, two in zip(first, second, strict=True))
+    return all(abs(value - two) <= ROUNDING * scale for value, two in zip(first, second, strict=True))
 
 
 def _text(said: Mapping[str, Any]) -> str:
@@ -261,10 +261,10 @@ def read_stage(files: Files, forgive: bool) -> StageRead:
     """The stage of a file. ``forgive``: files that are not there are left out. Raises SpecError where it cannot be read."""
     content = files.content()
     here = Location(files.shown, 1, 1)
-    asked = {"path": str(files.path.resolve()), "roots": [str(root) for root in files.roots], "forgive": forgive}
+    requested = {"path": str(files.path.resolve()), "roots": [str(root) for root in files.roots], "forgive": forgive}
     try:
         limits = (str(SECONDS), str(MEMORY))
-        answer = parse_json(run(PROGRAM, limits, json.dumps(asked).encode(), PATIENCE, policy_of(files)))
+        answer = parse_json(run(PROGRAM, limits, json.dumps(requested).encode(), PATIENCE, policy_of(files)))
     except (ChildError, NotReadableError) as error:
         raise SpecError([Problem(f"usd-core gave no answer: {error}", location=here)]) from None
     if "error" in answer:

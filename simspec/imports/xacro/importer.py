@@ -174,7 +174,7 @@ class _Expansion:
         self.send(process, {"text": text})
 
     def _place(self, place: Any) -> Location:
-        numbers = isinstance(place, list) and len(place) == 2 and all(isinstance(one, int) for one in place)
+        numbers = isinstance(place, list) and len(place) == 2 and all(isinstance(entry, int) for entry in place)
         number, line = place if numbers else (0, 1)
         return Location(self.names[number if 0 <= number < len(self.names) else 0], max(1, int(line)), 1)
 
@@ -213,7 +213,7 @@ def _message(line: bytes) -> dict[str, Any]:
         warnings, declared = message.get("warnings"), message.get("declared")
         if not isinstance(declared, list) or not isinstance(warnings, list):
             raise ValueError("no result")
-        if not all(isinstance(one, list) and len(one) == 2 for one in warnings):
+        if not all(isinstance(warning, list) and len(warning) == 2 for warning in warnings):
             raise ValueError("no warnings")
     return message
 

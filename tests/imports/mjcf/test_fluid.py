@@ -62,8 +62,8 @@ def test_what_a_fluid_does_by_another_law_is_told(tmp_path, old, new, feature):
 @pytest.mark.parametrize("viscosity", ["0", "0.1"])
 def test_where_nothing_moves_a_fluid_says_nothing_of_the_timestep(tmp_path, viscosity):
     """A model without coordinates, whose mass matrix has no largest eigenvalue."""
-    still = f'<mujoco><option viscosity="{viscosity}" timestep="0.01"/><worldbody>{{}}</worldbody></mujoco>'
-    what = read(written(tmp_path, still.format('<body><geom type="box" size="1 1 1"/></body>')))
+    text = f'<mujoco><option viscosity="{viscosity}" timestep="0.01"/><worldbody>{{}}</worldbody></mujoco>'
+    what = read(written(tmp_path, text.format('<body><geom type="box" size="1 1 1"/></body>')))
     assert what.data["physics"]["timestep"] == 0.01
     with pytest.raises(SpecError, match="this model has no bodies"):
-        read(written(tmp_path, still.format("")))
+        read(written(tmp_path, text.format("")))

@@ -54,8 +54,8 @@ def test_the_compiled_spec_has_the_same_heights(kind, tmp_path):
     world = load(path).resolve()
     (stand,) = [body for body in world.bodies if body.name.endswith("stand")]
     rows, columns = field_of(stand.shapes[0].size).shape
-    held = np.asarray(original.hfield_data, float).reshape(rows, columns) * 0.4
-    np.testing.assert_allclose(field_of(stand.shapes[0].size).heights, held, atol=1e-7)
+    values = np.asarray(original.hfield_data, float).reshape(rows, columns) * 0.4
+    np.testing.assert_allclose(field_of(stand.shapes[0].size).heights, values, atol=1e-7)
     files = compile_world(accepting(world, "mujoco"), ["mujoco"])["mujoco"].files
     again = mujoco.MjModel.from_xml_string(files["model.xml"])
     assert np.array_equal(again.hfield_data, original.hfield_data) or kind != "inline"

@@ -126,15 +126,15 @@ def test_joined_bodies_touch_where_parents_are_not_filtered(tmp_path, flag):
 
 def test_bits_are_groups_or_pairs_of_materials(tmp_path):
     bodies = [(2, 1), (1, 4), (2, 4), (7, 7)]
-    geoms = [f'<geom size="1" contype="{one}" conaffinity="{two}"/>' for one, two in bodies]
+    geoms = [f'<geom size="1" contype="{index}" conaffinity="{two}"/>' for index, two in bodies]
     text = "".join(f'<body pos="{3 * number} 0 0"><freejoint/>{geom}</body>' for number, geom in enumerate(geoms))
     world = load(written(tmp_path, f"<mujoco><worldbody>{text}</worldbody></mujoco>")).resolve()
     allowed = CollisionFilter(world)
     mixed = f"<body><freejoint/>{geoms[0]}{geoms[3]}</body>" + text
     with_materials = load(written(tmp_path, f"<mujoco><worldbody>{mixed}</worldbody></mujoco>")).resolve()
     laws = {(pair.first, pair.second): pair for pair in with_materials.contact.pairs}
-    for (number, one), (other, two) in combinations(enumerate(bodies), 2):
-        touch = bool(one[0] & two[1] or two[0] & one[1])
+    for (number, entry), (other, two) in combinations(enumerate(bodies), 2):
+        touch = bool(entry[0] & two[1] or two[0] & entry[1])
         assert allowed.may_touch(world.bodies[number].name, world.bodies[other].name) is touch
         first, second = (with_materials.bodies[index + 1].shapes[0].material for index in (number, other))
         assert laws[min(first, second), max(first, second)].collide is touch
@@ -154,8 +154,8 @@ LOSSES = {
 def test_what_the_spec_does_not_say_is_told(tmp_path):
     bodies = "\n".join(body.replace("<body", f'<body pos="{number * 9} 0 0"') for number, body in enumerate(LOSSES))
     entries = lost(read(written(tmp_path, f"<mujoco><worldbody>\n{bodies}</worldbody></mujoco>")))
-    told = {(entry.location.line, entry.reason) for entry in entries}
-    assert told == {(line, FEATURES[feature].reason) for line, feature in enumerate(LOSSES.values(), 2)}
+    given = {(entry.location.line, entry.reason) for entry in entries}
+    assert given == {(line, FEATURES[feature].reason) for line, feature in enumerate(LOSSES.values(), 2)}
 
 
 MARGINS = """<mujoco><default><geom margin="0.001"/></default><worldbody><geom name="floor" type="plane" size="1 1 1"/>
@@ -199,9 +199,9 @@ def test_pairs_of_geoms_touch_although_their_bodies_are_joined_or_excluded(tmp_p
     allowed = CollisionFilter(world)
     shapes = [(body.name, shape) for body in world.bodies for shape in body.shapes]
     touching = {
-        " ".join(sorted((one.name, other.name)))
-        for (body, one), (second, other) in combinations(shapes, 2)
-        if allowed.may_touch(body, second) and allowed.may_materials_touch(one.material, other.material)
+        " ".join(sorted((shape.name, other.name)))
+        for (body, shape), (second, other) in combinations(shapes, 2)
+        if allowed.may_touch(body, second) and allowed.may_materials_touch(shape.material, other.material)
     }
     assert touching == TOUCH
     (margin,) = [pair.margin for pair in world.contact.pairs if pair.margin is not None]
@@ -314,8 +314,8 @@ def test_equalities_are_constraints(tmp_path):
     assert follow == {"follow": {"joint": "j1", "leader": "j2", "ratio": -2}}
     assert connect["connect"]["at"] == pytest.approx([0.4, 0.1, 0.2])
     assert connect["connect"]["second_at"] == pytest.approx([-0.7, 0.1, 0.2])
-    told = {(entry.location.line, entry.severity, entry.reason) for entry in imported.losses()}
-    assert {(line, severity) for line, severity, _ in told} == {
+    given = {(entry.location.line, entry.severity, entry.reason) for entry in imported.losses()}
+    assert {(line, severity) for line, severity, _ in given} == {
         (1, Severity.INFORMATION),  # the mocap body
         (7, Severity.INFORMATION),
         (10, Severity.PHYSICS),
@@ -421,12 +421,12 @@ def test_surfaces_that_move(tmp_path):
     shapes = {shape.name: shape for shape in load(path).resolve().bodies[0].shapes}
     for name, shape in shapes.items():
         linear, angular = np.array(shape.surface_velocity).reshape(2, 3)
-        own = model.geom_surfacevel[model.geom(name).id].reshape(2, 3)
+        expected = model.geom_surfacevel[model.geom(name).id].reshape(2, 3)
         turn, at = np.array(frames.matrix(shape.pose.quaternion)), np.array(shape.pose.position)
         wanted_turn, wanted_at = data.geom(name).xmat.reshape(3, 3), data.geom(name).xpos
         for point in np.eye(3):
             here = turn @ (linear + np.cross(angular, turn.T @ (point - at)))
-            wanted = wanted_turn @ (own[0] + np.cross(own[1], wanted_turn.T @ (point - wanted_at)))
+            wanted = wanted_turn @ (expected[0] + np.cross(expected[1], wanted_turn.T @ (point - wanted_at)))
             assert here == pytest.approx(wanted, abs=1e-5), name
 
 

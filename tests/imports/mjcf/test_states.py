@@ -46,9 +46,9 @@ def test_what_is_not_carried_is_told(tmp_path):
     assert spec.resolve().bodies[0].joint.position[3:] == (0.0, 0.0, 1.0, 0.0)
     (file,) = spec.source.uses.values()
     assert file.imported is not None
-    told = {entry.what: entry.fate for entry in file.imported.accounts if "key" in entry.what}
-    assert {what for what, fate in told.items() if fate is Fate.LOST} == {"keyframe/key/@time"}
-    assert told["keyframe/key[home]"] is told["keyframe/key[home]/@qpos"] is Fate.CARRIED
+    given = {entry.what: entry.fate for entry in file.imported.accounts if "key" in entry.what}
+    assert {what for what, fate in given.items() if fate is Fate.LOST} == {"keyframe/key/@time"}
+    assert given["keyframe/key[home]"] is given["keyframe/key[home]/@qpos"] is Fate.CARRIED
     with pytest.raises(simspec.SpecError, match="the model has no state 'farther'"):
         placed(tmp_path, MODEL, "farther")
     assert placed(tmp_path, MODEL, "far").resolve().bodies[1].joint.position == pytest.approx((0.7,))  # its limit
@@ -65,8 +65,8 @@ def test_inputs_of_a_key_are_commands_of_actuators(tmp_path):
     """At its limit where the key is beyond: 5 (0.4 − (q + 0.3)) of a joint whose reference is 0.3, and 2 · 3."""
     spec = placed(tmp_path, ACTED, "home")
     (file,) = spec.source.uses.values()
-    told = {entry.what: entry.fate for entry in file.imported.accounts}
-    assert told["keyframe/key[home]/@ctrl"] is Fate.CARRIED
+    given = {entry.what: entry.fate for entry in file.imported.accounts}
+    assert given["keyframe/key[home]/@ctrl"] is Fate.CARRIED
     top = tmp_path / "top.yaml"
     text = top.read_text(encoding="utf-8")
     for name, target, feed in (("servo", 0.0, 0.5), ("push", 0.5, 6.0)):
@@ -81,6 +81,6 @@ def test_inputs_of_actuators_that_are_not_carried_are_told(tmp_path):
         'type="ball"', 'type="ball" name="foot"'
     )
     (file,) = placed(tmp_path, driven, "home").source.uses.values()
-    told = {entry.what: entry.fate for entry in file.imported.accounts}
-    assert told["keyframe/key[home]/@ctrl"] is Fate.LOST
+    given = {entry.what: entry.fate for entry in file.imported.accounts}
+    assert given["keyframe/key[home]/@ctrl"] is Fate.LOST
     assert file.imported.data["model"]["states"]["home"]["commands"] == {"servo": 0.4}

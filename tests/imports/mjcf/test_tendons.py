@@ -21,7 +21,7 @@ SUM = '<fixed name="{}" {}><joint joint="{}" coef="{}"/><joint joint="{}" coef="
 
 
 def follows(imported):
-    return [held["follow"] for held in imported.data["model"].get("constraints", {}).values()]
+    return [actual["follow"] for actual in imported.data["model"].get("constraints", {}).values()]
 
 
 def test_a_sum_of_two_joints_that_is_kept_is_a_coupling(tmp_path):
@@ -44,17 +44,17 @@ def test_two_tendons_of_one_joint_each_are_a_coupling(tmp_path):
 
 def test_joints_that_follow_already_lead(tmp_path):
     tendons = "".join(SUM.format(name, "", *joints) for name, *joints in (("s", "a", 1, "b", 1), ("t", "a", 1, "c", 1)))
-    held = '<tendon tendon1="s"/><tendon tendon1="t"/>'
-    imported = read(written(tmp_path, MODEL.format(tendons, held)))
-    assert [(one["joint"], one["leader"]) for one in follows(imported)] == [("a", "b"), ("c", "a")]
+    text = '<tendon tendon1="s"/><tendon tendon1="t"/>'
+    imported = read(written(tmp_path, MODEL.format(tendons, text)))
+    assert [(follow["joint"], follow["leader"]) for follow in follows(imported)] == [("a", "b"), ("c", "a")]
     again = tendons + SUM.format("u", "", "b", 1, "c", 1)
-    (entry,) = lost(read(written(tmp_path, MODEL.format(again, held + '<tendon tendon1="u"/>'))))
+    (entry,) = lost(read(written(tmp_path, MODEL.format(again, text + '<tendon tendon1="u"/>'))))
     assert entry.reason == FEATURES["equality"].reason
 
 
 def test_limits_of_a_tendon_are_those_of_its_joint(tmp_path):
-    one = '<fixed range="{} {}"><joint joint="{}" coef="{}"/></fixed>'
-    tendons = one.format(-0.3, 0.5, "a", -0.5) + one.format(0, 9, "b", 9)
+    name = '<fixed range="{} {}"><joint joint="{}" coef="{}"/></fixed>'
+    tendons = name.format(-0.3, 0.5, "a", -0.5) + name.format(0, 9, "b", 9)
     imported = read(written(tmp_path, MODEL.format(tendons, "")))
     bodies = imported.data["model"]["bodies"]
     assert not lost(imported)

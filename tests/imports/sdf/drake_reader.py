@@ -45,12 +45,12 @@ def read(file: str, positions: dict[str, float]) -> dict[str, Any]:
         pose = plant.EvalBodyPoseInWorld(context, body)
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
         centre = pose.multiply(inertia.get_com())
-        own = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        matrix = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         turn = pose.rotation().matrix()
         bodies[f"{scope}::{body.name()}"] = {
             "mass": inertia.get_mass(),
             "centre": list(centre),
-            "inertia": (turn @ own @ turn.T).tolist(),
+            "inertia": (turn @ matrix @ turn.T).tolist(),
         }
     mass = plant.CalcMassMatrixViaInverseDynamics(context)
     order = sorted(names)

@@ -40,9 +40,9 @@ def geared(first="0 0 1", second="0 0 1", turn="0 0 0 0 0 0", ratio=RATIO, other
 )
 def test_the_child_turns_against_the_parent(given, ratio, tmp_path):
     read = imported(geared(**given), tmp_path)
-    (held,) = read.data["model"]["constraints"].values()
-    assert (held["follow"]["joint"], held["follow"]["leader"]) == ("swing", "spin")
-    assert held["follow"].get("ratio", 1.0) == pytest.approx(ratio)
+    (actual,) = read.data["model"]["constraints"].values()
+    assert (actual["follow"]["joint"], actual["follow"]["leader"]) == ("swing", "spin")
+    assert actual["follow"].get("ratio", 1.0) == pytest.approx(ratio)
     world = load(tmp_path / "robot.sdf").resolve()
     assert len(world.constraints) == 1
 
@@ -50,8 +50,8 @@ def test_the_child_turns_against_the_parent(given, ratio, tmp_path):
 def test_a_joint_with_limits_leads_one_that_has_none(tmp_path):
     limits = '<limit><lower>-2</lower><upper>-0.5</upper></limit></axis></joint>\n<joint name="gears"'
     text = geared().replace('</axis></joint>\n<joint name="gears"', limits)
-    (held,) = imported(text, tmp_path).data["model"]["constraints"].values()
-    assert held["follow"] == {"joint": "spin", "leader": "swing", "ratio": pytest.approx(-25)}
+    (actual,) = imported(text, tmp_path).data["model"]["constraints"].values()
+    assert actual["follow"] == {"joint": "spin", "leader": "swing", "ratio": pytest.approx(-25)}
     assert len(load(tmp_path / "robot.sdf").resolve().constraints) == 1
 
 
@@ -63,6 +63,6 @@ def test_a_joint_with_limits_leads_one_that_has_none(tmp_path):
         ({"ratio": "<gearbox_ratio>0</gearbox_ratio>"}, "couples nothing"),
     ],
 )
-def test_what_no_two_hinges_say_is_refused(given, told, tmp_path):
-    with pytest.raises(SpecError, match=told):
+def test_what_no_two_hinges_say_is_refused(given, passed, tmp_path):
+    with pytest.raises(SpecError, match=passed):
         imported(geared(**given), tmp_path)

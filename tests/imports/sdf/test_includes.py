@@ -32,7 +32,7 @@ def database(folder, name="x500", text=None, configuration="model.config"):
 
 
 def world(*includes, more=""):
-    return sdf(f"<world name='w'>{''.join(f'<include>{one}</include>' for one in includes)}{more}</world>")
+    return sdf(f"<world name='w'>{''.join(f'<include>{include}</include>' for include in includes)}{more}</world>")
 
 
 def bodies(result):
@@ -141,7 +141,7 @@ def test_the_sun_and_the_ground_are_known_without_files(tmp_path, ground):
     assert plane.joint.kind == "fixed"
     materials = result.data["contact"]["materials"]
     assert materials[plane.shapes[0].material]["friction"] == GROUND_FRICTION
-    (note,) = [one for one in result.accounts if "ground_plane is not among the files" in one.reason]
+    (note,) = [account for account in result.accounts if "ground_plane is not among the files" in account.reason]
     assert note.location.line == 3
     assert result.comments["bodies.ground_plane"] == note.reason
 

@@ -46,7 +46,7 @@ def world_of(text, folder):
 @pytest.mark.parametrize("kind", ["ball", "revolute", "fixed"])
 def test_a_link_that_is_the_child_of_two_joints_closes_a_loop(kind, tmp_path):
     world = world_of(four_bar(kind), tmp_path)
-    assert {type(held) for held in world.constraints} == {Weld if kind == "fixed" else Connect}
+    assert {type(constraint) for constraint in world.constraints} == {Weld if kind == "fixed" else Connect}
     q, _ = initial_state(world)
     poses = Oracle(world).body_poses(q)
     violation = Violation(world.bodies, world.constraints)

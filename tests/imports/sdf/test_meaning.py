@@ -110,8 +110,8 @@ def test_links_of_a_model_do_not_touch_unless_they_say_so(tmp_path):
     three += joint("revolute", name="j", parent="a", child="b") + joint("revolute", name="k", parent="b", child="c")
     assert imported(model(three), tmp_path).data["contact"]["exclude"] == [["a", "c"]]
     assert "exclude" not in imported(model(three + "<self_collide>1</self_collide>"), tmp_path).data["contact"]
-    own = three.replace('<link name="c">', '<link name="c"><self_collide>true</self_collide>')
-    assert "exclude" not in imported(model(own), tmp_path).data["contact"]
+    local = three.replace('<link name="c">', '<link name="c"><self_collide>true</self_collide>')
+    assert "exclude" not in imported(model(local), tmp_path).data["contact"]
 
 
 def test_in_a_world_links_of_one_model_are_a_group(tmp_path):
@@ -160,9 +160,9 @@ def test_surfaces_are_materials(tmp_path):
     def ball(surface):
         return f"<collision name='c'><geometry><sphere/></geometry><surface>{surface}</surface></collision>"
 
-    one = "<friction><ode><mu>0.5</mu><mu2>0.5</mu2></ode></friction>"
+    entry = "<friction><ode><mu>0.5</mu><mu2>0.5</mu2></ode></friction>"
     two = "<bounce><restitution_coefficient>0.4</restitution_coefficient><threshold>0.1</threshold></bounce>"
-    text = model(link("a", ball(one)) + link("b", ball(two)) + joint("fixed", parent="a", child="b"))
+    text = model(link("a", ball(entry)) + link("b", ball(two)) + joint("fixed", parent="a", child="b"))
     assert imported(text, tmp_path).data["contact"]["materials"] == {
         "surface-1": {"friction": 0.5},
         "surface-2": {"friction": 1.0, "restitution": 0.4, "restitution_threshold": 0.1},
@@ -190,14 +190,14 @@ def test_how_hard_contact_is_is_each_solvers_and_who_touches_whom_is_physics(tmp
     soft += "<physics><ode>{}</ode></physics>"
     for words, severity in (("<cfm_damping>1</cfm_damping>", "information"), ("<max_force>3</max_force>", "physics")):
         losses = lost(imported(model(PAIR + joint("revolute", soft.format(words))), tmp_path))
-        assert severity in {told for told, _ in losses.values()}
-        assert ("physics" in {told for told, _ in losses.values()}) == (severity == "physics")
+        assert severity in {given for given, _ in losses.values()}
+        assert ("physics" in {given for given, _ in losses.values()}) == (severity == "physics")
 
 
 def test_friction_of_a_link_is_that_of_its_collisions_that_say_none(tmp_path):
-    own = "<surface><friction><ode><mu>0.5</mu><mu2>0.5</mu2></ode></friction></surface>"
+    text = "<surface><friction><ode><mu>0.5</mu><mu2>0.5</mu2></ode></friction></surface>"
     ball = "<collision name='{}'><geometry><sphere/></geometry>{}</collision>"
-    balls = ball.format("c", "") + ball.format("d", own)
+    balls = ball.format("c", "") + ball.format("d", text)
     words = "<contact><lateral_friction value='0.8'/><rolling_friction>0.04</rolling_friction></contact>"
     result = imported(model(link("a", words + balls)), tmp_path)
     assert not lost(result)
@@ -213,8 +213,8 @@ def test_what_changes_nothing_is_no_loss(tmp_path):
     contact = "<surface><contact><collide_bitmask>65535</collide_bitmask></contact></surface>"
     plain += f"<collision name='c'><geometry><sphere/></geometry>{contact}</collision>"
     assert not lost(imported(model(link("base", plain)), tmp_path))
-    odd = "<velocity_decay><linear>0.1</linear></velocity_decay><invented/>"
-    losses = lost(imported(model(link("base", odd)), tmp_path))
+    text = "<velocity_decay><linear>0.1</linear></velocity_decay><invented/>"
+    losses = lost(imported(model(link("base", text)), tmp_path))
     assert {name.rpartition("/")[2] for name in losses} == {"velocity_decay", "invented"}
 
 
@@ -315,9 +315,9 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
     old = bodies(model('<link name="world"></link>' + text, "1.6"), tmp_path)
     assert old.keys() == {"base"}
     assert old["base"]["joint"]["type"] == "slide"
-    own = bodies(model(link("world") + text, "1.6"), tmp_path)
-    assert own.keys() == {"world_2", "base"}
-    assert own["base"]["parent"] == "world_2"
+    local = bodies(model(link("world") + text, "1.6"), tmp_path)
+    assert local.keys() == {"world_2", "base"}
+    assert local["base"]["parent"] == "world_2"
     assert "not a name" in refused(model(link("world") + text, "1.7"), tmp_path)
 
 
@@ -441,6 +441,6 @@ def test_places_are_those_of_the_file(tmp_path):
 def test_names_that_the_language_does_not_allow_are_changed_and_told(tmp_path):
     result = imported(model(link("1 a") + link("b.c") + joint("fixed", parent="1 a", child="b.c")), tmp_path)
     assert result.data["model"]["bodies"].keys() == {"_1_a", "b_c"}
-    told = [account for account in result.accounts if account.what.endswith("link[1 a]/@name")]
-    assert [(account.fate, account.severity) for account in told] == [(Fate.CARRIED, Severity.INFORMATION)]
-    assert "_1_a" in told[0].reason
+    accounts = [account for account in result.accounts if account.what.endswith("link[1 a]/@name")]
+    assert [(account.fate, account.severity) for account in accounts] == [(Fate.CARRIED, Severity.INFORMATION)]
+    assert "_1_a" in accounts[0].reason

@@ -70,8 +70,8 @@ def test_pieces_and_paths_from_the_root(tmp_path):
     result = imported(text, tmp_path)
     (said,) = result.data["model"]["bodies"]["base"]["shapes"]
     assert said["mesh"] == {"file": "block.obj", "as": "pieces"}
-    told = [account.reason for account in result.accounts if account.what.endswith("/uri")]
-    assert told == ["beside the file: there is no such path from the root"]
+    reasons = [account.reason for account in result.accounts if account.what.endswith("/uri")]
+    assert reasons == ["beside the file: there is no such path from the root"]
 
 
 def test_the_surface_of_a_mesh_is_not_its_hull(tmp_path):

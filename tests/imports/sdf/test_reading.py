@@ -52,8 +52,8 @@ def assert_same(world, positions, read):
         inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
         other = bodies[body.name]
         if not body.inertial.mass:
-            still = rigid_groups(world)[body.name] == "world"
-            assert still, "the default of a missing inertial is left out where nothing moves"
+            static = rigid_groups(world)[body.name] == "world"
+            assert static, "the default of a missing inertial is left out where nothing moves"
             continue
         assert body.inertial.mass == pytest.approx(other["mass"], rel=TOLERANCE)
         centre = pose[:3] + turn @ np.array(body.inertial.centre_of_mass)
@@ -77,8 +77,8 @@ def test_another_reader_finds_the_same_model_in_files_of_every_version(tmp_path)
             positions = {
                 body.joint.name: draw.uniform(-1, 1) for body in world.bodies if body.joint.kind in ("hinge", "slide")
             }
-            own = {name.removeprefix("inner_") if "inner_inner" in name else name: q for name, q in positions.items()}
-            requests.append({"file": str(path), "positions": own})
+            local = {name.removeprefix("inner_") if "inner_inner" in name else name: q for name, q in positions.items()}
+            requests.append({"file": str(path), "positions": local})
             worlds.append((world, positions))
     moving = 0
     for (world, positions), read in zip(worlds, theirs(requests, tmp_path), strict=True):

@@ -61,7 +61,7 @@ def walk(element: Element):
 
 
 def test_every_element_and_attribute_is_told_or_stands_in_one_that_is():
-    told = {account.what for account in accounts(SPECIMEN)}
+    paths = {account.what for account in accounts(SPECIMEN)}
     lost = {account.what for account in accounts(SPECIMEN) if account.fate is not Fate.CARRIED}
     for element in walk(parse(SPECIMEN.encode(), "r.urdf")):
         above, here = [], element
@@ -69,4 +69,4 @@ def test_every_element_and_attribute_is_told_or_stands_in_one_that_is():
             above.append(here.path)
             here = here.parent
         for what in (element.path, *(f"{element.path}/@{name}" for name in element.attributes)):
-            assert what in told or lost & set(above), what
+            assert what in paths or lost & set(above), what

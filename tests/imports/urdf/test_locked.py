@@ -52,7 +52,9 @@ def test_a_joint_that_leads_or_follows_stays(leads, tmp_path):
     """What it follows, or what follows it, is held by it."""
     locked = '<axis xyz="0 0 1"/><limit lower="0.2" upper="0.2" effort="9" velocity="2"/>'
     follow = '<mimic joint="{}" multiplier="2"/>'
-    own, other = ("", follow.format("hinge")) if leads else (follow.format("next"), "")
-    imported = read(two_links(locked + own, more=NEXT.format(kind="revolute", inside=other), kind="revolute"), tmp_path)
+    text, other = ("", follow.format("hinge")) if leads else (follow.format("next"), "")
+    imported = read(
+        two_links(locked + text, more=NEXT.format(kind="revolute", inside=other), kind="revolute"), tmp_path
+    )
     assert imported.data["model"]["bodies"]["arm"]["joint"]["type"] == "hinge"
     assert imported.data["model"]["constraints"]

@@ -158,7 +158,7 @@ def test_a_hull_of_more_vertices_than_a_spec_may_have_keeps_some_of_them(tmp_pat
     imported = read(two_links(arm=SOLID + shapes), tmp_path)
     (shape,) = imported.data["model"]["bodies"]["arm"]["shapes"]
     assert shape["mesh"] == {"file": "ball.stl", "max_vertices": 50}
-    (told,) = [account for account in imported.losses() if account.what.endswith("@filename")]
-    assert "50 of the hull's 162 vertices" in told.reason
-    assert told.severity == "information"
+    (given,) = [account for account in imported.losses() if account.what.endswith("@filename")]
+    assert "50 of the hull's 162 vertices" in given.reason
+    assert given.severity == "information"
     assert any(account.severity == "appearance" for account in imported.losses())

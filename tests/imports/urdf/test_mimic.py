@@ -15,9 +15,9 @@ FOLLOWER = (
 )
 
 
-def robot(own: tuple[float, float], *followers: tuple[object, ...]) -> str:
+def robot(local: tuple[float, float], *followers: tuple[object, ...]) -> str:
     """A slide with limits, and others: name, limits, whom it follows, ratio, offset."""
-    limit = f'<axis xyz="0 1 0"/><limit lower="{own[0]}" upper="{own[1]}" effort="1" velocity="1"/>'
+    limit = f'<axis xyz="0 1 0"/><limit lower="{local[0]}" upper="{local[1]}" effort="1" velocity="1"/>'
     more = "".join(FOLLOWER.format(name, SOLID, *rest) for name, *rest in followers)
     return two_links(limit, more=more, kind="prismatic")
 
@@ -40,8 +40,8 @@ def begin(text: str, folder) -> dict[str, float]:
         ),
     ],
 )
-def test_a_joint_that_leads_begins_where_all_are_within_their_limits(own, followers, begins, tmp_path):
-    found = begin(robot(own, *followers), tmp_path)
+def test_a_joint_that_leads_begins_where_all_are_within_their_limits(local, followers, begins, tmp_path):
+    found = begin(robot(local, *followers), tmp_path)
     assert list(found.values()) == pytest.approx(begins, abs=1e-12)
 
 

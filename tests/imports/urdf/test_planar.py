@@ -61,8 +61,8 @@ def test_limits_and_dampers_of_a_planar_joint_are_told(tmp_path):
     lost = {account.what: account.severity for account in imported.losses()}
     assert lost["joint[hinge]/limit/@lower"] is Severity.INFORMATION
     assert lost["joint[hinge]/dynamics/@damping"] is Severity.PHYSICS
-    still = read(two_links('<dynamics damping="0"/>', kind="planar"), tmp_path)
-    assert not [account for account in still.losses() if account.severity is Severity.PHYSICS]
+    static = read(two_links('<dynamics damping="0"/>', kind="planar"), tmp_path)
+    assert not [account for account in static.losses() if account.severity is Severity.PHYSICS]
     (problem,) = refused(two_links('<dynamics damping="much"/>', kind="planar"), tmp_path)
     assert "robot.urdf:4:" in problem
 

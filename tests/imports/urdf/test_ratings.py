@@ -13,5 +13,5 @@ def test_a_rating_of_zero_is_none_and_is_said_to_be(name, tmp_path):
     imported = read(two_links(f'<axis xyz="0 0 1"/>{joint}', kind="revolute"), tmp_path)
     body = next(body for body in imported.data["model"]["bodies"].values() if "parent" in body)
     assert body["joint"]["limits"] == {"position": [-1, 1], other: 3}
-    (account,) = (one for one in imported.accounts if one.what.endswith(f"limit/@{name}"))
+    (account,) = (account for account in imported.accounts if account.what.endswith(f"limit/@{name}"))
     assert (account.fate, account.severity) == (Fate.LOST, Severity.INFORMATION)

@@ -161,10 +161,10 @@ def test_several_defects_are_all_repaired_and_all_listed(tmp_path, order, count)
         "numbers": "damaged-numbers",
     }
     imported = read(two_links(joint, arm=arm, kind="revolute"), tmp_path, "all")
-    assert sorted(repair.rule for repair in imported.repairs) == sorted(rules[one] for one in chosen)
+    assert sorted(repair.rule for repair in imported.repairs) == sorted(rules[entry] for entry in chosen)
     assert imported.data == read(two_links(joint, arm=arm, kind="revolute"), tmp_path, *rules.values()).data
     written = spec_text(imported, "robot.urdf")
-    assert sorted(re.findall(r"# repaired \(([a-z-]+)\):", written)) == sorted(rules[one] for one in chosen)
+    assert sorted(re.findall(r"# repaired \(([a-z-]+)\):", written)) == sorted(rules[entry] for entry in chosen)
 
 
 def test_a_good_file_is_the_same_with_all(tmp_path):
@@ -228,8 +228,8 @@ def test_wrong_words_are_named(tmp_path, words, message):
 
 
 def test_values_of_the_command_line_go_before_those_of_a_spec():
-    own = ImportOptions(repair=("massless", f"{FROM_SHAPES}=1"))
-    both = own.together(ImportOptions(repair=(f"{FROM_SHAPES}=2", "all"))).repairs
+    options = ImportOptions(repair=("massless", f"{FROM_SHAPES}=1"))
+    both = options.together(ImportOptions(repair=(f"{FROM_SHAPES}=2", "all"))).repairs
     assert (both.value(FROM_SHAPES), "massless" in both, both.is_named("several-roots")) == ("2", True, False)
     assert RequestedRepairs().value(FROM_SHAPES) is None
     assert "massless" not in RequestedRepairs()

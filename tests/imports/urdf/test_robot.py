@@ -166,8 +166,8 @@ def test_types_of_joints(tmp_path, kind, inside, joint):
 
 def test_a_rating_in_a_namespace_is_information(tmp_path):
     text = two_links('<limit lower="0" upper="1" p:acceleration="3" p:other="1"/>', kind="revolute")
-    told = {account.what.split("/")[-1]: account.severity for account in read(text, tmp_path).losses()}
-    assert told == {"@p:acceleration": Severity.INFORMATION, "@p:other": Severity.PHYSICS}
+    severities = {account.what.split("/")[-1]: account.severity for account in read(text, tmp_path).losses()}
+    assert severities == {"@p:acceleration": Severity.INFORMATION, "@p:other": Severity.PHYSICS}
 
 
 def test_a_fixed_joint_has_no_axis_and_no_limits(tmp_path):
@@ -272,9 +272,9 @@ def test_geometries_that_readers_add_are_carried_and_told(tmp_path):
         {"capsule": {"radius": 0.2, "length": 0.4}},
         {"ellipsoid": {"radii": [0.1, 0.2, 0.3]}},
     ]
-    told = {account.what: (account.fate.value, account.reason) for account in imported.accounts}
-    assert told["link[arm]/collision/geometry/far:ellipsoid"][0] == "carried"
-    assert "add to URDF" in told["link[arm]/collision/geometry/far:ellipsoid"][1]
+    given = {account.what: (account.fate.value, account.reason) for account in imported.accounts}
+    assert given["link[arm]/collision/geometry/far:ellipsoid"][0] == "carried"
+    assert "add to URDF" in given["link[arm]/collision/geometry/far:ellipsoid"][1]
     assert not imported.losses()
     (problem,) = refused(two_links(arm=SOLID + shapes.replace("far:ellipsoid", "far:box")), tmp_path)
     assert "without a known geometry" in problem

@@ -26,11 +26,11 @@ def mesh(name: str, scale: str = "1 1 1") -> str:
 def test_moments_of_inertia(tmp_path, factor, unit):
     text = two_links(NEXT, base=inertial() + BOX, arm=inertial(factor) + BOX)
     imported = read(text, tmp_path)
-    (told,) = imported.suspicious
-    assert f"in {unit}?" in told.message
-    assert f"--repair {MILLIMETRES}" in (told.hint or "")
-    assert told.location is not None
-    assert told.location.line == 3
+    (problem,) = imported.suspicious
+    assert f"in {unit}?" in problem.message
+    assert f"--repair {MILLIMETRES}" in (problem.hint or "")
+    assert problem.location is not None
+    assert problem.location.line == 3
     spec = load(tmp_path / "robot.urdf")
     assert any(unit in warning.message for warning in spec.warnings())
     repaired = read(text, tmp_path, MILLIMETRES)
@@ -76,8 +76,8 @@ def test_meshes(tmp_path):
     shapes = mesh("large") + mesh("small") + mesh("metres", "1 1 2") + mesh("large", "0.001 0.001 0.001")
     text = two_links(NEXT, arm=inertial() + shapes)
     imported = read(text, tmp_path)
-    (told,) = imported.suspicious
-    assert "a mesh is many times larger" in told.message
+    (problem,) = imported.suspicious
+    assert "a mesh is many times larger" in problem.message
     scales = [
         shape["mesh"].get("scale")
         for shape in read(text, tmp_path, MILLIMETRES).data["model"]["bodies"]["arm"]["shapes"]
@@ -91,8 +91,8 @@ def test_a_whole_robot(tmp_path):
     joint = '<origin xyz="0 0 400"/><axis xyz="1 0 0"/><limit lower="-50" upper="100" velocity="20"/>'
     links = inertial(1e6).replace("<mass", '<origin xyz="0 0 200"/><mass') + BOX.replace("0.1 0.2 0.4", "100 200 400")
     text = two_links(joint, base=links, arm=links, kind="prismatic")
-    (told,) = read(text, tmp_path).suspicious
-    assert "lengths in millimetres" in told.message
+    (problem,) = read(text, tmp_path).suspicious
+    assert "lengths in millimetres" in problem.message
     arm = read(text, tmp_path, MILLIMETRES).data["model"]["bodies"]["arm"]
     assert arm["centre_of_mass"] == [0, 0, 0.2]
     assert arm["inertia"]["principal"] == pytest.approx([0.04, 0.04, 0.02], rel=1e-14)

@@ -95,9 +95,9 @@ def test_files_that_may_be_missing(tmp_path):
 def test_warnings_of_xacro_are_told(tmp_path):
     text = f'<link name="a">{MASS}</link><xacro:property name="pi" value="3"/>'
     result = imported(text, tmp_path)
-    (told,) = [account for account in result.accounts if account.what == "xacro"]
-    assert told.fate is Fate.UNUSED
-    assert told.location.line == 3
+    (given,) = [account for account in result.accounts if account.what == "xacro"]
+    assert given.fate is Fate.UNUSED
+    assert given.location.line == 3
 
 
 HOSTILE = {
@@ -263,8 +263,8 @@ def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_pat
     (tmp_path / "meshes/box.stl").write_bytes(stl(*box(0.1, 0.2, 0.3)))
     result = imported(f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path)
     assert result.files == {"./meshes/box.stl": (tmp_path / "meshes/box.stl").resolve()}
-    (told,) = [account for account in result.accounts if account.what.endswith("@filename")]
-    assert (told.fate, "above the file" in told.reason) == (Fate.CARRIED, True)
+    (given,) = [account for account in result.accounts if account.what.endswith("@filename")]
+    assert (given.fate, "above the file" in given.reason) == (Fate.CARRIED, True)
     assert load(tmp_path / "xacro/r.xacro", allow_outside=True).resolve().bodies[0].shapes
     (tmp_path / "meshes/link.stl").symlink_to("/etc/passwd")
     for name in ("gone", "link", "../../../../../etc/hostname"):
