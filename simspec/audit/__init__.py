@@ -1,4 +1,4 @@
-"""What an audit finds: where what an engine holds of a file is not what the file means."""
+"""Findings of an audit: differences between the model in an engine and the meaning of the file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simspec.plausibility.findings import Plausibility
 
 
 class What(StrEnum):
-    """What an engine did with something of a file."""
+    """The engine's treatment of a part of a file."""
 
     CHANGED = "changed"
     DROPPED = "dropped"
@@ -25,7 +25,7 @@ class What(StrEnum):
 
 
 class Severity(StrEnum):
-    """What a finding means for whoever simulates the file."""
+    """The effect of a finding on a simulation of the file."""
 
     PHYSICS = "physics"
     """The engine's model is another than the file's."""
@@ -45,7 +45,7 @@ SILENT = (Severity.PHYSICS,)
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing: ``element`` and ``quantity`` (words of the language: ``upper``, ``joint.axis``), the place in the file,
-    and both values as texts. ``size``: how far they are apart, relative or in ``unit``, where that is a number."""
+    and both values as texts. ``size``: their difference, relative or in ``unit``, where that is a number."""
 
     engine: str
     what: What
@@ -66,7 +66,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class EngineAudit:
-    """What one engine made of a file. ``how``: how it was loaded; ``version``: of the engine; ``log``: what it warned of.
+    """One engine's result for a file. ``how``: how it was loaded; ``version``: of the engine; ``log``: its warnings.
     ``compared``: how many values were held against the file's; ``loaded``: whether it took the file."""
 
     engine: str
@@ -91,7 +91,7 @@ class EngineAudit:
 
 @dataclass(frozen=True, slots=True)
 class Compiled:
-    """What the proof says of the same file, compiled by simspec: ``valid`` None where it was not compiled, and ``why``."""
+    """The proof's result for the same file, compiled by simspec: ``valid`` None where it was not compiled, and ``why``."""
 
     engine: str
     valid: bool | None
@@ -100,10 +100,10 @@ class Compiled:
 
 @dataclass(frozen=True)
 class FileAudit:
-    """The audit of one file. ``meaning``: what engines were compared with; ``defects``: why simspec does not import the
-    file as it is; ``losses``: elements and attributes that its import does not
-    carry; ``skipped``: engines that do not read it, with the reason; ``plausibility``: what is implausible about the model of
-    the file, of whatever engine; it does not fail the audit."""
+    """The audit of one file. ``meaning``: the model that engines were compared with; ``defects``: why simspec does not import
+    the file as it is; ``losses``: elements and attributes that its import does not carry; ``skipped``: engines that do not read
+    it, with the reason; ``plausibility``: implausible values of the model of the file, independent of engines; they do not fail
+    the audit."""
 
     file: str
     language: str

@@ -1,4 +1,4 @@
-"""The audit of files: every engine that reads a file loads it as it is, in a process of its own, and is asked what it holds."""
+"""The audit of files: every engine that reads a file loads it as it is, in a separate process, and its model is read back."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def audit(
 
 
 def plausibility_of(meaning: Meaning) -> Plausibility:
-    """What is implausible about a file's model; of a file that simspec does not import nothing is known. Findings about values
+    """Implausible values of a file's model; of a file that simspec does not import nothing is known. Findings about values
     that were repaired are left out: they are no values of the file."""
     if meaning.spec is None or meaning.read is None:
         return Plausibility(skipped={"all": "simspec does not import the file"})
@@ -109,14 +109,14 @@ def readers_of(language: str, engines: Iterable[str]) -> tuple[dict[str, Reads],
 
 
 class Loaded:
-    """What came of loading a file in one engine: its answer, or the error."""
+    """The result of loading a file in one engine: its answer, or the error."""
 
     def __init__(self, reply: Reply | None, error: EngineError | None, seconds: float):
         self.reply, self.error, self.seconds = reply, error, seconds
 
     @property
     def read_back(self) -> ReadBack | None:
-        """What the engine holds."""
+        """The model in the engine."""
         return self.reply.answers[0].held if self.reply is not None else None
 
 
@@ -156,7 +156,7 @@ def loaded(
 
 
 def _defined(meaning: Meaning, actual: Mapping[str, Loaded], readers: Mapping[str, Reads]) -> Meaning:
-    """The meaning of a file that simspec does not import: what the engine makes of it that defines the language."""
+    """The meaning of a file that simspec does not import: the model in the engine that defines the language."""
     if meaning.bodies:
         return meaning
     for name, reads in readers.items():
@@ -193,7 +193,7 @@ def proven(
     deadline: float = DEADLINE,
     warm: WarmProcesses | None = None,
 ) -> tuple[Compiled, ...]:
-    """What the proof says in each of ``engines`` of a world of a robot file, as simspec compiles it. ``locate``: places in the
+    """The proof's results in each of ``engines`` for a world of a robot file, as simspec compiles it. ``locate``: places in the
     file, by dotted paths of the world."""
     from simspec.proof.verify import verify
     from simspec.selection import supporting

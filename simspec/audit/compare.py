@@ -1,4 +1,4 @@
-"""What an engine holds of a file, actual against what the file means."""
+"""Comparison of the model in an engine with the meaning of the file."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _extent(shape: Shape) -> float:
 
 
 def _distance(shape: Shape, other: Shape) -> float:
-    """How far two shapes are apart (m, rad); infinite where they are of different kinds."""
+    """The distance of two shapes (m, rad); infinite where they are of different kinds."""
     if shape.kind != other.kind:
         return math.inf
     if shape.kind == MESH:
@@ -96,7 +96,7 @@ STUCK: Final = 0.9
 UNPHYSICAL: Final = (TRIANGLE, NOT_POSITIVE)
 """Rules of repair of tensors that no body has."""
 LEAST_SHARE: Final = 1e-9
-"""Share of the largest moment below which a product of inertia is not told."""
+"""Share of the largest moment below which a product of inertia is not reported."""
 LEAST_INERTIA: Final = 1e-12
 """kg m²: a tensor below this is none."""
 RATINGS: Final = ("velocity_limit", "effort_limit")
@@ -187,7 +187,7 @@ class Comparison:
                 self.add(What.MERGED, Severity.INFORMATION, body, "body", "a body", f"part of {carrier}", "")
 
     def _stuck(self, root: Body) -> tuple[Severity, str, float]:
-        """What it means that the engine fixes a free root to the world: severity, why, and the share of the tree's mass that
+        """The effect of an engine that fixes a free root to the world: severity, why, and the share of the tree's mass that
         cannot move then."""
         actual_group = self._actual_group
         roots: dict[str, str] = {}

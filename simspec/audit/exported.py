@@ -1,6 +1,6 @@
-"""What readers make of plain files: foreseen by rules, without any of them, and found by loading the files in them.
+"""Treatment of plain files by readers: foreseen by rules, without any of them, and found by loading the files in them.
 
-A difference is a quantity of an element, such as ``mass`` of ``imu`` or ``gravity`` of the file. What the format itself does
+A difference is a quantity of an element, such as ``mass`` of ``imu`` or ``gravity`` of the file. A loss of the format itself
 not carry (its own losses) is no difference of a reader.
 """
 
@@ -111,7 +111,7 @@ def readers(language: str) -> tuple[Reader, ...]:
 
 
 def reader_losses(world: World, language: str, profile: str, files: Mapping[str, str]) -> list[ReaderLoss]:
-    """What every known reader does to the plain files of a world, by rule."""
+    """The treatment of the plain files of a world by every known reader, by rule."""
     if not readers(language):
         return []
     parts = [Exported(world, bodies, language) for bodies in formats()[language].parts(world, files).values()]
@@ -130,7 +130,7 @@ def reader_losses(world: World, language: str, profile: str, files: Mapping[str,
 @dataclass(frozen=True, slots=True)
 class Foreseen:
     """The differences that rules foresee in a file: those that the comparison finds, and no others, and those that it may find
-    (of ``FILE``: of any element). ``elsewhere``: what it cannot see."""
+    (of ``FILE``: of any element). ``elsewhere``: those that it cannot see."""
 
     exactly: frozenset[Difference]
     may: frozenset[Difference]
@@ -145,7 +145,7 @@ class Foreseen:
 
 
 def foreseen_differences(reader: Reader, exported: Exported, profile: str, losses: Iterable[Loss]) -> Foreseen:
-    """What the rules say of a file in a reader."""
+    """The differences that the rules foresee for a file in a reader."""
     rows = foreseen(reader.reads.effects, exported, profile)
     pairs = {
         kind: {(effect.quantity, name) for effect, names in rows if effect.seen == kind for name in names}
@@ -158,7 +158,7 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
 
 
 def differences(reader: Reader, exported: Exported, back: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
-    """What a reader holds of a file that is not the world's, but what the format itself does not carry."""
+    """The differences of a file in a reader from the world, without the losses of the format itself."""
     world, support = exported.world, exported.written.SUPPORT
     back = dataclasses.replace(back, bodies=tuple(map(_without_stand_ins, back.bodies)))
     gravity = world.physics.gravity if support[Feature.GRAVITY].level is Level.EXACT else None
@@ -212,7 +212,8 @@ def _rating(value: float | None) -> float | None:
 
 
 def _difference(finding: Finding) -> Difference | None:
-    """What a finding of the comparison is here; None for what is another form of the same model, or left open by files."""
+    """The difference of a finding of the comparison; None for another form of the same model, and for values that files leave
+    open."""
     quantity = finding.quantity
     if finding.what is What.MERGED:
         return ("joint.type", finding.element) if finding.severity is not Severity.INFORMATION else None  # a free root
@@ -238,7 +239,7 @@ def _lost_by_format(losses: Iterable[Loss]) -> set[Difference]:
 def _displaced(
     bodies: Sequence[Body], actual: Sequence[Body], ours: Mapping[str, Body], changed: Collection[str]
 ) -> set[Difference]:
-    """Bodies that stand elsewhere in some of a few configurations, drawn by a seed. What stands on a body whose joint is
+    """Bodies that stand elsewhere in some of a few configurations, drawn by a seed. A body that stands on one whose joint is
     another (``changed``) is not compared."""
     found: set[Difference] = set()
     draw = random.Random(7)

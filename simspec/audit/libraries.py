@@ -280,7 +280,7 @@ def _usd_inertial(actual: Any) -> Inertial:
 
 
 def _usd_joint(stage: Any, kind: str, actual: Any) -> tuple[Joint, Vector3]:
-    """A joint, and its place in its body. Drives are told in SI units: what they say in degrees is turned into radians."""
+    """A joint, and its place in its body. Drives are read in SI units, angles in radians."""
     if actual is None:
         return Joint("", kind), (0.0, 0.0, 0.0)
     anchor, name = _vector(actual.localPose1Position), _called(stage, str(actual.primPath))

@@ -1,4 +1,4 @@
-"""What a file means: the model that every engine is held against, and where the file says each of its values."""
+"""The meaning of a file: the model that every engine is compared with, and where the file states each of its values."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _unique(key: Callable[[str], str], bodies: Sequence[Body]) -> dict[str, Body
 
 @dataclass(frozen=True)
 class Matched:
-    """Bodies of a file beside those of an engine.
+    """Bodies of a file and those of an engine.
 
     partners  the engine's body for each of the file's, by name, where it has one
     carrier   for each of the file's bodies the one of them whose engine body has it: itself, or one that it is fixed to;
@@ -243,8 +243,8 @@ def content_of(path: Path) -> bytes:
 
 
 def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) -> Meaning:
-    """What a file means, by its importer; where that refuses the file, by the importer with all its repairs, whose values then
-    count for nothing; else no bodies. Raises SpecError for what is no such file."""
+    """The meaning of a file, by its importer; where that refuses the file, by the importer with all its repairs, whose values
+    then count for nothing; else no bodies. Raises SpecError for what is no such file."""
     content = content_of(path)
     language = language_of(path, content)
     bare = Meaning(path, language, packages=packages_of(content, path, options))
@@ -273,7 +273,7 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
     repairs = imported.repairs if imported is not None else []
     source = "the file, as simspec imports it"
     if bare.defects:
-        source = "the file, as simspec imports it with every repair; what was repaired is not compared"
+        source = "the file, as simspec imports it with every repair; repaired values are not compared"
     said = imported is not None and any(path[:2] == ("physics", "gravity") for path in imported.places)
     return dataclasses.replace(
         bare,
@@ -312,7 +312,7 @@ def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str,
 
 
 def file_name(path: Path, options: ImportOptions) -> str:
-    """What reports call a file: as it was given, or its name in its package."""
+    """How reports call a file: as it was given, or its name in its package."""
     return str(path) if options.package is None else options.shown(path)
 
 

@@ -25,7 +25,7 @@ from simspec.processes import exchange, exit_if_signalled, search_environment, w
 SINGLE_THREADED: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Threads take memory that counts."""
 KEPT: Final = ("PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "TMPDIR", "VIRTUAL_ENV")
-"""What a child has of the environment: nothing that a file could ask it for."""
+"""Variables of the environment that a child keeps: none that is of use to a file."""
 
 LARGEST_ANSWER: Final = 2**30
 """Bytes of an answer; those of the largest files that are read have a tenth of it."""
@@ -33,8 +33,9 @@ LARGEST_ANSWER: Final = 2**30
 
 @dataclass(frozen=True)
 class Policy:
-    """What the kernel lets a program do: a profile of ``confinement.PROFILES``, the folders below which it may open files to
-    read them (in addition to Python and its packages), and whether it may write into its own folder, which is empty."""
+    """The limits that the kernel sets for a program: a profile of ``confinement.PROFILES``, the folders below which it may open
+    files to read them (in addition to Python and its packages), and whether it may write into its own folder, which is
+    empty."""
 
     profile: str
     read: tuple[str, ...] = ()
@@ -46,8 +47,8 @@ class ChildError(ValueError):
 
 
 def run(program: Path, arguments: Sequence[str], request: bytes, seconds: float, policy: Policy) -> bytes:
-    """What a Python program answers to ``told`` within ``seconds``, in an empty folder. Raises ChildError where it does not end
-    by itself, with code 0. The program limits its own CPU time and memory."""
+    """The answer of a Python program to ``request`` within ``seconds``, in an empty folder. Raises ChildError where it does not
+    end by itself, with code 0. The program limits its own CPU time and memory."""
     exit_if_signalled()
     environment = {name: value for name, value in os.environ.items() if name in KEPT}
     environment |= {**SINGLE_THREADED, **ANY_LOCALE, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}

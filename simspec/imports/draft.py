@@ -33,7 +33,7 @@ from simspec.outputs.writing import write_file
 WHOLE: Final = 1e15
 """Whole numbers below this are written without a point, and read back as the same double."""
 TURN: Final = 2.0 * math.pi
-"""rad; what is written as a bare number above this would be asked whether degrees are meant, and a foreign file has said it."""
+"""rad; the language requires a unit on larger angles, since degrees may be meant. A foreign file states its unit."""
 
 
 class Problems(list[Problem]):
@@ -67,7 +67,7 @@ class Draft:
     repairs: list[Repair] = field(default_factory=list)
     comments: dict[str, str] = field(default_factory=dict)
     suspicious: list[Problem] = field(default_factory=list)
-    """What is allowed, and yet looks like a slip."""
+    """Values that are allowed, and that look like a slip."""
     meshes: dict[str, Any] = field(default_factory=dict)
     """Files that the data names, by the text that names them."""
     made: set[str] = field(default_factory=set)
@@ -272,7 +272,7 @@ CONTACT_OF_LINK: Final[Mapping[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """What a file says of a surface, as a material of the language."""
+    """A surface of a file, as a material of the language."""
 
     friction: float = 1.0
     restitution: float = 0.0
@@ -325,7 +325,7 @@ FROM_SHAPES: Final = "masses-from-shapes"
 DENSITY: Final = 1000.0
 """kg/m³ of :data:`FROM_SHAPES` unless a value is given with it: that of water."""
 OF_SHAPES: Final = (
-    "what moves and has no mass, or one below 0, has that of its shapes of 1000 kg/m³, or of another density: "
+    "a moving body without mass, or with a mass below 0, has that of its shapes of 1000 kg/m³, or of another density: "
     "`masses-from-shapes=7850 kg/m^3`"
 )
 
@@ -357,7 +357,7 @@ def solids_of(shapes: Iterable[S]) -> list[S]:
 
 
 def given(name: str, before: float, solids: Sequence[FilledShape], density: float) -> str:
-    """What :data:`FROM_SHAPES` did: the mass (kg) of the body ``name``, before and by shapes of ``density`` (kg/m³)."""
+    """The repair by :data:`FROM_SHAPES`: the mass (kg) of the body ``name``, before and by shapes of ``density`` (kg/m³)."""
     counted = f"{len(solids)} {'collision' if solids[0].collides else 'visual'} shape{'s' if len(solids) > 1 else ''}"
     aside = [] if solids[0].collides else ["no collision shape has a volume"]
     if hulls := sum(shape.is_open for shape in solids):
@@ -369,7 +369,7 @@ def given(name: str, before: float, solids: Sequence[FilledShape], density: floa
 
 
 def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Problem]]:
-    """kg/m³ of the rule :data:`FROM_SHAPES`, and the problems of the value that is given with it. ``shown``: what messages call
+    """kg/m³ of the rule :data:`FROM_SHAPES`, and the problems of the value that is given with it. ``shown``: how messages call
     the file."""
     text = requested.value(FROM_SHAPES)
     if text is None:
@@ -384,7 +384,7 @@ def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Pro
 
 def nearest(tensor: Sequence[float]) -> Six:
     """The tensor nearest to a positive one (by the sum of squares) that obeys the triangle inequality. It has the same
-    principal axes: what the largest moment is too large by is shared by all three."""
+    principal axes: the excess of the largest moment is shared by all three."""
     import numpy as np
 
     xx, yy, zz, xy, xz, yz = tensor
@@ -401,7 +401,7 @@ def shown(moments: Sequence[float]) -> str:
 
 
 def became(before: Sequence[float], after: Sequence[float]) -> str:
-    """What the rule did, by the principal moments."""
+    """The repair in words, by the principal moments."""
     return f"the principal moments {shown(before)} kg m² became {shown(after)} kg m²"
 
 
@@ -456,7 +456,7 @@ def find_mesh(
 
 
 def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
-    """What is made of each, or why nothing is; it is remembered for the spec that names them."""
+    """The mesh of each, or the reason why there is none; it is remembered for the spec that names them."""
     return _made(meshes, None)
 
 
@@ -477,7 +477,7 @@ def kept_vertices(mesh: MadeMesh) -> int | None:
 
 
 def made_file(obj: bytes, called: str) -> tuple[str, Path]:
-    """A mesh that a file has within itself, as a file of the cache (else of the folder of temporary files): what a spec calls
+    """A mesh that a file has within itself, as a file of the cache (else of the folder of temporary files): how a spec calls
     it, and the file. ``obj`` begins with :data:`BEGINNING`. Raises SpecError where it cannot be written."""
     place = ENTRIES.folder()
     folder = place if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / ENTRIES.name

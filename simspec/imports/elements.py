@@ -1,7 +1,7 @@
 """XML elements that remember what of them was read, so that what an importer does not know is never passed over.
 
-An importer takes attributes and children by name; :func:`accounts` then lists every element and attribute of the file: what was
-taken is carried, what was set aside has the fate and the reason that the importer gave, and all the rest is lost.
+An importer takes attributes and children by name; :func:`accounts` then lists every element and attribute of the file: those
+that it took are carried, those that it set aside have the fate and the reason that it gave, and all the rest is lost.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ SPLIT: Final = "a scenario may use several files (models: {NAME: {use: FILE}}), 
 DEEPEST: Final = 200
 """Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
 MOST_LABELS: Final = (3, 9)
-"""Labels of a path that are said where it is longer: those from the outside, and those from the inside. A path is told of every
-attribute, and in a tree of 200 bodies it would have 12,000 characters."""
+"""Labels of a path that are kept where it is longer: those from the outside, and those from the inside. A path is reported of
+every attribute, and in a tree of 200 bodies it would have 12,000 characters."""
 NOT_READ: Final = "simspec does not read it"
 LOCKED: Final = "its lower limit is its upper one"
 """Why a joint became a fixed one."""
 NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
 HOW_HARD: Final = "how hard contact is: the spec's is rigid, by the law that all engines follow"
 """Of the softness of contact in the numbers of one solver, in every language: information, since a model states bodies and what
-holds them, and how an engine keeps them apart is chosen for all bodies of a scenario."""
+joins them, and how an engine separates them is chosen for all bodies of a scenario."""
 HARDNESS_HINT: Final = "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it"
 SOLVER: Final = "how hard a constraint is, in the numbers of one solver: those of the spec are rigid"
 _ROOT: Final = re.compile("<[A-Za-z_]")
@@ -48,7 +48,7 @@ _TOUCHING: Final = re.compile("""("[^"]*"|'[^']*')(?=[A-Za-z_])""")
 _FIRST_TAG: Final = re.compile(rb"<([A-Za-z_][\w:.-]*)")
 _DECLARATION: Final = re.compile(r"<\?xml\s[^<>]*\?>")
 IDENTIFYING: Final = ("name", "id", "class", "joint", "link")
-"""Attributes by which a message tells an element from others of its tag."""
+"""Attributes by which a message distinguishes an element from others of its tag."""
 
 
 ACTS: Final = re.compile(
@@ -66,7 +66,7 @@ WATCHES: Final = re.compile(
 
 
 def plugin_loss(element: Element) -> tuple[Severity, str]:
-    """What the loss of a plugin changes, by its names: a program of another simulator, of which nothing else is known."""
+    """The effect of the loss of a plugin, by its names: a program of another simulator, of which nothing else is known."""
     said = " ".join(element.attributes.get(name, "") for name in ("name", "filename"))
     if ACTS.search(said):
         return Severity.PHYSICS, "a plugin of another simulator that acts on bodies, by its name"
@@ -77,7 +77,7 @@ def plugin_loss(element: Element) -> tuple[Severity, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Set:
-    """What an importer said of something that it does not carry, or carries without effect."""
+    """The fate of an element or attribute that an importer does not carry, or carries without effect."""
 
     fate: Fate
     severity: Severity
@@ -120,7 +120,7 @@ class Element:
         return "/".join((*(element.label for element in outside), "...", *(element.label for element in inside)))
 
     def grow(self, tag: str, text: str) -> Element:
-        """A new child at this element's place: what an older form of the language says here by other means."""
+        """A new child at this element's place: the modern form of a word that an older version of the language has here."""
         child = Element(tag, {}, self.location, text.strip(), self)
         self._children.append(child)
         return child
@@ -283,20 +283,20 @@ class Element:
         return Problem(message, self.path, self.location, found, allowed, hint)
 
     def accounts(self) -> Iterator[Account]:
-        """What became of this element, its attributes and all that is in it, in the order of the file."""
+        """The fates of this element, its attributes and all that is in it, in the order of the file."""
         waiting = [self]
         while waiting:
             element = waiting.pop()
             yield from element._accounts()
             fate = element._fate
-            if fate is not False:  # what is in it goes with it
-                # what nobody asked for is told with an element that is set aside
+            if fate is not False:  # the children go with it
+                # children that were not read are reported with an element that is set aside
                 waiting.extend(
                     child for child in reversed(element._children) if child._fate is not False or fate is True
                 )
 
     def _accounts(self) -> Iterator[Account]:
-        """What became of this element and its attributes."""
+        """The fates of this element and its attributes."""
         fate, path = self._fate, self.path
         if fate is True:
             yield Account(self.location, path, Fate.CARRIED)
@@ -337,8 +337,8 @@ def outermost(content: bytes) -> bytes:
 
 def parse(content: bytes, file: str) -> Element:
     """The outermost element of an XML file, taken. Raises SpecError with the place for what is damaged, too large or hostile:
-    no document type, no entities, UTF-8 only. What readers of robots accept is mended: XML declarations anywhere and of any
-    version, ``--`` in comments, no space between attributes, prefixes without declaration."""
+    no document type, no entities, UTF-8 only. Deviations that readers of robots accept are mended: XML declarations anywhere
+    and of any version, ``--`` in comments, no space between attributes, prefixes without declaration."""
     tags, attributes = content.count(b"<"), content.count(b"=")
     if len(content) > LARGEST_FILE or tags > MOST_TAGS or attributes > MOST_ATTRIBUTES:
         found = f"{len(content):,} bytes, {tags:,} tags, {attributes:,} attributes"

@@ -38,7 +38,7 @@ LIBRARY: Final = re.compile(
 DRIVE: Final = re.compile(r"(?:file:/*)?[A-Za-z]:[/\\]", re.IGNORECASE)
 """How a path of Windows begins."""
 PLACEHOLDER: Final = re.compile(r"@[A-Za-z_]\w*@|\$\{[^}]*\}|\{\{.*?\}\}|\$\((?!find\s)[^)]*\)")
-"""What a build, or another program, puts a text in the place of."""
+"""A text that a build, or another program, replaces."""
 NO_FILE: Final = ("no such file", "this path does not exist")
 """What :meth:`Files.find` says of a file that is not there."""
 MOST_ABOVE: Final = 4
@@ -47,17 +47,17 @@ MOST_ABOVE: Final = 4
 
 @dataclass
 class Files:
-    """What one import reads: the file itself first. ``read`` remembers the SHA-256 of all that was read."""
+    """The files that one import reads, the file itself first. ``read`` remembers the SHA-256 of all that was read."""
 
     path: Path
     shown: str
     options: ImportOptions
     read: dict[Path, str] = field(default_factory=dict)
     looks_above: bool = False
-    """Whether relative paths that lead nowhere are looked for in the folders above the file: what a program makes is written
+    """Whether relative paths that lead nowhere are looked for in the folders above the file: the output of a program is written
     somewhere, and its paths start there."""
     above: dict[str, Path] = field(default_factory=dict)
-    """What was found so: the folder, by the path."""
+    """Files that were found so: the folder, by the path."""
 
     @functools.cached_property
     def roots(self) -> tuple[Path, ...]:

@@ -119,7 +119,7 @@ class Packages:
         raise MissingFileError([problem])
 
     def _searches(self, name: str, element: Element) -> Iterator[Levels]:
-        """Each place that is searched, in their order: above the file and beside each folder above; below the package that the
+        """Each place that is searched, in their order: above the file and next to each folder above; below the package that the
         file is in, which may have models; along the path; below the project, or below the workspace that the file is in."""
         yield self._above(name)
         for folder in self._folders_above():
@@ -197,7 +197,7 @@ class Packages:
 
     def _declared(self, folder: Path, name: str) -> str | Problem | None:
         """The name in the ``package.xml`` of a folder, where that can be ``name`` or its folder is called so; None where there
-        is none; what is wrong with it."""
+        is none; a problem where the manifest is wrong."""
         content = self._manifest(folder)
         if content == b"":
             return None

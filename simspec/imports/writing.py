@@ -50,7 +50,7 @@ def add_timestep(imported: Imported) -> None:
     try:
         step = stable_timestep(data, imported.files, None)
     except SpecError:
-        return  # what does not resolve is told by whoever reads the spec, with its places
+        return  # a spec that does not resolve is reported by its reader, with its places
     if step is not None:
         first: dict[str, Any] = {
             key: data.pop(key) for key in ("simspec", "name", "description", "physics") if key in data
@@ -65,11 +65,10 @@ def stable_timestep(
 ) -> float | None:
     """The timestep of a spec whose file says none; None for the usual one.
 
-    ``leave_out`` is told the full name of each body whose joint's drives are stable at no timestep of :data:`SHORTEST` or more,
-    with the longest (s) at which they are; they are taken out of ``data``. Without it the timestep is as short as it takes,
-    down to :data:`LEAST`, and None below. Raises SpecError as resolving does. Without Pinocchio, which knows mass matrices,
-    nothing is told.
-    """
+    ``leave_out`` receives the full name of each body whose joint's drives are stable at no timestep of :data:`SHORTEST` or
+    more, with the longest (s) at which they are; they are taken out of ``data``. Without it the timestep is as short as it
+    takes, down to :data:`LEAST`, and None below. Raises SpecError as resolving does. Without Pinocchio, which knows mass
+    matrices, it is not called."""
     try:
         from simspec.dynamics.stability import unstable
     except ModuleNotFoundError:
@@ -100,7 +99,7 @@ def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:
     timed = copy.deepcopy(data)
     for body in _bodies(timed).values():
         if "mass" in body and "inertia" in body:
-            body.pop("shapes", None)  # their mass is not asked for: meshes need not be read
+            body.pop("shapes", None)  # their mass is not needed: meshes need not be read
     begin_within(timed, {})  # as the spec will: beyond their limits joints are refused
     timed.setdefault("physics", {})["timestep"] = RESOLVED
     here = Path.cwd()
@@ -138,7 +137,7 @@ DIGITS: Final = 16
 
 
 def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None = None) -> str:
-    """The spec of an import, from a file called ``source``. ``files``: what the spec calls the files that the data
+    """The spec of an import, from a file called ``source``. ``files``: the names in the spec of the files that the data
     names, by the texts there. Raises SpecError where the text would not read as the same data."""
     if (problem := too_long(imported, source)) is not None:
         raise SpecError([problem])
@@ -165,8 +164,8 @@ def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None =
 
 
 def too_long(imported: Imported, shown: str) -> Problem | None:
-    """The problem of an import that is more than one file of the language may hold; asked before the work of resolving and
-    writing it. ``shown``: what messages call the file."""
+    """The problem of an import that is more than one file of the language may hold; computed before the work of resolving and
+    writing it. ``shown``: how messages call the file."""
     count = event_count(imported.data)
     if count <= MOST_EVENTS:
         return None
@@ -177,7 +176,7 @@ def too_long(imported: Imported, shown: str) -> Problem | None:
 
 
 def is_unchanged(content: bytes) -> bool:
-    """Whether a file is what :func:`spec_text` made, and nobody has changed it since."""
+    """Whether a file is as :func:`spec_text` made it, without later changes."""
     first, _, body = content.partition(b"\n")
     head, found, digits = first.decode("utf-8", "replace").rpartition(SUM)
     return bool(found) and head.startswith(MARK) and digits == hashlib.sha256(body).hexdigest()[:DIGITS]
@@ -214,7 +213,7 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
 
 
 def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
-    """The data with other names of files; what was given stays as it is."""
+    """A copy of the data with other names of files."""
     changed = copy.deepcopy(data)
     for path, text in named_files(data):
         holder: Any = changed
@@ -225,7 +224,7 @@ def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
 
 
 def from_folder(imported: Imported, folder: Path, package: Package | None = None) -> dict[str, str]:
-    """What a spec in ``folder`` calls the files that the data names: their names in the ``package`` that they are in, else
+    """How a spec in ``folder`` calls the files that the data names: by their names in the ``package`` that they are in, else
     their paths from there."""
     here = folder.resolve()
     return {
@@ -236,7 +235,7 @@ def from_folder(imported: Imported, folder: Path, package: Package | None = None
 
 def copies(imported: Imported, into: Path, folder: Path) -> tuple[dict[str, Path], dict[str, str]]:
     """Names in the folder ``into`` for the files that the data names, each with the file; and what a spec in ``folder`` calls
-    them. What a glTF file needs beside itself would be missing there, so that such a file stays where it is."""
+    them. The files that a glTF file needs would be missing there, so that such a file stays where it is."""
     sources: dict[str, Path] = {}
     called = from_folder(imported, folder)
     place = Path(os.path.relpath(into.resolve(), folder.resolve()))

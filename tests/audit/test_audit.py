@@ -1,4 +1,4 @@
-"""Files against what engines hold of them: what is found, where, and how the command ends."""
+"""Files and their models in engines: findings, their places, and the end of the command."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def silent(audited: FileAudit, engine: str) -> set[tuple[str, str, str]]:
     return {(finding.element, finding.quantity, finding.what.value) for finding in entry.silent}
 
 
-def test_what_is_changed_in_silence(audited):
+def test_silent_changes_are_found(audited):
     added = {("the file", name, "added") for name in ("linear_damping", "joints_held_by_motors", "velocity_clamp")}
     inertia = {(name, "inertia", "changed") for name in ("base", "flange", "arm", "hand")}
     expected = {
@@ -80,12 +80,12 @@ def test_merged_bodies_are_no_other_model(audited):
     assert merged == {"base": Severity.DEFAULT, "flange": Severity.INFORMATION}
 
 
-def test_what_simspec_compiles_is_proven(audited):
+def test_the_compiled_model_is_proven(audited):
     proven = {entry.engine: entry.valid for entry in audited.compiled}
     assert proven == {name: None if name == "drake" else True for name in READERS}
 
 
-def held_by(meaning: Meaning) -> ReadBack:
+def read_back_of(meaning: Meaning) -> ReadBack:
     return ReadBack(meaning.bodies, (0.0, 0.0, 0.0), 0.001)
 
 
@@ -115,9 +115,9 @@ def findings_of(meaning: Meaning, back: ReadBack) -> set[tuple[str, str]]:
 )
 def test_each_value_is_compared(tiny, quantity, change):
     meaning = meaning_of(tiny, ImportOptions())
-    assert not findings_of(meaning, held_by(meaning))
+    assert not findings_of(meaning, read_back_of(meaning))
     bodies = tuple(dataclasses.replace(body, **change(body)) if body.name == "arm" else body for body in meaning.bodies)
-    found = findings_of(meaning, dataclasses.replace(held_by(meaning), bodies=bodies))
+    found = findings_of(meaning, dataclasses.replace(read_back_of(meaning), bodies=bodies))
     assert found == {("arm", quantity)}
 
 
@@ -127,7 +127,7 @@ def test_a_repaired_value_is_not_compared(tmp_path):
     meaning = meaning_of(path, ImportOptions())
     assert meaning.defects
     assert meaning.bodies
-    comparison = Comparison("an engine", meaning, held_by(meaning), {})
+    comparison = Comparison("an engine", meaning, read_back_of(meaning), {})
     hand = next(body for body in meaning.bodies if body.name == "hand")
     assert not any(comparison.compares(hand, word) for word in ("mass", "centre_of_mass", "inertia"))
     assert comparison.compares(hand, "joint.type")
@@ -142,7 +142,7 @@ def test_a_repaired_value_is_not_compared(tmp_path):
         ("a.txt", "<robot/>", "no engine reads such files"),
     ],
 )
-def test_what_is_no_such_file(tmp_path, name, text, wrong):
+def test_other_files_are_refused(tmp_path, name, text, wrong):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     with pytest.raises(SpecError, match=wrong):
@@ -163,7 +163,7 @@ def test_the_command(tiny, tmp_path, monkeypatch):
     assert "default-src" in page
 
 
-def test_two_files_of_one_robot(tiny, tmp_path):
+def test_two_files_of_a_robot(tiny, tmp_path):
     other = tmp_path / "other.urdf"
     other.write_text(robot(upper=0.5).replace('<link name="flange">', '<link name="flange"><!-- -->'), encoding="utf-8")
     done = CliRunner().invoke(cli.app, ["audit", str(tiny), str(other), "--pair", "--json"])

@@ -52,7 +52,7 @@ def test_hard_defects_of_sdf(tools, tmp_path, change, found):
     assert defects.sdf_defects(path, tmp_path) == found
 
 
-def test_what_is_said_beside_a_proof_that_fails(tools):
+def test_remarks_on_a_proof_that_fails(tools):
     _, findings = tools
     assert findings.remark("one", "arm.urdf", "L3 mass matrix", False) == ""
     late = "L1 engine one: no result within its deadline of 60 s, at work on 'motion'"

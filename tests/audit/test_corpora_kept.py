@@ -44,7 +44,7 @@ def test_answers_are_restored_where_the_content_is_the_same(tools, tmp_path):
     assert run.stored(second, "import", leg) is None
 
 
-def test_what_is_there_is_not_replaced(tools, tmp_path):
+def test_existing_files_are_not_replaced(tools, tmp_path):
     kept, models, run = tools
     root = tmp_path / "package"
     arm = models.Model("package", root, root / "arm.urdf", "urdf", "1f")
@@ -58,7 +58,7 @@ def test_what_is_there_is_not_replaced(tools, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("again", "among", "asked"),
+    ("again", "among", "requested"),
     [
         ("", (), []),
         ("failed", (), ["fails"]),
@@ -68,8 +68,9 @@ def test_what_is_there_is_not_replaced(tools, tmp_path):
         ("anew", (), ["proven", "refuses", "fails", "lacks"]),
     ],
 )
-def test_what_is_asked_again(tools, tmp_path, monkeypatch, again, among, requested):
-    """Answers of other code: two engines, of which one or none has proven a file, refused it, failed, or was never asked."""
+def test_stale_answers_are_requested_again(tools, tmp_path, monkeypatch, again, among, requested):
+    """Answers of other code: two engines, of which a single one or none has proven a file, refused it, failed, or was never
+    started."""
     _, models, run = tools
     monkeypatch.setattr(run, "installed", lambda: ("one", "two"))
     monkeypatch.setattr(run, "code", lambda: "today")

@@ -1,4 +1,4 @@
-"""What engines make of tiny files that they load as they are: each claim is measured in the live engine."""
+"""Tiny files that engines load as they are: each claim is measured in the live engine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 READERS = [name for name, engine in engines().items() if "urdf" in engine.FOREIGN and engine.version() is not None]
 
 
-def held(engine: str, folder: Path, text: str, language: str = "urdf") -> ReadBack:
+def loaded_model(engine: str, folder: Path, text: str, language: str = "urdf") -> ReadBack:
     path = folder / f"robot.{ {'urdf': 'urdf', 'mjcf': 'xml'}[language] }"
     path.write_text(text, encoding="utf-8")
     loading = loaded(engine, Meaning(path, language), None, 60.0)
@@ -36,8 +36,8 @@ def body(back: ReadBack, name: str) -> Body:
 
 
 @pytest.mark.parametrize("engine", READERS)
-def test_what_is_plain_is_held_by_every_engine(engine, tmp_path):
-    arm = body(held(engine, tmp_path, robot()), "arm")
+def test_plain_values_are_in_every_engine(engine, tmp_path):
+    arm = body(loaded_model(engine, tmp_path, robot()), "arm")
     assert arm.inertial.mass == 1.0
     assert arm.inertial.centre_of_mass == pytest.approx((0.1, 0.0, 0.0), abs=1e-7)
     assert arm.joint.kind == "hinge"
@@ -51,7 +51,7 @@ def test_what_is_plain_is_held_by_every_engine(engine, tmp_path):
 @pytest.mark.parametrize("engine", READERS)
 def test_the_turn_of_an_inertia(engine, tmp_path):
     """The file's tensor is turned by the inertial's rpy: only an engine that computes its own has none of it."""
-    inertia = body(held(engine, tmp_path, robot()), "arm").inertial.inertia
+    inertia = body(loaded_model(engine, tmp_path, robot()), "arm").inertial.inertia
     if engine == "pybullet":
         assert abs(inertia[3]) < 1e-9
         assert inertia[0] != pytest.approx(0.0241501643, rel=1e-3)
@@ -62,14 +62,14 @@ def test_the_turn_of_an_inertia(engine, tmp_path):
 
 def test_a_link_without_inertial(tmp_path):
     """Its mass is zero by the language; loaders take 1 kg, or its shapes as full of water."""
-    masses = {engine: body(held(engine, tmp_path, robot(hand="")), "hand").inertial.mass for engine in READERS}
+    masses = {engine: body(loaded_model(engine, tmp_path, robot(hand="")), "hand").inertial.mass for engine in READERS}
     ball = 1000.0 * 4.0 / 3.0 * math.pi * 0.1**3
     expected = {"mujoco": pytest.approx(ball), "pybullet": 1.0, "dart": 1.0, "drake": 0.0}
     assert masses == {name: expected[name] for name in READERS}
 
 
 def test_fixed_links_and_visuals_are_dropped(tmp_path):
-    back = held("mujoco", tmp_path, robot())
+    back = loaded_model("mujoco", tmp_path, robot())
     assert [entry.name for entry in back.bodies] == ["world", "arm", "hand"]
     assert not any(shape.visual and not shape.collision for entry in back.bodies for shape in entry.shapes)
     assert body(back, "arm").joint.velocity_limit is None
@@ -77,12 +77,12 @@ def test_fixed_links_and_visuals_are_dropped(tmp_path):
 
 @pytest.mark.parametrize("engine", READERS)
 def test_limits_that_are_both_zero(engine, tmp_path):
-    limits = body(held(engine, tmp_path, robot(lower=0.0, upper=0.0)), "hand").joint.position_limits
+    limits = body(loaded_model(engine, tmp_path, robot(lower=0.0, upper=0.0)), "hand").joint.position_limits
     assert limits == {"mujoco": None, "dart": (0.0, 0.0), "drake": (0.0, 0.0)}.get(engine, limits)
 
 
-def test_what_is_added_to_every_file(tmp_path):
-    inventory = held("pybullet", tmp_path, robot()).inventory
+def test_additions_to_every_file(tmp_path):
+    inventory = loaded_model("pybullet", tmp_path, robot()).inventory
     assert inventory["linear_damping"] == pytest.approx(0.04, abs=2e-3)
     assert inventory["joints_held_by_motors"] == 2
     assert inventory["gravity_set"] is False
@@ -90,8 +90,8 @@ def test_what_is_added_to_every_file(tmp_path):
     assert inventory["collision_margin"] == pytest.approx(0.001)
 
 
-def test_links_of_one_body_do_not_touch_without_a_flag(tmp_path):
-    """What the read-back says of self-collision from the flags alone, seen in contacts."""
+def test_links_of_a_body_do_not_touch_without_a_flag(tmp_path):
+    """Self-collision in the read-back, from the flags alone, seen in contacts."""
     import pybullet
 
     path = tmp_path / "robot.urdf"
@@ -111,7 +111,7 @@ def test_links_of_one_body_do_not_touch_without_a_flag(tmp_path):
 
 
 def test_limits_and_self_collision_are_off(tmp_path):
-    inventory = held("dart", tmp_path, robot()).inventory
+    inventory = loaded_model("dart", tmp_path, robot()).inventory
     assert inventory["limits_enforced"] is False
     assert inventory["self_collision"] is False
 
@@ -120,7 +120,7 @@ def test_degrees_are_taken_for_radians(tmp_path):
     """A file whose angles are degrees (its language's default), in the loaders that read the language."""
     limits = {}
     for engine in ("mujoco", "dart", "drake"):
-        back = held(engine, tmp_path, PENDULUM, "mjcf")
+        back = loaded_model(engine, tmp_path, PENDULUM, "mjcf")
         joints = {entry.joint.name: entry.joint for entry in back.bodies}
         limits[engine] = joints["swing"].position_limits if "swing" in joints else None
     assert limits["mujoco"] == pytest.approx((-1.5707963, 0.78539816))
@@ -128,8 +128,8 @@ def test_degrees_are_taken_for_radians(tmp_path):
     assert limits["dart"] != pytest.approx((-1.5707963, 0.78539816))
 
 
-def test_several_joints_of_one_body_are_a_chain(tmp_path):
-    back = held("mujoco", tmp_path, PENDULUM, "mjcf")
+def test_several_joints_of_a_body_are_a_chain(tmp_path):
+    back = loaded_model("mujoco", tmp_path, PENDULUM, "mjcf")
     assert [(entry.name, entry.joint.kind, entry.joint.parent) for entry in back.bodies] == [
         ("world", "fixed", None),
         ("upper/swing", "hinge", None),
@@ -163,7 +163,7 @@ def test_a_file_gets_so_much_memory_and_no_more():
     assert done.stdout == "refused\n"
 
 
-def test_a_file_that_is_refused_and_one_that_kills(tmp_path):
+def test_a_refused_file_and_a_fatal_file(tmp_path):
     with pytest.raises(EngineError, match="refuses the file") as refused:
-        held("mujoco", tmp_path, robot().replace('type="fixed"', 'type="unheard-of"'))
+        loaded_model("mujoco", tmp_path, robot().replace('type="fixed"', 'type="unheard-of"'))
     assert refused.value.refused

@@ -52,7 +52,7 @@ def test_the_only_root_of_each_side():
     assert pairs(["shelf"], [WORLD]) == {}
 
 
-def test_parents_come_first_whatever_the_order():
+def test_parents_come_first_in_any_order():
     said = [body("b", "a"), body("c", "b"), body("a")]
     assert [entry.name for entry in parents_first(said)] == ["a", "b", "c"]
     with pytest.raises(ValueError, match="without a way to the world"):

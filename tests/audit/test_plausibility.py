@@ -1,4 +1,4 @@
-"""What an audit says of models whose mass an engine fixes, of tensors that no body has, and of implausible files."""
+"""Audits of models whose mass an engine fixes, of tensors that no body has, and of implausible files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def impossible(tmp_path) -> Meaning:
 
 
 @pytest.mark.parametrize(
-    ("held", "what"),
+    ("actual", "what"),
     [
         ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), What.DROPPED),
         ((0.007, 0.007, 0.0004, 0.0, 0.0, 0.0), What.CHANGED),

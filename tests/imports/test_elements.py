@@ -54,18 +54,18 @@ def test_attributes_are_counted_before_they_are_read(monkeypatch):
         parse(b"<r " + b" ".join(b"a%d='1'" % number for number in range(11)) + b"/>", "a.xml")
 
 
-def test_what_is_too_much_is_counted(monkeypatch):
+def test_excess_is_counted(monkeypatch):
     monkeypatch.setattr(elements, "MOST_TAGS", 10)
     with pytest.raises(SpecError, match=r"too large\n  found:   .*11 tags"):
         parse(b"<r>" + b"<a/>" * 9 + b"</r>", "a.xml")
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
-def test_what_is_no_number_is_left_to_the_language(value):
+def test_values_that_are_not_finite_are_left_to_the_language(value):
     assert repr(plain(value)) == repr(value)
 
 
-def test_what_readers_of_robots_accept_and_a_strict_one_does_not_is_read():
+def test_deviations_that_readers_of_robots_accept_are_read():
     text = b"<a>\n<!-- one -- two --->\n<b c='1'd=\"2 '3'\"e='\"'/>\n<f g='x'/></a>"
     root = parse(text, "r.xml")
     (first, second) = root.look()

@@ -19,7 +19,7 @@ from simspec.meshes.reading import MeshError, open_mesh, read_surfaces
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tools" / "fuzz"))
 
-import judge  # noqa: E402 - a script beside the package
+import judge  # noqa: E402 - a script outside the package
 from cases import Fuzz  # noqa: E402
 from seeds import MESHES, SUFFIX, seeds  # noqa: E402
 
@@ -86,7 +86,7 @@ def leaves(path):
 
 
 @pytest.mark.parametrize(
-    ("act", "told"),
+    ("act", "given"),
     [
         (reads, "opened"),
         (reads_elsewhere, "opened what is outside"),
@@ -96,7 +96,7 @@ def leaves(path):
         (lambda path: time.sleep(60), "hangs"),
     ],
 )
-def test_what_an_importer_may_not_do_is_noticed(act, given, tmp_path, monkeypatch):
+def test_forbidden_acts_of_an_importer_are_noticed(act, given, tmp_path, monkeypatch):
     def plant(self, path, shown, options):
         act(path.resolve())
         raise SpecError([Problem("refused", location=None)])
@@ -109,7 +109,7 @@ def test_what_an_importer_may_not_do_is_noticed(act, given, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "given"),
     [(KeyError("x"), "KeyError"), (RecursionError(), "Recursion"), (SpecError([Problem("here")]), "without a place")],
 )
 def test_errors_of_another_form_are_noticed(error, given, tmp_path, monkeypatch):

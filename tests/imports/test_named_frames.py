@@ -69,7 +69,7 @@ def test_frames_are_links_of_urdf(tmp_path):
     assert (tip.joint.kind, tip.joint.parent, tip.inertial.mass) == ("fixed", "arm/link", 0.0)
 
 
-def test_sites_without_a_name_and_of_the_world_are_told(tmp_path):
+def test_sites_without_a_name_and_of_the_world_are_reported(tmp_path):
     (tmp_path / "arm.xml").write_text(
         '<mujoco><default><site size="0.02"/></default><worldbody><site name="goal"/><body name="hand">'
         '<joint name="j" axis="0 1 0" pos="0.1 0 0"/><geom size="0.1"/>'

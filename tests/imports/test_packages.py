@@ -1,4 +1,4 @@
-"""Packages: found by the name in their `package.xml` or by their folder, the nearest first; what is damaged or not clear is an
+"""Packages: found by the name in their `package.xml` or by their folder, the nearest first; a damaged or unclear one is an
 error with its place, in bounded time."""
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def refused(found: Packages, name: str) -> str:
 
 
 @pytest.mark.parametrize("start", ["robot-main/urdf", "robot-main", "arms/urdf/deep", "worlds"])
-def test_a_package_above_or_beside_the_file_is_known_by_the_name_that_it_says(tmp_path, start):
+def test_a_package_above_or_next_to_the_file_is_known_by_the_name_that_it_says(tmp_path, start):
     robot = package(tmp_path / "robot-main", "robot_description")
     package(tmp_path / "arms")
     assert finder(tmp_path / start, tmp_path).find("robot_description", ASKING) == robot
@@ -82,7 +82,7 @@ def test_the_path_of_the_user_and_of_the_environment(tmp_path, monkeypatch, way)
 
 
 @pytest.mark.parametrize("layout", ["share/{}", "{}/share/{}"])
-def test_what_a_workspace_has_installed(tmp_path, layout):
+def test_installed_packages_of_a_workspace(tmp_path, layout):
     """Merged, and each package into a folder of its name, with an entry in ament's index."""
     installed = package(tmp_path / "install" / layout.replace("{}", "robot_description"))
     index = installed.parents[0] / "ament_index/resource_index/packages/robot_description"
@@ -105,7 +105,7 @@ def test_the_sources_of_a_workspace_go_before_what_it_has_installed(tmp_path):
     assert finder(tmp_path / "p", package_path=(str(tmp_path),)).find("robot", ASKING) == source
 
 
-def test_a_folder_without_a_mark_is_a_package_by_its_name_where_it_is_beside(tmp_path):
+def test_a_folder_without_a_mark_is_a_package_by_its_name_where_it_is_a_sibling(tmp_path):
     (tmp_path / "robot").mkdir()
     assert finder(tmp_path / "urdf", tmp_path).find("robot", ASKING) == tmp_path / "robot"
     package(tmp_path / "other", "robot")
@@ -191,7 +191,7 @@ def test_a_damaged_manifest_is_an_error_with_its_place(tmp_path, name, folder):
 
 
 @given(st.text(max_size=20))
-def test_a_name_is_one_part_of_a_path(name):
+def test_a_name_is_a_single_part_of_a_path(name):
     found = Packages(Path("/nowhere"), ImportOptions(project=Path("/nowhere"), packages={name: "here"}))
     is_part = "/" not in name and "\\" not in name and name.strip(".") != "" and not UNSEEN_CHARACTERS.search(name)
     if is_part:
@@ -251,7 +251,7 @@ def found_file(folder: Path, text: str, **options) -> Path:
         "https://fuel.gazebosim.org/1.0/OpenRobotics/models/robot/3/files/a%20b.stl",
     ],
 )
-def test_ways_to_name_one_file(tmp_path, text):
+def test_ways_to_name_a_file(tmp_path, text):
     package(tmp_path / "robot")
     (tmp_path / "robot/a b.stl").touch()
     assert found_file(tmp_path, text.replace("{}", str(tmp_path))) == tmp_path / "robot/a b.stl"

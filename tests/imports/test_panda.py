@@ -13,7 +13,7 @@ from simspec import cli
 PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "guide" / "import.md"
 
 
-def test_a_panda_with_its_own_meshes_and_coupled_fingers_picks_a_cube(tmp_path, monkeypatch):
+def test_a_panda_with_meshes_and_coupled_fingers_picks_a_cube(tmp_path, monkeypatch):
     found = re.search(r"<!-- import: panda-pick.yaml -->\n```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
     (package,) = find_spec("pybullet_data").submodule_search_locations
     shutil.copytree(Path(package) / "franka_panda", tmp_path / "franka_panda")

@@ -22,7 +22,7 @@ ROOT: Final = "mujoco"
 MOST_ELEMENTS: Final = 60_000
 """Elements of a model with all replicates; one body of 100,000 takes the compiler minutes."""
 MOST_COPIES: Final = 10**9
-"""What counts of copies are taken for where they are larger: more than is allowed of anything. Products of numbers of thousands
+"""The number of copies that stands for larger ones: more than is allowed of anything. Products of numbers of thousands
 of digits would take minutes."""
 MOST_CELLS: Final = 10_000_000
 """Cells of a height field."""
@@ -42,7 +42,7 @@ REFUSED: Final = {"flexcomp": "deformable bodies are not supported", "flex": "de
 
 @dataclass
 class _Folders:
-    """What ``compiler`` says of places of files."""
+    """The folders of files that ``compiler`` states."""
 
     meshdir: str = ""
     strippath: bool = False
@@ -131,7 +131,7 @@ class _Builder:
         self.texts[name] = b""  # the main text is the first
         self._include(root, path, [path])
         folders = self._folders(root)
-        # what is attached first: its lines are before this one's
+        # attached models first: their lines are before this one's
         for element in self._inside(root):
             if element.tag == "model" and element.has("file"):
                 self._attached(element, path)
@@ -207,7 +207,7 @@ class _Builder:
 
     def _file(self, text: str, element: Element, folder: Path) -> str:
         """The name in the texts of a file, which is read. One that an included file names, and that is not where the model has
-        its files, is beside the included file."""
+        its files, is in the folder of the included file."""
         places = [(text, folder)]
         if (home := self._home(element)) is not None:
             places.append((element.attributes["file"].strip().replace("\\", "/"), home))
@@ -312,7 +312,7 @@ def left_out(element: Element) -> bool:
 
 
 def _shown(files: Files, path: Path) -> str:
-    """How messages call a file: beside the main one as that is called."""
+    """How messages call a file: relative to the main one as that is called."""
     try:
         inside = path.relative_to(files.path.resolve().parent)
         return files.options.shown(path) if files.options.package else str(Path(files.shown).parent / inside)

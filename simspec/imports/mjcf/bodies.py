@@ -59,7 +59,7 @@ def numbers(values: Any) -> list[float]:
 
 
 def pose(position: Vector, quaternion: Vector) -> dict[str, Any]:
-    """A pose as a spec has it; what is zero is left out."""
+    """A pose as a spec has it, without zeros."""
     written: dict[str, Any] = {}
     if np.any(position):
         written["xyz"] = numbers(position)
@@ -338,7 +338,7 @@ class MjcfBodies:
     def _others(
         self, number: int, kind: str, element: Element, damping: float, dry: float, armature: float
     ) -> dict[str, Any]:
-        """What a ball or a free joint has, as far as the language says it."""
+        """The properties of a ball or a free joint, as far as the language has them."""
         values: dict[str, Any] = {"damping": damping, "armature": armature} if kind == "ball" else {}
         if kind == "free":
             body = int(self.model["jnt_bodyid"][number])

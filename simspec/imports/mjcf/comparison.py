@@ -1,5 +1,5 @@
 """Whether an imported file is the same model as the original: mass matrix, bias force, passive forces and the place of every
-body, in random states. The original is asked of its compiler, the imported world of the oracle; they share no code.
+body, in random states. The compiler computes the original, the oracle the imported world; they share no code.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _compare(world: World, bodies: MjcfBodies, answer: dict[str, Any]) -> Vector
 
 
 def _moving(bodies: MjcfBodies, force: Vector) -> Vector:
-    """What of a force moves anything, beside the sums of joint positions that constraints hold."""
+    """The part of a force that moves anything, in addition to the sums of joint positions that constraints fix."""
     effect = without_effect(bodies.model, bodies.fixed_tendons)
     along = np.zeros((len(effect), len(force)))
     for row, summed in zip(along, effect, strict=True):

@@ -26,7 +26,7 @@ from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.language.foreign import Severity
 from simspec.plugins import Plugins
 
-# They are found in the compiled numbers: what a class of defaults gives counts like an attribute, and what has no effect is no
+# They are found in the compiled numbers: a value of a class of defaults counts like an attribute, and one without effect is no
 # loss.
 
 _LISTED: Final = "a distance at which contact is listed, without a force: nothing is felt of it"
@@ -186,7 +186,7 @@ FEATURES: Final = {
         _INFORMATION,
         "states of actuators, inputs of those that a spec has not, and what a program moves are no part of a named state",
     ),
-    "plugin": MjcfFeature("plugin/*", _PHYSICS, "plugins are programs: what they do is not known"),
+    "plugin": MjcfFeature("plugin/*", _PHYSICS, "plugins are programs of unknown effect"),
 }
 """Every feature. An attribute of one that the model does not have is carried: it says what holds anyway."""
 
@@ -210,7 +210,7 @@ class MjcfFeatures:
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
     _known: set[tuple[str, int]] = field(default_factory=set)
-    """What :attr:`having` holds, by the ``id`` of the element: it is asked for each attribute of each element."""
+    """The entries of :attr:`having`, by the ``id`` of the element: they are looked up for each attribute of each element."""
 
     def add(self, name: str, element: Element, hint: str = "") -> None:
         """Say that an element has a feature; ``hint``: the way out for this one."""
@@ -249,7 +249,7 @@ FREE, BALL, SLIDE, HINGE = 0, 1, 2, 3
 
 @runtime_checkable
 class Compiler(Protocol):
-    """A program that compiles MJCF; see the entry point's own for what it is told and answers. It has two functions without
+    """A program that compiles MJCF; see the entry point for its requests and answers. It has two functions without
     parameters: ``prepare`` imports what it needs and limits itself, ``main`` answers; in between the kernel confines it."""
 
     PROGRAM: ClassVar[Path]
@@ -397,7 +397,7 @@ _LINE = re.compile(r",?\s*\bline (\d+)(, column \d+)?")
 
 
 def _refused(error: str, assembly: MjcfAssembly) -> Problem:
-    """What the compiler says, at the element that it means; its own lines are not the file's."""
+    """The compiler's message, at the element that it means; its line numbers are not the file's."""
     element = assembly.root
     match = _LINE.search(error)
     if match:

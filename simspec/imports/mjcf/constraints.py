@@ -14,9 +14,9 @@ from simspec.imports.mjcf.contact import SOLIMP, SOLREF, MjcfSurfaces
 OF_JOINT: Final = 1
 """The type of a part of a tendon that is a joint."""
 FORCES: Final = ("stiffness", "damping", "frictionloss", "armature")
-"""What a tendon acts by, beside its limits."""
+"""Passive effects of a tendon, in addition to its limits."""
 SAID: Final = {"stiffness", "damping", "frictionloss"}
-"""What of it a sum of a spec has."""
+"""Those that a sum of a spec has."""
 UNSAID: Final = ("stiffnesspoly", "dampingpoly", "springyield")
 """Arrays of laws that are not linear, where a version has them."""
 
@@ -68,7 +68,7 @@ def reference_of(model: CompiledMjcf, summed: Terms) -> float:
 
 
 def add_tendons(bodies: MjcfBodies, actual: Mapping[int, float], constraints: dict[str, Any]) -> None:
-    """Give joints what tendons say of them alone, and add the others to the ``constraints`` of the spec; what nothing says is a
+    """Give joints the properties of tendons of one joint, and add the others to the ``constraints`` of the spec; the rest is a
     feature. ``held``: the values at which constraints keep tendons, by their number: no force along such a tendon moves
     anything."""
     model, features = bodies.model, bodies.features
@@ -195,7 +195,7 @@ FITS: Final = 1e-6
 
 
 def add_constraints(bodies: MjcfBodies, surfaces: MjcfSurfaces) -> dict[str, Any]:
-    """``constraints`` of the spec; what it does not say is a feature."""
+    """``constraints`` of the spec; those that the language does not have are features."""
     model, features = bodies.model, bodies.features
     constraints: dict[str, Any] = {}
     leaders: dict[int, int] = {}

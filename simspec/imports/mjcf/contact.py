@@ -22,7 +22,7 @@ MOST_SURFACES: Final = 2000
 """Different surfaces that may touch something: every two of them are held against each other."""
 SOLREF: Final = (0.02, 1.0)
 SOLIMP: Final = (0.9, 0.95, 0.001, 0.5, 2.0)
-"""Softness that nobody stated."""
+"""The default softness."""
 SLIDING, TORSIONAL, ROLLING = 3, 4, 6
 """Directions of friction from which on each kind acts."""
 CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
@@ -30,8 +30,8 @@ CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
 
 
 class MjcfSurface(NamedTuple):
-    """All that the contact of a geom follows from. ``owner``: its number from 1 on where a pair of the file names it, or another
-    geom of its body that the filter keeps apart from the second one's body; else 0."""
+    """All that the contact of a geom follows from. ``owner``: its number from 1 on where a pair of the file names it, or
+    another geom of its body that the filter keeps apart from the second one's body; else 0."""
 
     contype: int
     conaffinity: int
@@ -89,7 +89,7 @@ class MjcfSurfaces:
     _margins_of: dict[tuple[int, int], float] = field(default_factory=dict)
     """Where contact of two such geoms begins (m), where that is not the sum of their margins."""
     _separated: set[tuple[int, int]] = field(default_factory=set)
-    """Bodies that the filter keeps apart, by their smaller and larger number, of which the file lets two geoms touch."""
+    """Bodies that the filter separates, by their smaller and larger number, of which the file lets two geoms touch."""
     touching_joined: dict[tuple[int, int], None] = field(default_factory=dict)
     """Bodies and those that they are joined to and may touch, by their numbers."""
     groups: dict[int, str] = field(default_factory=dict)
@@ -175,7 +175,7 @@ class MjcfSurfaces:
 
     def meets(self, first: MjcfSurface, second: MjcfSurface) -> bool:
         """Whether two surfaces touch: where the file gives them a law, or where their bits let them and the filter does not
-        keep their bodies apart."""
+        separate their bodies."""
         if self._stated(first, second) is not None:
             return True
         if self._separated and first.owner and second.owner:
@@ -185,7 +185,7 @@ class MjcfSurfaces:
         return meets(first, second)
 
     def _parted(self, index: int, other: int) -> bool:
-        """Whether the spec keeps two bodies apart because one is the other's parent; the world is nobody's."""
+        """Whether the spec separates two bodies because one is the other's parent; the world is no parent."""
         parent = self.model["body_parentid"]
         return bool((index and int(parent[other]) == index) or (other and int(parent[index]) == other))
 
@@ -217,7 +217,7 @@ class MjcfSurfaces:
             self._touch(index, two)
 
     def _filters(self, index: int, two: int) -> bool:
-        """Whether the file keeps two bodies apart, whatever the bits of their geoms: by name, or as joined ones."""
+        """Whether the file separates two bodies, independently of the bits of their geoms: by name, or as joined ones."""
         model = self.model
         weld, parent = model["body_weldid"], model["body_parentid"]
         above = weld[parent[weld[index]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[index] != 0
@@ -227,7 +227,7 @@ class MjcfSurfaces:
 
     @functools.cached_property
     def _excludes(self) -> frozenset[tuple[int, int]]:
-        """Pairs of bodies that the file keeps apart by name."""
+        """Pairs of bodies that the file separates by name."""
         return frozenset(divmod(int(signature), 1 << 16) for signature in self.model["exclude_signature"])
 
     @functools.cached_property
@@ -317,7 +317,7 @@ class MjcfSurfaces:
 
     def _groups(self, surfaces: set[MjcfSurface]) -> dict[str, Any] | None:
         """Collision groups that say what the bits do; None where the shapes of one body differ in theirs, or a pair of the file
-        lets shapes touch that their bits keep apart."""
+        lets shapes touch that their bits separate."""
         stated = (
             not meets(surface, other) and self._stated(surface, other) for surface, other in combinations(surfaces, 2)
         )

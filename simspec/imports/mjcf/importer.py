@@ -23,7 +23,7 @@ from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Sev
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
-# Most of the language is in the compiled numbers. Features of these numbers that a spec does not have are told at the
+# Most of the language is in the compiled numbers. Features of these numbers that a spec does not have are reported at the
 # attributes that state them, at every element that has them by a class of defaults.
 
 _INFORMATION, _APPEARANCE = Severity.INFORMATION, Severity.APPEARANCE
@@ -88,10 +88,10 @@ UNUSED: Final = {
     "geom": ("user group", "of a viewer"),
     "compiler": ("saveinertial", "how a file is written"),
 }
-"""Attributes that name settings or groups of one engine: told as information that is lost."""
+"""Attributes that name settings or groups of one engine: reported as information that is lost."""
 ASIDE: Final = {
     "visual": (_APPEARANCE, "how a viewer draws"),
-    "statistic": (_APPEARANCE, "what a viewer begins with"),
+    "statistic": (_APPEARANCE, "the initial view of a viewer"),
     "light": (_APPEARANCE, "lights are not in the language"),
     "camera": (_INFORMATION, "cameras are not in the language"),
     "texture": (_APPEARANCE, "textures are not in the language"),
@@ -109,7 +109,7 @@ LOOKS: Final = frozenset(("type", "size", "group", "material", "rgba", "user"))
 KEYFRAME: Final = "keyframe"
 """The section of named states, whose elements the compiler does not name the lines of."""
 SECTIONS: Final = {"equality": "equality", "tendon": "tendon", "actuator": "actuator", "keyframe": "key"}
-"""Sections whose elements are told one by one, as features of these kinds."""
+"""Sections whose elements are reported one by one, as features of these kinds."""
 PARTS: Final = ("joint",)
 """Elements in one of a section that are carried with it: those that a tendon sums."""
 SEPARATE: Final = ("body", "joint", "freejoint", "geom", "pair")
@@ -143,7 +143,7 @@ def account(assembly: MjcfAssembly, features: MjcfFeatures) -> list[Account]:
                 element.lose(None, feature.reason, feature.severity, hint)
     for included in assembly.included.values():
         for name in included.attributes:
-            included.ignore(name, "what is included has no name of its own")
+            included.ignore(name, "an included file has no name in the model")
     accounts = assembly.accounts()
     return [*accounts, *_untold(features, accounts)]
 
@@ -176,7 +176,8 @@ def _carried(element: Element, features: MjcfFeatures) -> None:
 
 
 def every_loss() -> list[tuple[str, Severity, str, str]]:
-    """What files may say and a spec does not: elements and attributes, what that changes, why, and the way out."""
+    """Elements and attributes that files have and a spec has not: their places, the effect of the loss, the reason, and the way
+    out."""
     rows = []
     for feature in FEATURES.values():
         words = " ".join(_shown(word) for word in feature.attributes.split())
@@ -206,7 +207,7 @@ def _by_attribute(features: MjcfFeatures) -> dict[str, list[str]]:
 
 
 def _element(element: Element, around: str, by_attribute: dict[str, list[str]], features: MjcfFeatures) -> bool:
-    """Say what becomes of an element and its attributes; whether what is in it is asked for, too. ``around``: the tag of
+    """Report the fate of an element and its attributes; whether its children have fates as well. ``around``: the tag of
     what it is in, includes aside."""
     tag = element.tag
     in_default = around == "default"
@@ -219,7 +220,7 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
                 element.word(name)
         return False
     if tag in ASIDE or (in_default and tag not in COMPILED):
-        severity, reason = ASIDE.get(tag, (_INFORMATION, "what it gives is told where it is used"))
+        severity, reason = ASIDE.get(tag, (_INFORMATION, "a default is reported at the elements that use it"))
         element.set_aside(None, Fate.LOST if tag in ASIDE else Fate.UNUSED, reason, severity)
         return False
     if tag in SECTIONS:
@@ -227,7 +228,7 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
         return True
     known = COMPILED.get(tag)
     if known is None:
-        return False  # nobody knows it: it is lost
+        return False  # an unknown element is lost
     element.take()
     words, reason = UNUSED.get(tag, ("", ""))
     aside = words.split()
@@ -251,13 +252,13 @@ _SAID: Final = {word for feature in FEATURES.values() for word in feature.attrib
 
 
 def _untold(features: MjcfFeatures, accounts: list[Account]) -> Iterator[Account]:
-    """Features that no attribute told: those of classes of defaults, and what an engine does by default."""
+    """Features that no attribute reports: those of classes of defaults, and defaults of an engine."""
     known_losses = {(entry.reason, entry.location) for entry in accounts if entry.fate is Fate.LOST}
     anywhere = {entry.reason for entry in accounts if entry.fate is Fate.LOST}
     for name, elements in features.having.items():
         feature = FEATURES[name]
         if feature.reason in anywhere and "*" not in feature.attributes:
-            continue  # told at the attribute of its class
+            continue  # reported at the attribute of its class
         for element in elements:
             if (feature.reason, element.location) not in known_losses:
                 yield Account(element.location, element.path, Fate.LOST, feature.severity, feature.reason, feature.hint)
@@ -277,7 +278,7 @@ class MjcfImporter:
 
     @staticmethod
     def losses() -> list[tuple[str, Severity, str, str]]:
-        """What files say and a spec does not: where, what that changes, why, and the way out."""
+        """Elements that files have and a spec has not: their places, the effect of the loss, the reason, and the way out."""
         return every_loss()
 
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:

@@ -58,7 +58,7 @@ def height_field(bodies: MjcfBodies, number: int) -> dict[str, Any] | None:
 
 
 def _is_static(bodies: MjcfBodies, body: int) -> bool:
-    """Whether a body is fixed to the world, and none above it is moved as it is told."""
+    """Whether a body is fixed to the world, and no program moves one above it."""
     if int(bodies.model["body_weldid"][body]) != 0:
         return False
     while body:
@@ -96,7 +96,7 @@ SUFFIXES: Final = (".obj", ".stl", ".ply", ".msh")
 MOST_FACES: Final = 200_000
 """Triangles of a mesh in the language."""
 THINNEST: Final = 1e-6
-"""Of a mesh's length: what is thinner is flat, and has no hull."""
+"""Share of a mesh's length: a thinner one is flat, and has no hull."""
 HIDDEN: Final = 3
 """Groups from this one on are not drawn by default."""
 
@@ -218,7 +218,7 @@ NOTE: Final = "they act where `control: {NAME: {actuators: [...]}}` names them"
 
 
 def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The actuators of a file, by their names; those that a spec has are carried, the others are told."""
+    """The actuators of a file, by their names; those that a spec has are carried, the others are reported."""
     model, names = bodies.model, MjcfNames()
     following = {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
     made: dict[str, dict[str, Any]] = {}
@@ -232,7 +232,7 @@ def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[st
 
 
 def _words(bodies: MjcfBodies, number: int, following: set[str]) -> dict[str, Any] | None:
-    """What a spec says of an actuator; None where it does not."""
+    """The words of a spec for an actuator; None where it has none."""
     model = bodies.model
     joint = int(model["actuator_trnid"][number][0])
     kinds = [int(model[f"actuator_{word}"][number]) for word in ("dyntype", "gaintype")]
@@ -349,7 +349,7 @@ def _state(bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved:
         body_name = bodies.names[body]
         name = bodies.joints.get(joint)
         if name is None and f"{body_name}_joint" in bodies.joint_names.taken:
-            return None  # whose implied name is another's
+            return None  # another joint has its implied name
         name = name or f"{body_name}_joint"
         if kind == FREE:
             turn, spin = np.asarray(qpos[at + 3 : at + 7]), np.asarray(qvel[dof + 3 : dof + 6])

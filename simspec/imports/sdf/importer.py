@@ -40,11 +40,11 @@ from simspec.language.foreign import Imported, ImportOptions, Severity
 GRAVITY: Final = (0.0, 0.0, -9.8)
 """SDF's default; the language's is -9.81."""
 ONLY_LINK: Final = "link"
-"""What the only link of a model is called that has no name of its own."""
+"""The name of the only link of a model that stands for a link without a name."""
 STEP: Final = 0.001
 RULES: Final = {**RULES_OF_MASSES, **RULES_OF_TREES, **RULES_OF_MESHES, draft.RULE: draft.MEANING}
 """Rules of repair, with what they do."""
-TOO_LARGE: Final = "what follows from these numbers is beyond the largest double"
+TOO_LARGE: Final = "a value that follows from these numbers is beyond the largest double"
 MOST_PAIRS: Final = 20_000
 """Pairs of bodies of one model that do not touch each other."""
 

@@ -64,7 +64,7 @@ class FrameGraph:
     _attached: dict[tuple[int, str], Link | None] = field(default_factory=dict)
 
     def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
-        """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
+        """The scope and the local name of ``name`` in ``scope``. Raises SpecError at the element ``asking``."""
         last = name
         while True:
             part, last = split(scope, last)
@@ -81,7 +81,7 @@ class FrameGraph:
         return owner or scope, last
 
     def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
-        """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
+        """The link that a frame is fixed to; None: the world. Raises SpecError at the element ``asking``."""
         scope, name = self.home(scope, name, asking)
         known: set[str] = set()
         walked: list[tuple[int, str]] = []
@@ -100,7 +100,7 @@ class FrameGraph:
             self._open.append(key)
             self._attached[key] = self._link(scope, name, asking)
             self._open.pop()
-        for entry in walked:  # each frame of a chain asks
+        for entry in walked:  # for each frame of a chain
             self._attached[entry] = self._attached[key]
         return self._attached[key]
 
@@ -129,7 +129,7 @@ class FrameGraph:
         raise asking.error(f"the model {scope.name[:80]!r} has no link")
 
     def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
-        """The pose of a frame in that of the scope itself. Raises SpecError at the element that asks."""
+        """The pose of a frame in that of the scope itself. Raises SpecError at the element ``asking``."""
         first, rest = split(scope, name)
         if first:
             self.home(scope, name, asking)
@@ -242,7 +242,7 @@ class MimicRead:
 
 @dataclass
 class JointRead:
-    """A joint: what it joins, where, and what the language says of it. ``parent`` None: the world."""
+    """A joint: the links that it joins, its place, and its words in the language. ``parent`` None: the world."""
 
     scope: Scope
     name: str
@@ -261,7 +261,7 @@ class JointRead:
 
     @property
     def mimics(self) -> list[tuple[MimicRead, str]]:
-        """What its axes follow, each with the word of the axis."""
+        """The leaders of its axes, each with the word of the axis."""
         both = ((self.mimic, FIRST_AXIS), (self.second_mimic, SECOND_AXIS))
         return [(mimic, word) for mimic, word in both if mimic is not None]
 
@@ -320,7 +320,7 @@ def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child
 def _axis(
     graph: FrameGraph, joint: JointRead, word: str, *, limited: bool, turns: bool
 ) -> tuple[dict[str, Any], MimicRead | None]:
-    """What the language says of an axis, its limits and efforts; and what it follows."""
+    """The words of the language for an axis, its limits and efforts; and its leader."""
     element = joint.element
     axis = element.child(word)
     if axis is None:
@@ -356,7 +356,7 @@ def _axis(
 
 
 def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> MimicRead | None:
-    """What an axis follows: q = multiplier × (q of the leader − reference) + offset. None where it follows nothing."""
+    """The leader of an axis: q = multiplier × (q of the leader − reference) + offset. None where it has none."""
     leader = graph.home(scope, element.need("joint"), element)
     axis = element.word("axis") or FIRST_AXIS
     if leader[1] not in leader[0].joints:

@@ -64,7 +64,7 @@ def _order(joint: JointRead) -> tuple[bool, int]:
 
 
 def _topmost(key: _Key, above: dict[_Key, _Key]) -> _Key:
-    """The link that a link hangs on in the end, or the world. The way there becomes shorter for the next that asks."""
+    """The topmost link above a link, or the world. The way there becomes shorter for the next call."""
     top = key
     while top in above:
         top = above[top]
@@ -89,7 +89,7 @@ def closed(
     joint: JointRead, names: tuple[str, str], places: tuple[Pose, Pose], axes: tuple[Vector3, Vector3]
 ) -> list[dict[str, Any]]:
     """The constraints that stand for a joint between the bodies ``names``; ``places``: the joint's frame in each of them,
-    ``axes``: its axis there. What they do not say is lost."""
+    ``axes``: its axis there. Properties that they do not have are lost."""
     _lose(joint)
     if joint.kind == "fixed":
         return [{"weld": {"bodies": list(names)}}]

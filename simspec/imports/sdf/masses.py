@@ -73,9 +73,9 @@ def _give_mass(body: BodyRead, draft: Draft, density: float) -> None:
     solids, before = solids_of(body.content.shapes), _mass(body)
     found = f"{before:g} kg" if before else None
     if not solids:
-        return draft.defect(element, "what moves has no mass, and no shapes that it could follow from", found=found)
+        return draft.defect(element, "a moving body has no mass, and no shapes that it could follow from", found=found)
     if not draft.repairing(FROM_SHAPES):
-        return draft.defect(element, "what moves has no mass", FROM_SHAPES, found)
+        return draft.defect(element, "a moving body has no mass", FROM_SHAPES, found)
     for word in OF_MASS:
         body.content.mass.pop(word, None)
     for shape in solids:

@@ -174,7 +174,9 @@ class SdfMeshes:
             if relative == uri.text or not (folder / relative).is_file():
                 raise
         mesh = find_mesh(relative, scale, uri, self.draft.files, folder)
-        uri.set_aside(None, Fate.CARRIED, "beside the file: there is no such path from the root", Severity.INFORMATION)
+        uri.set_aside(
+            None, Fate.CARRIED, "relative to the file: there is no such path from the root", Severity.INFORMATION
+        )
         return mesh
 
     def _pieces(self, shape: Element, kind: Element) -> bool:
@@ -188,7 +190,7 @@ class SdfMeshes:
         return how == DECOMPOSED and shape.tag == "collision"
 
     def _called(self, mesh: NamedMesh) -> str:
-        """What the spec calls a file: the file's own text, unless another file of this import has that."""
+        """How the spec calls a file: by the file's text, unless another file of this import has that."""
         if self.draft.meshes.get(mesh.text, mesh.path) != mesh.path:
             mesh = replace(
                 mesh, text=Path(os.path.relpath(mesh.path, self.draft.files.path.resolve().parent)).as_posix()
@@ -208,7 +210,7 @@ PARAMETERS: Final = "experimental:params"
 
 @dataclass(eq=False)
 class Scope:
-    """A model, or a world: what the names in it mean."""
+    """A model, or a world: the meaning of the names in it."""
 
     name: str
     element: Element
@@ -227,7 +229,7 @@ class Scope:
     frames: dict[str, Element] = field(default_factory=dict)
     models: dict[str, Scope] = field(default_factory=dict)
     note: str = ""
-    """What is to be said of it in the spec."""
+    """A comment on it in the spec."""
     merged: bool = False
     """Whether the names in it are names of the scope around it too."""
 
@@ -423,8 +425,8 @@ def _without_bodies(element: Element, root: Element) -> bool:
 
 
 def _named(element: Element, version: Version) -> str:
-    """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it. What
-    was written flat has the names of the models that it was in before its own."""
+    """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it. A
+    name was written flat has the names of the models that it was in before its own."""
     name = element.need("name")
     strict = version >= UNIQUE_SINCE
     reserved = ("__model__", "__root__") if not strict and element.tag == "link" else ("__model__", "__root__", "world")

@@ -47,7 +47,7 @@ MASKS: Final = ("collide_bitmask", "category_bitmask")
 
 
 def read_surface(shape: Element, of_link: Surface) -> Surface:
-    """The surface of a collision; ``of_link``: what its link says of all its collisions, which holds where they say nothing."""
+    """The surface of a collision; ``of_link``: the surface that its link states for collisions that state none."""
     surface = shape.child("surface")
     if surface is None:
         return of_link
@@ -71,7 +71,7 @@ def read_surface(shape: Element, of_link: Surface) -> Surface:
 
 
 def surface_of_link(link: Element) -> Surface:
-    """The surface of all collisions of a link, in words of one reader: lengths in m; what it does not say is SDF's default,
+    """The surface of all collisions of a link, in words of one reader: lengths in m; its defaults are SDF's,
     friction 1."""
     numbers: dict[str, float] = {}
     for contact in link.look("contact"):
@@ -122,7 +122,7 @@ def _torsional(torsion: Element) -> float:
 
 
 def _contact(contact: Element) -> None:
-    """Who touches whom, and how hard: of one the defaults change nothing, and so do masks with the bit that all defaults
+    """Contact filters, and hardness. Defaults of the first change nothing, and so do masks with the bit that all defaults
     have; the other is each solver's."""
     contact.take()
     set_aside(contact, IN_CONTACT)
@@ -134,7 +134,7 @@ def _contact(contact: Element) -> None:
         if text in FILTERS[child.tag] or (child.tag in MASKS and _has_first_bit(text)):
             child.ignore(None, "every collision has this bit, by default too" if child.tag in MASKS else "the default")
         else:
-            child.lose(None, "who touches whom is said by groups of bodies", hint="`contact.groups`")
+            child.lose(None, "contact filters are groups of bodies in a spec", hint="`contact.groups`")
 
 
 def _has_first_bit(text: str) -> bool:
@@ -163,7 +163,8 @@ class ShapeRead:
     is_open: bool = False
     """Whether the mesh encloses no volume."""
     volume: float = 0.0
-    """m³ that is filled where the mass follows from the shape: what a closed mesh encloses, the hull of an open one."""
+    """m³ that is filled where the mass follows from the shape: the enclosed volume of a closed mesh, that of the hull of an
+    open one."""
 
     @property
     def collides(self) -> bool:
@@ -173,7 +174,7 @@ class ShapeRead:
 
 @dataclass(frozen=True)
 class LinkContext:
-    """What a shape's element does not say itself: the meshes of the import, the folder of its file, and its link's frame in the
+    """The context of a shape's element: the meshes of the import, the folder of its file, and its link's frame in the
     body's. ``density``: of collisions that say none, where the inertia is to be computed."""
 
     meshes: SdfMeshes
@@ -270,7 +271,7 @@ class _Geometry:
 
 
 def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
-    """What is in ``<geometry>``; None for what is not carried, which is then
+    """The content of ``<geometry>``; None for one that is not carried, which is then
     said. Raises SpecError for geometries that SDF does not have."""
     geometry = shape.child("geometry")
     if geometry is None:

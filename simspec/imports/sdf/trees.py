@@ -40,16 +40,16 @@ UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.
 
 @dataclass
 class LinkRead:
-    """What a link says of its body, in the body's frame."""
+    """The properties of a link for its body, in the body's frame."""
 
     mass: dict[str, Any]
     shapes: list[ShapeRead]
     comment: str = ""
     inertial: Element | None = None
     repaired: str = ""
-    """What the rule of :mod:`simspec.imports.draft` changed."""
+    """The change by the rule of :mod:`simspec.imports.draft`."""
     given: list[tuple[str, str, str]] = field(default_factory=list)
-    """What rules gave the body: the rule, what it changed, and the word of the body where it is seen."""
+    """Repairs of the body: the rule, the change, and the word of the body where it is seen."""
 
     @property
     def is_massless(self) -> bool:
@@ -117,7 +117,7 @@ def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[di
 
 def _possible(inertial: Element, tensor: tuple[float, ...], spec: draft.Draft) -> tuple[tuple[float, ...], str]:
     """A tensor that breaks the triangle inequality as the nearest one that a body can have, and what that changed. Raises
-    SpecError where the rule is not asked for; a tensor that is not positive is the language's to refuse."""
+    SpecError where the rule is not requested; the language refuses a tensor that is not positive."""
     before = principal_moments(tensor)
     why = impossible(before)
     if why is None or min(before) < 0.0:
@@ -424,8 +424,8 @@ def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
 
 
 def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
-    """What joints that follow others, and joints that close loops, are in the language, by name. Raises SpecError for joints
-    that follow what has no position."""
+    """Joints that follow others, and joints that close loops, as constraints of the language, by name. Raises SpecError for
+    joints that follow what has no position."""
     names = SdfNames()
     said: dict[str, dict[str, Any]] = {}
     by_joint = {(id(body.joint.scope), body.joint.name): body for body in read.bodies if body.joint is not None}

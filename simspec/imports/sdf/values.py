@@ -294,7 +294,7 @@ _NO_SOUND: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sound
 _NO_AIR: Final[Said] = (
     Fate.LOST,
     Severity.PHYSICS,
-    "what a wind does is left to plugins; physics.fluid of a spec has a law of its own",
+    "the effect of wind is left to plugins; physics.fluid of a spec has another law",
 )
 
 IN_LINK: Final[Mapping[str, Said]] = {

@@ -1,2 +1,2 @@
 SUFFIXES = (".urdf", ".xml")
-"""Ends of the names of its files; stated here so that files are told apart without the importer."""
+"""Ends of the names of its files; stated here so that files are distinguished without the importer."""

@@ -28,7 +28,7 @@ NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
 OF_OTHERS: Final = "a word of another language, which no reader of URDF reads"
 HULL: Final = "the convex hull stands for the surface of a mesh"
 PIECES: Final = "`as: pieces` of the mesh in the spec that import writes"
-APART: Final = "import option `self_collision: false`"
+NO_SELF_COLLISION: Final = "import option `self_collision: false`"
 CONTROL: Final = "write the actuators as `control:` of the scenario"
 FRICTION: Final = "write `contact: {materials: ...}` in the scenario"
 
@@ -193,7 +193,7 @@ TABLE: Final = (
     ElementRow("joint/calibration", "", LOST, INFORMATION, "positions of reference of a machine's own sensors"),
     ElementRow("joint/hardwareInterface", "", LOST, INFORMATION, "describes actuators", CONTROL),
     ElementRow("joint/joint_properties", "", LOST, INFORMATION, NOT_OF_URDF, "write it as <dynamics>"),
-    # what is for other programs
+    # elements for other programs
     ElementRow("transmission", "", LOST, INFORMATION, "describes actuators", CONTROL),
     ElementRow("transmission/actuator", "", LOST, INFORMATION, "describes actuators", CONTROL),
     *(
@@ -224,8 +224,8 @@ TABLE: Final = (
     *(ElementRow(f"{READER}/option/@{name}", "", LOST, PHYSICS, OF_READER) for name in ("density", "viscosity")),
     ElementRow("inertial", "", LOST, INFORMATION, NO_MEANING),
     ElementRow("frame", "", LOST, INFORMATION, "a named place without mass"),
-    ElementRow("gazebo", "what is in it is told item by item"),
-    ElementRow("gazebo/@reference", "what is in it is told item by item"),
+    ElementRow("gazebo", "its children are reported one by one"),
+    ElementRow("gazebo/@reference", "its children are reported one by one"),
 )
 """In the order of the documentation."""
 
@@ -242,12 +242,14 @@ GAZEBO: Final = {
     "provideFeedback": (INFORMATION, "runs record the forces of joints", ""),
     "pose": (INFORMATION, "where a model stands is said by the scenario that places it", ""),
     **dict.fromkeys(("fdir1", "collision", "surface"), (PHYSICS, "contact as Gazebo has it", FRICTION)),
-    **dict.fromkeys(("selfCollide", "self_collide"), (PHYSICS, "the bodies of a model touch each other", APART)),
+    **dict.fromkeys(
+        ("selfCollide", "self_collide"), (PHYSICS, "the bodies of a model touch each other", NO_SELF_COLLISION)
+    ),
     "kinematic": (PHYSICS, "bodies that nothing moves are not in the language", ""),
     "static": (PHYSICS, "whether a robot stands on something is said where it is placed", "`fixed: true`"),
     **dict.fromkeys(("preserveFixedJoint", "disableFixedJointLumping"), (INFORMATION, "no fixed joint is removed", "")),
 }
-"""What stands in a ``gazebo`` element and is not carried: severity, reason, way out. What is not here is of physics."""
+"""Children of a ``gazebo`` element that are not carried: severity, reason, way out. Others are of physics."""
 WITHOUT_EFFECT: Final[Mapping[str, tuple[str, ...]]] = {
     **dict.fromkeys(("selfCollide", "self_collide", "gravity"), ("1", "true")),
     **dict.fromkeys(("turnGravityOff", "kinematic", "enable_wind", "static"), ("0", "false")),
@@ -361,7 +363,7 @@ def _is_empty(element: Element) -> bool:
 
 
 def settle(root: Element) -> None:
-    """Say of what nobody has taken what becomes of it, where that is no loss of physics: what is said twice, empty containers,
+    """Report the fate of elements that were not read, where that is no loss of physics: repeated elements, empty containers,
     and what is in elements that are drawn only."""
     waiting = [root]
     while waiting:
@@ -427,11 +429,11 @@ COUNTS: Final[Mapping[str, Mapping[str, int]]] = {
 """How many numbers an attribute has, by elements."""
 SEPARATOR: Final = re.compile(rf"[{SPACE},;]+")
 BEHIND: Final = re.compile(r"\.?[fF]?")
-"""What may follow a number's digits: a second point, the mark of single precision."""
+"""Characters that may follow a number's digits: a second point, the mark of single precision."""
 
 
 HOLDERS: Final = ("inertial", "visual", "collision", "geometry", "joint")
-"""What such elements are read in."""
+"""Parents of such elements."""
 
 
 def mend(root: Element, draft: Draft) -> None:
@@ -463,7 +465,7 @@ def _is_whole(text: str, count: int) -> bool:
 
 
 def _meant(text: str, count: int) -> str | None:
-    """The numbers that are meant; None where these cannot be told."""
+    """The numbers that are meant; None where these cannot be determined."""
     parts = [part for part in SEPARATOR.split(text) if part]
     meant: list[str] = []
     for part in parts:

@@ -198,7 +198,7 @@ class RobotReader:
             raise self.root.error("a robot without links")
 
     def _declare_missing(self) -> None:
-        """Add the links that joints lead from, and that the file does not have, where the rule is asked for."""
+        """Add the links that joints lead from, and that the file does not have, where the rule is requested."""
         children = {joint.child for joint in self.joints}
         for joint in self.joints:
             name, rule = joint.parent, missing_rule(joint.parent)
@@ -323,7 +323,7 @@ class RobotReader:
         shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
         if not self.draft.repairing(MASSLESS):
             rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
-            self.draft.defect(joint.element, "what this joint moves has no mass", rule, shown[:300])
+            self.draft.defect(joint.element, "this joint moves no mass", rule, shown[:300])
             return
         what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
@@ -450,7 +450,7 @@ def _negative(mass: UrdfMass) -> bool:
 
 ROBOT: Final = b"robot"
 _PROGRAM: Final = re.compile(rb"<xacro:[A-Za-z]|=\s*[\"'][^\"'<>]*\$(?:\{|\((?:optenv|env|arg|eval|dirname|anon)\b)")
-"""What only xacro gives a meaning; ``$(find PACKAGE)`` stands in paths of plain URDF, too, and so may a namespace that nothing
+"""Syntax of xacro alone; ``$(find PACKAGE)`` stands in paths of plain URDF, too, and so may a namespace that nothing
 uses."""
 
 
@@ -470,7 +470,7 @@ class Urdf:
         return self.parsed(files.content(), files)
 
     def table(self) -> Iterator[ElementRow]:
-        """What every element and attribute becomes."""
+        """The fate of every element and attribute."""
         return rows()
 
     def rules(self) -> Mapping[str, str]:
@@ -478,7 +478,7 @@ class Urdf:
         return RULES
 
     def parsed(self, content: bytes, files: Files) -> Imported:
-        """The same of a text that is no file. Raises SpecError, also for a program that nobody has run."""
+        """The same of a text that is no file. Raises SpecError, also for a program that has not been run."""
         plain = without_comments(content)
         found = _PROGRAM.search(plain)
         if found is not None:

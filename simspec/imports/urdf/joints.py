@@ -18,7 +18,7 @@ from simspec.world.types import Pose, Vector3
 # Planar joints: two slides across the axis, and a hinge about it.
 
 PARTS: Final = ("x", "y", "yaw")
-"""What follows the joint's name, and ``_``, in the names of the three."""
+"""Suffixes of the names of the three joints, after the joint's name and ``_``."""
 SENSELESS: Final = "URDF does not say which of the three motions of a planar joint is meant"
 
 
@@ -48,7 +48,7 @@ def planar_joints(names: Sequence[str], data: dict[str, Any]) -> list[dict[str, 
 
 def set_aside(element: Element, names: Sequence[str]) -> None:
     """Say what of a planar joint is not carried: limits and dynamics have no meaning for three motions at once.
-    Raises SpecError for damping or friction that is no number."""
+    Raises SpecError for damping or friction that is not finite."""
     element.set_aside("name", CARRIED, f"called {', '.join(names)} in the spec", INFORMATION)
     for part in element.look("limit"):
         _aside(part, LOST, INFORMATION)
@@ -95,7 +95,7 @@ class UrdfJointRead:
     origin: Pose = field(default_factory=Pose)
     """The joint's frame in the parent link's."""
     parts: Sequence[str] = ()
-    """What the spec calls the three joints of a planar one."""
+    """The names of the three joints of a planar one in the spec."""
 
     def listed(self) -> list[dict[str, Any]]:
         """The joint as items of the word `joints`."""
@@ -116,8 +116,8 @@ class UrdfJointRead:
 def read_joint(
     element: Element, given: str, parts: Sequence[str], bodies: Mapping[str, str], draft: Draft
 ) -> UrdfJointRead:
-    """A joint, called ``given`` in the spec, and if it is planar ``parts``; ``bodies``: what the spec calls the links. Raises
-    SpecError for what is none; defects that rules repair are collected."""
+    """A joint, called ``given`` in the spec, and if it is planar ``parts``; ``bodies``: the names of the links in the spec.
+    Raises SpecError for what is none; defects that rules repair are collected."""
     element.need("name")
     renamed(element, "name", given)
     word = element.need("type")
@@ -232,7 +232,7 @@ def _dynamics(joint: UrdfJointRead) -> None:
 
 def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
     """Give joints the inertia of their rotors, of Drake's words for actuators: at the joint it is I r², of a rotor of I
-    (kg m²) and a gear of ratio r. Raises SpecError for what are no numbers."""
+    (kg m²) and a gear of ratio r. Raises SpecError for values that are not finite."""
     known = {joint.element.attributes["name"].strip(): joint for joint in joints}
     for transmission in root.look("transmission"):
         names = [element.attributes.get("name", "").strip() for element in transmission.look("joint")]
@@ -326,7 +326,7 @@ def constraints(joints: Sequence[UrdfJointRead], draft: Draft) -> dict[str, Any]
 
 
 def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: Draft) -> dict[str, Any] | None:
-    """What a joint follows; None for one that follows none, which says so."""
+    """The words of a joint's leader; None for one that follows none, which is reported."""
     found = joint.element.look("mimic")
     if not found:
         return None

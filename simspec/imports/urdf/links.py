@@ -150,7 +150,7 @@ def _leave_out(element: Element) -> None:
 
 MOST: Final = 6
 """Joints of one body."""
-FRAME: Final = "a frame without mass between joints: what moves there is called after the joint"
+FRAME: Final = "a frame without mass between joints: its motion is called after the joint"
 
 
 @dataclass
@@ -314,7 +314,7 @@ def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) ->
 
 
 def _of_contact(contact: Element, before: Surface) -> Surface:
-    """What a <contact> says. Raises SpecError for what are no numbers ≥ 0."""
+    """The surface of a <contact>. Raises SpecError for values that are not finite or below 0."""
     numbers: dict[str, float] = {}
     contact.take()
     for tag, word in CONTACT_OF_LINK.items():

@@ -39,7 +39,7 @@ from simspec.world.types import Pose, Vector3
 
 MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 MASS: Final = "<mass value>"
-"""What an inertial without a mass lacks."""
+"""The part that an inertial without a mass lacks."""
 COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
 """Products of inertia that a file may write twice."""
 
@@ -54,7 +54,7 @@ class UrdfMass:
     rpy: Vector3 = (0.0, 0.0, 0.0)
     tensor: Six | None = None
     missing: str = ""
-    """What the inertial lacks, in words; "" for nothing."""
+    """The parts that the inertial lacks, in words; "" for none."""
     from_shapes: bool = False
     """A rule lets the moments follow from the shapes."""
     density: float = 0.0
@@ -92,7 +92,7 @@ class UrdfMass:
 
 
 def read_mass(link: Element) -> UrdfMass | None:
-    """What a link says of its mass; None where it says nothing. Raises SpecError for what are no numbers."""
+    """The mass properties of a link; None where it has none. Raises SpecError for values that are not finite."""
     inertial = link.child("inertial")
     if inertial is None:
         return None
@@ -255,7 +255,7 @@ RULES: Final = {
 
 MILLIMETRES: Final = "millimetres"
 UNIT_RULES: Final = {
-    MILLIMETRES: "what is many times larger than its robot is in millimetres: joints and shapes, meshes, moments of inertia"
+    MILLIMETRES: "values many times larger than their robot are in millimetres: joints and shapes, meshes, moments of inertia"
 }
 FURTHEST_JOINT: Final = 50.0
 """m between a joint and its parent's: no robot is so large, and one in millimetres has its longest link in it."""
@@ -285,7 +285,7 @@ LENGTHS: Final[Mapping[str, Sequence[str]]] = {
 
 @dataclass
 class LinkSize:
-    """What a link's moments of inertia are compared with."""
+    """The size of a link, for comparison with its moments of inertia."""
 
     path: Path_
     mass: UrdfMass
@@ -294,7 +294,8 @@ class LinkSize:
 
 
 def scale_file(root: Element, draft: Draft) -> None:
-    """Where joints are further apart than any robot's, all lengths of the file become metres by the rule, or it is told."""
+    """Where joints are further from each other than any robot's, all lengths of the file become metres by the rule, or it is
+    reported."""
     far = [joint for joint in root.look("joint") if _origin(joint) > FURTHEST_JOINT]
     if not far:
         return
@@ -318,7 +319,7 @@ def scale_file(root: Element, draft: Draft) -> None:
 
 
 def _origin(joint: Element) -> float:
-    """m between a joint's frame and its parent's; 0 for one that is no number, which is told where it is read."""
+    """m between a joint's frame and its parent's; 0 for a value that is not finite, which is reported where it is read."""
     for origin in joint.look("origin"):
         values = _numbers(origin.attributes.get("xyz", ""))
         return math.hypot(*values) if values is not None else 0.0
@@ -341,7 +342,7 @@ def _numbers(text: str) -> list[float] | None:
 
 def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead], draft: Draft) -> list[UrdfShapeRead]:
     """The shapes whose meshes are many times larger than the robot, with others of the same factors: by the rule they are
-    millimetres now, and have to be read again. Without it none, and it is told."""
+    millimetres now, and have to be read again. Without it none, and it is reported."""
     longest = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
     least = max(LARGEST_MESH, MESH_SHARE * longest) if longest > 0.0 else FURTHEST_JOINT
     far = [shape for shape in shapes if shape.mesh is not None and shape.radius > least]
@@ -372,7 +373,7 @@ def reach(shapes: Sequence[UrdfShapeRead], mass: UrdfMass, joints: Sequence[Urdf
 
 
 def scale_moments(links: Sequence[LinkSize], draft: Draft) -> None:
-    """Moments of inertia that are many times those of the links become kg m² by the rule, or it is told."""
+    """Moments of inertia that are many times those of the links become kg m² by the rule, or it is reported."""
     shares = {id(link): _share(link) for link in links}
     large = [link for link in links if shares[id(link)] > GYRATION_SHARE]
     if not large:

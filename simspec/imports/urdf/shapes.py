@@ -75,7 +75,8 @@ class UrdfShapeRead:
     radius: float = math.inf
     """m: how far it reaches from its frame's origin; infinite for a plane."""
     volume: float = 0.0
-    """m³ that is filled where the mass follows from the shape: what a closed mesh encloses, the hull of an open one."""
+    """m³ that is filled where the mass follows from the shape: the enclosed volume of a closed mesh, that of the hull of an
+    open one."""
     material: str = ""
     """Of `contact.materials`; "" for the only one."""
 
@@ -337,7 +338,7 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
 
 
 def _tell_fewer(shape: UrdfShapeRead, mesh: MadeMesh) -> None:
-    """Say of a hull of too many vertices that the spec's has fewer, and how far the two are apart."""
+    """Report that the hull of too many vertices has fewer in the spec, and the distance between the two."""
     kept = kept_vertices(mesh)
     if kept is None:
         return
@@ -361,7 +362,7 @@ def _empty(element: Element, kind: Element, draft: Draft) -> None:
 
 
 def _sizes(element: Element) -> dict[str, Any]:
-    """The lengths of a shape. Raises SpecError for what are no numbers."""
+    """The lengths of a shape. Raises SpecError for values that are not finite."""
     word = _word(element)
     names = LENGTHS[word]
     for name in names:

@@ -46,12 +46,12 @@ COMPENSATED: Final = "mjc:body:gravcomp"
 """The part of a body's weight that is away."""
 ARTICULATION: Final = "PhysicsArticulationRootAPI"
 LARGEST_GAP: Final = 1e-3
-"""m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
+"""m and rad allowed between the frames of a joint: files are written by hand and in single precision."""
 MASSLESS: Final = "massless"
 
 
 class UsdAssembly:
-    """What is made of a stage."""
+    """Makes the spec of a stage."""
 
     def __init__(self, stage: StageRead, draft: Draft):
         self.stage, self.draft = stage, draft
@@ -149,7 +149,8 @@ class UsdAssembly:
         }
 
     def _holder(self, prim: PrimRead) -> PrimRead:
-        """What a shape of the world is fixed on: the prim around it, unless that is around bodies or other such prims."""
+        """The prim that a shape of the world is fixed on: the prim around it, unless that is around bodies or other such
+        prims."""
         above = prim.above
         if (
             above is None
@@ -168,7 +169,7 @@ class UsdAssembly:
             for joint in (*link.joint.outer, link.joint):
                 start_words(joint)
             if link.joint.gap > LARGEST_GAP:
-                text = f"{link.joint.gap:.3g} m or rad apart where the bodies are"
+                text = f"{link.joint.gap:.3g} m or rad from each other where the bodies are"
                 reason = f"the joint's frames are {text}: the joint places {link.prim.name}"
                 link.prim.lose("xformOp:translate", reason)
                 link.joint.prim.lose("physics:body1", reason)
@@ -345,7 +346,7 @@ class UsdAssembly:
         try:
             step = stable_timestep(self.data, self.draft.meshes, leave_out)
         except SpecError:
-            return  # what does not resolve is told by whoever reads the spec, with its places
+            return  # a spec that does not resolve is reported by its reader, with its places
         if step is not None:
             self.data.setdefault("physics", {})["timestep"] = step
             self.draft.note(("physics", "timestep"), "the file says no timestep; its drives are stable at this one")

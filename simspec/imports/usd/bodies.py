@@ -187,7 +187,7 @@ def loop_data(
 
 
 MARK = "simspec:frame"
-"""What simspec says of those that it writes: others have to stand elsewhere than their body."""
+"""The mark of frames that simspec writes: others have to stand elsewhere than their body."""
 
 
 def add_frames(

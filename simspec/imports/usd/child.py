@@ -1,6 +1,6 @@
 """A stage of USD as JSON: a program of its own, which simspec runs in a process of bounded time and memory.
 
-Its arguments are seconds of processor time and bytes of addresses. It is told ``{"path", "roots", "forgive"}`` as JSON on
+Its arguments are seconds of processor time and bytes of addresses. It receives ``{"path", "roots", "forgive"}`` as JSON on
 standard input and answers on standard output: ``{"error"}``, or the composed stage as a list of prims with what is authored on
 each. Layers are opened one by one before they are composed, so that no file is read that is not in a folder of ``roots`` (none:
 any). Nothing of physics is judged here.
@@ -31,9 +31,9 @@ MOST_BODIES = 8_000
 DEEPEST = 200
 """Prims within each other."""
 MOST_NUMBERS = 6_000_000
-"""Numbers of all arrays that are told, together."""
+"""Numbers of all arrays that are reported, together."""
 SHORT = 64
-"""Items of an array that is told item by item; longer ones of other prims than meshes by their length."""
+"""Items of an array that is reported item by item; longer ones of other prims than meshes by their length."""
 LONGEST_PATH = 1000
 MESH_ARRAYS = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices", "simspec:points")
 LONGEST_TEXT = 400
@@ -98,7 +98,7 @@ def _answer(requested: dict[str, Any]) -> dict[str, Any]:
         roots = [os.path.realpath(UNPACKED)]
     layers = _Layers(roots, bool(requested["forgive"]))
     layers.walk(path)
-    with Tf.DiagnosticTrap():  # what is wrong is told by the stage itself
+    with Tf.DiagnosticTrap():  # the stage itself reports errors
         try:
             stage = Usd.Stage.Open(layers.opened[os.path.realpath(path)], Usd.Stage.LoadAll)
         except Tf.ErrorException as error:
@@ -117,7 +117,7 @@ def _answer(requested: dict[str, Any]) -> dict[str, Any]:
 
 
 def _damaged(error: Exception, place: str) -> RefusedError:
-    """What the reader says of a file, in its own words, with the place in a text."""
+    """The reader's message about a file, with the place in a text."""
     message = "this is no file of USD, or it is damaged"
     if "bad_alloc" in str(error):
         return RefusedError("it takes more memory than is allowed", os.path.basename(place))

@@ -163,7 +163,7 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
         for other in others:
             if other in called:
                 table[name].add(called[other])
-    # what ignores no group that has a shape is as if it were in none
+    # a group that ignores no group with a shape has no effect
     actual = {name for said in member.values() for names in said.values() for name in names}
     acting = {name for name in actual for other in actual if other in table[name] or name in table[other]}
     of_body: dict[str, str] = {}
@@ -237,7 +237,7 @@ def contact_data(
     joints: Sequence[UsdJointRead],
     data: dict[str, Any],
 ) -> dict[str, Any]:
-    """Materials, groups and pairs; bodies in ``data`` are told their groups. ``parts``: the body of every prim that is part of
+    """Materials, groups and pairs; bodies in ``data`` get their groups. ``parts``: the body of every prim that is part of
     one; ``bodies`` by the ``id`` of their prims."""
     contact: dict[str, Any] = {}
     if materials.data:

@@ -1,5 +1,5 @@
-"""What schemas beyond UsdPhysics say of joints: armature, dampers and springs, dry friction, largest velocity and effort, where
-an axis stands and how fast it moves, which joint follows another, and which joints move one body one after the other.
+"""Properties of joints by schemas beyond UsdPhysics: armature, dampers and springs, dry friction, largest velocity and effort,
+where an axis stands and how fast it moves, which joint follows another, and which joints move one body one after the other.
 
 Angular numbers of ``newton:`` and ``physx:`` attributes are per degree, of ``mjc:`` attributes per radian: so their schemas.
 """
@@ -38,7 +38,7 @@ AXIS: Final = "PhysxJointAxisAPI"
 
 
 def armature(prim: PrimRead, units: Units, instance: str = "") -> float:
-    """The armature (kg m² or kg), 0 where none is said. ``instance``: what the words of the axis are called."""
+    """The armature (kg m² or kg), 0 where none is stated. ``instance``: the name of the axis in its attributes."""
     return _first(prim, dict.fromkeys((f"physxJointAxis:{instance}:armature", *ARMATURES), units.inertia))
 
 
@@ -138,8 +138,8 @@ class UsdMimic:
 
 
 def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
-    """What a joint of one axis follows; None where it follows nothing, or what the language does not say, which is then lost.
-    ``newton:`` says q = c0 + c1 q', ``physx``  q + g q' + c = 0."""
+    """The leader of a joint of one axis; None where it follows nothing, or in a way that the language does not have, which is
+    then lost. ``newton:`` says q = c0 + c1 q', ``physx``  q + g q' + c = 0."""
     if prim.applies("NewtonMimicAPI") or prim.has("newton:mimicCoef1"):
         targets = prim.targets("newton:mimicJoint")
         offset, ratio = prim.real("newton:mimicCoef0", 0.0), prim.real("newton:mimicCoef1", 1.0)

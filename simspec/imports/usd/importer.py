@@ -77,7 +77,7 @@ TYPES: Final = (
         "MjcActuator, NewtonActuator",
         Fate.LOST,
         INFORMATION,
-        "what drives a joint is `control` in a spec",
+        "a drive of a joint is `control` in a spec",
     ),
     _rule(
         "MjcTendon",
@@ -130,7 +130,7 @@ ATTRIBUTES: Final = (
         INFORMATION,
         "only meshes are approximated",
     ),
-    _rule("apiSchemas:.*", "other schemas", Fate.LOST, INFORMATION, "its attributes are told one by one"),
+    _rule("apiSchemas:.*", "other schemas", Fate.LOST, INFORMATION, "its attributes are reported one by one"),
     _rule(
         "xformOp.*",
         "`xformOp:…` of prims that nothing stands in",
@@ -362,7 +362,7 @@ _CARRIED: Final = (
 
 
 def rows() -> list[ElementRow]:
-    """What is carried, then what is not."""
+    """Rows of carried words, then those of losses."""
     carried = [ElementRow(where, becomes) for where, becomes in _CARRIED]
     types = [ElementRow(rule.shown, "", rule.fate, rule.severity, rule.reason, rule.hint) for rule in TYPES]
     attributes = [
@@ -386,7 +386,7 @@ class Usd:
 
     @staticmethod
     def table() -> list[ElementRow]:
-        """What prims and attributes become."""
+        """The fates of prims and attributes."""
         return rows()
 
     @staticmethod

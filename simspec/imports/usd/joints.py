@@ -51,7 +51,7 @@ class Freedom:
     name: str = ""
     """As simspec wrote it; "" where it did not."""
     instance: str = ""
-    """What drives and states of the axis are called."""
+    """The instance name of drives and states of the axis."""
     units: Units | None = None
     mimic: UsdMimic | None = None
 
@@ -72,7 +72,7 @@ class UsdJointRead:
     touching: bool = False
     """Whether the bodies that it joins touch each other."""
     gap: float = 0.0
-    """m or rad by which its frames are apart where the bodies are."""
+    """m or rad between its frames where the bodies are."""
     said: bool = False
     """Whether simspec's own attributes say where its axes stand."""
     outer: list[UsdJointRead] = field(default_factory=list)
@@ -163,7 +163,7 @@ class JointReader:
         return None if holder is None else self.body_of(holder), frame
 
     def _freedoms(self, prim: PrimRead, kind: str) -> list[Freedom] | None:
-        """What a joint leaves free, in order; None where that is everything."""
+        """The free axes of a joint, in order; None where all are free."""
         if kind not in SCALAR_JOINTS:
             for name in ("physics:axis", "physics:lowerLimit", "physics:upperLimit"):
                 prim.ignore(name, "this kind of joint has none")
@@ -385,7 +385,7 @@ def _turn(joint: UsdJointRead) -> list[float]:
 
 def start_of(joint: UsdJointRead, first: Pose, second: Pose) -> Pose:
     """Where the second frame of a joint is in its first, with the bodies at these poses; its freedoms get their positions,
-    and it what its frames are apart beyond them."""
+    and it the gap between its frames beyond them."""
     rest = frames.compose(
         frames.inverse(frames.compose(first, joint.in_first)), frames.compose(second, joint.in_second)
     )

@@ -152,7 +152,7 @@ class MassReader:
             repair = f"the principal moments {low:g}, {middle:g}, {high:g} kg m² became those of the nearest body"
             if not self.draft.mend(TRIANGLE, prim, message, repair, (*path, "inertia")):
                 return tensor
-        # the same for every axis keeps the axes: what the largest is too large by is shared
+        # the same for every axis keeps the axes: the excess of the largest is shared
         share = over / 3.0
         matrix = np.array(
             [[tensor[0], tensor[3], tensor[4]], [tensor[3], tensor[1], tensor[5]], [tensor[4], tensor[5], tensor[2]]]

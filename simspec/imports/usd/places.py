@@ -1,6 +1,6 @@
 """Where prims are: their stacks of operations as rigid poses and factors along axes, in metres.
 
-Operations that only move and turn are composed as they are written, in doubles; what has other factors than 1 above it is taken
+Operations that only move and turn are composed as they are written, in doubles; a place below other factors than 1 is taken
 from the matrix that USD computes.
 """
 
@@ -68,7 +68,7 @@ class PrimPlaces:
             chain.append(above)
             if above.record.get("reset"):
                 break
-        if body is not None and not closed:  # what stands in the body does not move with its place
+        if body is not None and not closed:  # a prim that stands in the body does not move with its place
             return PrimPlace(
                 frames.compose(frames.inverse(self._exact(body).pose), self._exact(prim).pose), self._exact(prim).scale
             )

@@ -167,7 +167,7 @@ class ShapeReader:
         along = scale[AXES.index(axis)]
         across = [factor for word, factor in zip(AXES, scale, strict=True) if word != axis]
         if abs(across[0] - across[1]) > ALIKE * max(across):
-            self._refuse(shape, f"a {kind.lower()} whose section is an ellipse is not supported")
+            self._refuse(shape, f"a {kind.lower()} with an elliptical section is not supported")
             return
         radius, height = (
             self._radius(prim) * metres * across[0],

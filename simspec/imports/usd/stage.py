@@ -84,7 +84,7 @@ STALE: Final = "it does not agree with the schema's attributes, which have been 
 
 class PrimRead(Element):
     """A prim. ``attributes`` has a text for each attribute, relationship and applied schema, ``told`` their values.
-    ``forgiving``: whether the rule that repairs quaternions is asked for."""
+    ``forgiving``: whether the rule that repairs quaternions is requested."""
 
     forgiving = False
 
@@ -287,7 +287,7 @@ def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
     if "not installed" in message:
         hint = "pip install 'simspec-physics[usd]'"
     elif answer["missing"]:
-        hint = "simspec import --repair missing-files: what is not there is left out"
+        hint = "simspec import --repair missing-files: missing files are left out"
     elif message.startswith("leaves"):
         hint = "--allow-outside allows it"
     line, column = answer.get("at", (1, 1))

@@ -1,4 +1,4 @@
-"""What both processes of an expansion know: what it may take, and how its place is shared. Imports next to nothing."""
+"""Limits of an expansion, and the form of its places, for both processes. Imports next to nothing."""
 
 from __future__ import annotations
 
@@ -22,4 +22,4 @@ PLACE: Final = "simspec-place"
 PLACE_NOW: Final = struct.Struct("=qq")
 """File and line of the element that is being expanded, in memory that both processes see."""
 SUFFIXES = (".xacro", ".urdf", ".xml")
-"""Ends of the names of its files; stated here so that files are told apart without the importer."""
+"""Ends of the names of its files; stated here so that files are distinguished without the importer."""

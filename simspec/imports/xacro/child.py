@@ -44,7 +44,7 @@ LONGEST: Final = 20_000
 
 
 class Refused(Exception):
-    """What the program requests and does not get."""
+    """The program requests something that it does not get."""
 
 
 def _words(text: str) -> frozenset[str]:
@@ -144,7 +144,7 @@ class _Checked(ast.NodeTransformer):
 
     def visit_Constant(self, node: ast.Constant) -> ast.Constant:
         if not isinstance(node.value, CONSTANTS):
-            raise Refused(f"a constant that is no number, text or truth value: {self._shown}")
+            raise Refused(f"a constant that is not a finite number, text or truth value: {self._shown}")
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.Name:
@@ -244,7 +244,7 @@ class _Builder(xml.dom.expatbuilder.ExpatBuilderNS):
 
 
 class XacroProgram:
-    """One file that is expanded: xacro, with what it asks of the system answered here."""
+    """One file that is expanded: xacro, with its requests to the system answered here."""
 
     def __init__(self, now: mmap.mmap, request: dict[str, Any]):
         self._now = now
@@ -274,7 +274,7 @@ class XacroProgram:
             for text in (*dict(element.attributes.items()).values(), *texts):
                 if ADDRESS.search(text):
                     self._note(element)
-                    raise Refused(f"an expression whose value has no text: {ADDRESS.sub('>', text)[:80]}")
+                    raise Refused(f"an expression with a value that has no text: {ADDRESS.sub('>', text)[:80]}")
 
     def _install(self, beyond: str | None) -> None:
         """Put our functions in the place of those that would read files or the environment, and of those that see elements."""
@@ -422,7 +422,7 @@ def _say(message: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Expand the file that standard input tells of. The one argument is the descriptor of the memory that holds the place."""
+    """Expand the file that standard input names. The one argument is the descriptor of the memory that holds the place."""
     now = mmap.mmap(int(sys.argv[1]), PLACE_NOW.size)
     request = json.loads(sys.stdin.buffer.readline())
     sys.setrecursionlimit(DEEPEST)
@@ -431,14 +431,14 @@ def main() -> None:
     missing = close_doors(request["seconds"], kernel=request["walls"] is None) or request["walls"]
     try:
         expanded = program.run(text, missing)
-    except Exception as error:  # a program may raise anything: it is told with its place
+    except Exception as error:  # a program may raise anything: it is reported with its place
         _say({"failed": _reason_of(error), "place": program.place})
     else:
         _say({"text": expanded, "warnings": program.warnings, "declared": program.declared})
 
 
 def _reason_of(error: BaseException) -> str:
-    """What went wrong, in one line: of an error that xacro has wrapped in its own, the inmost."""
+    """The cause of an error, in one line: of an error that xacro has wrapped, the inmost."""
     while isinstance(error, xacro.XacroException) and isinstance(error.exc, BaseException):
         if isinstance(error.exc, (Refused, MemoryError, RecursionError, xacro.XacroException)):
             error = error.exc

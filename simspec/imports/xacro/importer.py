@@ -32,22 +32,22 @@ from simspec.imports.xacro import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, S
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
 from simspec.processes import ELSEWHERE, isolated
 
-# Expansion: a process computes, and asks here for the files that it names.
+# Expansion: a process computes, and requests here the files that it names.
 
 LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
 """Bytes from the process: a text of the largest size, each character escaped."""
 
 
 VALUE: Final = re.compile(r"""(?:value|default)\s*=\s*(["'])([^"'<]*)\1""")
-"""What a property or an argument is given: xacro reads as a number what Python does."""
+"""The value of a property or an argument: xacro reads as a number all that Python does."""
 HALF: Final = re.compile(r"[\ud800-\udfff]")
-"""What no file holds by itself: a program can make it."""
+"""An attribute that no file has by itself: a program can make it."""
 TOO_MUCH: Final = "needs more computing time or memory than a robot takes"
 
 
 @dataclass
 class Expanded:
-    """What a xacro file expands to."""
+    """The expansion of a xacro file."""
 
     text: str
     names: list[str]
@@ -63,7 +63,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
     expansion = _Expansion(files, [files.shown])
     for name, value in arguments.items():
         if (why := numerals.like_a_number(value)) is not None:
-            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is no number: {why}")])
+            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not finite: {why}")])
     if importlib.util.find_spec("xacro") is None:
         hint = 'pip install "simspec-physics[import]"'
         raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint)])
@@ -107,14 +107,14 @@ class _Expansion:
     names: list[str]
 
     def send(self, process: subprocess.Popen[bytes], message: Mapping[str, Any]) -> None:
-        """A message to the process; of one that has ended, reading tells."""
+        """A message to the process; of one that has ended, reading reports it."""
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             process.stdin.write(json.dumps(message).encode() + b"\n")
             process.stdin.flush()
 
     def answer(self, process: subprocess.Popen[bytes], now: mmap.mmap) -> Expanded:
-        """What the process makes of the file; its questions are answered meanwhile."""
+        """The expansion by the process; its questions are answered meanwhile."""
         for line in self._lines(process, now):
             try:
                 said = _message(line)
@@ -158,7 +158,7 @@ class _Expansion:
                 yield from lines
 
     def _ask(self, process: subprocess.Popen[bytes], said: Mapping[str, Any]) -> None:
-        """Give the process a text that it asks for, or say that there is no such file. Raises SpecError for all else."""
+        """Give the process a text that it requests, or say that there is no such file. Raises SpecError for all else."""
         name = _whole(said["ask"]).replace("file://package://", "package://")
         place = self._place(said.get("place"))
         element = Element("xacro:include", {"filename": name}, place, "", None)
@@ -192,7 +192,7 @@ def _decoded(content: bytes, name: str, place: Location) -> str:
     for found in () if text.isascii() else VALUE.finditer(text):
         if (why := numerals.like_a_number(found[2])) is not None:
             line = 1 + text.count("\n", 0, found.start())
-            raise _refused(f"{found[2][:40]!r} is no number: {why}", Location(name, line, 1))
+            raise _refused(f"{found[2][:40]!r} is not finite: {why}", Location(name, line, 1))
     return text
 
 
@@ -202,7 +202,7 @@ def _whole(value: object) -> str:
 
 
 def _message(line: bytes) -> dict[str, Any]:
-    """What the process says, of the form that child.py documents. Raises ValueError for all else."""
+    """The answer of the process, of the form that child.py documents. Raises ValueError for all else."""
     try:
         message = json.loads(line)
     except RecursionError:
@@ -229,7 +229,7 @@ MANY: Final = ", "
 _USE: Final = re.compile(rb"\$\(arg\s+([^\s()]{1,80})\s*\)")
 _NO_VALUE: Final = re.compile(r"the argument '([^']{1,80})' has no value")
 EXPANDED: Final = "expanded text of"
-"""What stands before the name of a file in places that are of no file."""
+"""The text before the name of a file in places that are of no file."""
 SCHEMES: Final = ("file://package://", "file:///package://")
 """How files of packages are named where `$(find PACKAGE)` stands in a URL."""
 

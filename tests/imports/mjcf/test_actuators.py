@@ -1,5 +1,5 @@
 """Actuators of MJCF files: those that a spec has are its model's, and a run with their commands moves as the file does in its
-own engine; the others are told with the controller that acts alike."""
+engine; the others are reported with the controller that acts alike."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_model_carries_its_actuators(tmp_path):
     assert not [entry for entry in imported.losses() if "actuator/" in entry.what]
 
 
-def test_it_moves_as_the_file_does_in_its_own_engine(tmp_path):
+def test_it_moves_as_the_file_does_in_mujoco(tmp_path):
     """Explicit dampers and actuators in both; the reference position of the slide is no position of the spec's."""
     mujoco = pytest.importorskip("mujoco")
     path, world = acting(tmp_path, DRIVEN)
@@ -74,7 +74,7 @@ def test_it_moves_as_the_file_does_in_its_own_engine(tmp_path):
     assert np.abs(np.subtract(ours, theirs)).max() < 1e-12
 
 
-def test_a_scenario_carries_them_beside_its_bodies(tmp_path):
+def test_a_scenario_carries_them_next_to_its_bodies(tmp_path):
     imported = read(written(tmp_path, DRIVEN.replace("<worldbody>", '<worldbody><geom type="plane" size="1 1 1"/>')))
     assert "model" not in imported.data
     assert set(imported.data["actuators"]) == set(COMMANDS)
@@ -90,7 +90,7 @@ def test_a_scenario_carries_them_beside_its_bodies(tmp_path):
         ('<cylinder joint="swing" timeconst="1"/>', FEATURES["actuator"].hint),
     ],
 )
-def test_others_are_told_with_the_controller_that_acts_alike(tmp_path, actuator, hint):
+def test_others_are_reported_with_the_controller_that_acts_alike(tmp_path, actuator, hint):
     text = ARM.replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>")
     imported = read(written(tmp_path, text))
     assert "actuators" not in imported.data["model"]

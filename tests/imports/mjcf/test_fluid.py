@@ -53,7 +53,7 @@ def test_without_passive_forces_there_is_no_fluid(tmp_path):
         ('<geom type="box" size=".2 .01 .1"/>', '<inertial pos="0 0 0" mass="9" diaginertia="0 0 0"/>', "option.fluid"),
     ],
 )
-def test_what_a_fluid_does_by_another_law_is_told(tmp_path, old, new, feature):
+def test_fluids_of_another_law_are_reported(tmp_path, old, new, feature):
     found, _, lost = imported(tmp_path, SWIMMER.replace(old, new))
     assert set(lost) == {FEATURES[feature].reason}
     assert found.passive > 1e-3

@@ -66,7 +66,7 @@ def test_the_compiled_spec_has_the_same_heights(kind, tmp_path):
     np.testing.assert_allclose(again.geom_quat[geom], original.geom_quat[0], atol=1e-12)
 
 
-def test_one_that_moves_is_lost(tmp_path):
+def test_a_moving_height_field_is_lost(tmp_path):
     text = TEXT.replace('quat="0.9 0.1 0 0">', 'quat="0.9 0.1 0 0"><joint/><geom size="0.1"/>')
     imported = read(project(tmp_path, inline(), text))
     assert "geom.kind" in str(lost(imported)) or any(

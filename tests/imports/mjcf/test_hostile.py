@@ -1,4 +1,4 @@
-"""MJCF files from strangers: a clear error, nothing read that is not allowed, bounded time and memory."""
+"""Untrusted MJCF files: a clear error, nothing read that is not allowed, bounded time and memory."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_a_long_chain_of_includes_is_refused(tmp_path):
 
 
 def test_too_many_different_surfaces_are_refused(tmp_path, monkeypatch):
-    """Geoms that nothing touches do not count: nobody holds them against others."""
+    """Geoms that nothing touches do not count: they are not compared with others."""
     monkeypatch.setattr(contact, "MOST_SURFACES", 5)
     geom = '<geom size="1" friction="{} 1 1" contype="{}" conaffinity="0"/>'
     bare = "".join(geom.format(number, 0) for number in range(20))
@@ -131,16 +131,16 @@ def test_too_many_different_surfaces_are_refused(tmp_path, monkeypatch):
 
 
 def test_many_equal_names_are_given_in_few_steps(monkeypatch):
-    """Each of 20,000 names that are one to the language asks for two names, not for all that were given before it."""
+    """Each of 20,000 names that are the same to the language compares two names, not all that were given before it."""
 
     class Counting(set):
-        asked = 0
+        compared = 0
 
         def __contains__(self, name):
-            Counting.asked += 1
+            Counting.compared += 1
             return super().__contains__(name)
 
     names = MjcfNames(Counting())
     given = {names.give("n" * 200 + str(number), "") for number in range(20_000)}
     assert len(given) == 20_000
-    assert Counting.asked < 50_000
+    assert Counting.compared < 50_000

@@ -1,4 +1,4 @@
-"""Imported MJCF files: what the spec says, that it is the same model, and that nothing is lost in silence."""
+"""Imported MJCF files: the words of the spec, that it is the same model, and that nothing is lost in silence."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_wrong_number_is_seen(tmp_path, monkeypatch, array):
     assert deviations.worst > 1e-6
 
 
-def test_one_tree_is_a_model_file(tmp_path):
+def test_a_single_tree_is_a_model_file(tmp_path):
     bodies = read(written(tmp_path, ARM)).data["model"]["bodies"]
     assert list(bodies) == ["base", "upper", "slider", "ball"]
     joint = bodies["upper"]["joint"]
@@ -60,7 +60,7 @@ def test_one_tree_is_a_model_file(tmp_path):
     assert [shape["collision"] for shape in bodies["upper"]["shapes"][1:]] == [False]
 
 
-def test_several_trees_and_the_world_s_own_shapes_are_a_scenario(tmp_path):
+def test_several_trees_and_the_shapes_of_the_world_are_a_scenario(tmp_path):
     path = written(tmp_path, SCENE)
     data = read(path).data
     assert list(data["bodies"]) == ["ground", "box0", "box1", "box2", "stand"]
@@ -99,7 +99,7 @@ FIXED = """<mujoco><worldbody>{0}<body name="base" pos="1 2 3" euler="10 20 30">
 <joint name="j" pos="0.1 0 0"/><geom size="1"/></body></body></body></worldbody></mujoco>"""
 
 
-def test_what_is_joined_to_a_fixed_body_may_touch_it(tmp_path):
+def test_a_body_joined_to_a_fixed_body_may_touch_it(tmp_path):
     for number, more in enumerate(('<geom type="plane" size="1 1 1"/>', "")):
         path = written(tmp_path, FIXED.format(more), f"{number}.xml")
         deviations, imported = comparison.deviations(path, ImportOptions())
@@ -151,7 +151,7 @@ LOSSES = {
 }
 
 
-def test_what_the_spec_does_not_say_is_told(tmp_path):
+def test_losses_are_reported(tmp_path):
     bodies = "\n".join(body.replace("<body", f'<body pos="{number * 9} 0 0"') for number, body in enumerate(LOSSES))
     entries = lost(read(written(tmp_path, f"<mujoco><worldbody>\n{bodies}</worldbody></mujoco>")))
     given = {(entry.location.line, entry.reason) for entry in entries}
@@ -192,7 +192,7 @@ TOUCH = {"a1 b2", "a2 c1", "c2 g", "b1 c1", "b1 c2", "b2 c1", "b2 c2", "a1 h", "
 
 
 def test_pairs_of_geoms_touch_although_their_bodies_are_joined_or_excluded(tmp_path):
-    """All others of these bodies do not: what the compiler of the file would let touch, and no more."""
+    """All others of these bodies do not: as the compiler of the file would let them touch, and no more."""
     path = written(tmp_path, FILTERED)
     assert not lost(read(path))
     world = load(path).resolve()
@@ -217,7 +217,7 @@ LOOP = """<mujoco><option><flag filterparent="FLAG"/></option><worldbody><geom n
 
 
 @pytest.mark.parametrize("flag", ["enable", "disable"])
-def test_what_a_loop_joins_touches_as_in_the_file(tmp_path, flag):
+def test_bodies_of_a_loop_touch_as_in_the_file(tmp_path, flag):
     path = written(tmp_path, LOOP.replace("FLAG", flag))
     assert not lost(read(path))
     world = load(path).resolve()
@@ -228,7 +228,7 @@ def test_what_a_loop_joins_touches_as_in_the_file(tmp_path, flag):
     assert found == {(ground, "a"), (ground, "b"), (ground, "c"), ("a", "c"), ("b", "c")} | joined
 
 
-def test_what_a_class_gives_is_told_too(tmp_path):
+def test_losses_of_classes_are_reported_too(tmp_path):
     text = """<mujoco><default><default class="soft"><geom adhesion="0.01"/></default></default>
     <worldbody><body><freejoint/><geom class="soft" size="1"/></body></worldbody></mujoco>"""
     assert [entry.what for entry in lost(read(written(tmp_path, text)))] == ["default/default[soft]/geom/@adhesion"]
@@ -236,7 +236,7 @@ def test_what_a_class_gives_is_told_too(tmp_path):
     assert not lost(read(written(tmp_path, unused)))
 
 
-def test_what_nobody_knows_is_lost(tmp_path):
+def test_unknown_elements_are_lost(tmp_path):
     text = ARM.replace('<geom class="visual" size=".01"', '<geom class="visual" size=".01" gap="0.1"')
     text = text.replace("</mujoco>", '<sensor><jointpos joint="swing"/></sensor></mujoco>')
     imported = read(written(tmp_path, text))
@@ -247,7 +247,7 @@ def test_what_nobody_knows_is_lost(tmp_path):
     assert {entry.fate for entry in imported.accounts if "joint[swing]" in entry.what} == {Fate.CARRIED}
 
 
-def test_included_files_are_one_model_and_keep_their_places(tmp_path):
+def test_included_files_are_a_single_model_and_keep_their_places(tmp_path):
     written(tmp_path, '<x><body name="b"><joint/><geom size="1" adhesion="1"/></body></x>', "parts/b.xml")
     text = '<mujoco><worldbody>\n<body name="a"><freejoint/><geom size="1"/><include file="parts/b.xml"/></body>'
     path = written(tmp_path, f"{text}</worldbody></mujoco>")
@@ -350,7 +350,7 @@ def test_meshes_are_where_the_file_has_them(tmp_path):
         assert max(np.abs(found - vertex).max(axis=1).min() for vertex in vertices) < 1e-9
 
 
-def test_the_timestep_is_one_that_explicit_dampers_bear(tmp_path):
+def test_the_timestep_is_stable_for_explicit_dampers(tmp_path):
     path = written(tmp_path, ARM.replace('damping="0.1"', 'damping="5000"'))
     imported = read(path)
     assert imported.data["physics"]["timestep"] < 0.001
@@ -456,13 +456,13 @@ LAYOUTS = {
     "one name in two folders": (IN_TWO.format("a/g.xml", "b/g.xml"), {"a/g.xml": BALL, "b/g.xml": SMALL}),
     "one file by a link": (IN_TWO.format("g.xml", "link.xml"), {"g.xml": BALL, "link.xml": "-> g.xml"}),
     "a file that includes itself by a link": (INCLUDES_SUB, {"sub/g.xml": INNER, "sub/h.xml": "-> g.xml"}),
-    "a mesh beside the included file": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1}),
-    "a mesh beside the main file first": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1, "m.stl": 2}),
+    "a mesh next to the included file": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1}),
+    "a mesh next to the main file first": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1, "m.stl": 2}),
     "a mesh of a folder of meshes first": (
         WITH_PART.format('<compiler meshdir="x"/>'),
         {"sub/g.xml": PART, "sub/m.stl": 1, "x/m.stl": 2},
     ),
-    "a mesh beside the included file, not in the folder": (
+    "a mesh next to the included file, not in the folder": (
         WITH_PART.format('<compiler meshdir="x"/>'),
         {"sub/g.xml": PART, "sub/m.stl": 1},
     ),

@@ -25,7 +25,7 @@ LIFT = """<mujoco><compiler angle="radian"/><worldbody>
     ],
 )
 def test_a_body_that_a_program_moves_begins_where_its_loop_is_closed(tmp_path, loop):
-    """The reference of the lift is 0.1 m below its range: what it carries begins 0.1 m higher, and what is held to it."""
+    """The reference of the lift is 0.1 m below its range: its load begins 0.1 m higher, and so does a body welded to it."""
     path = written(tmp_path, LIFT.format(loop=loop, mocap="0.3 0.2 0.1"))
     imported = read(path)
     assert not lost(imported)
@@ -34,7 +34,7 @@ def test_a_body_that_a_program_moves_begins_where_its_loop_is_closed(tmp_path, l
     assert target.joint.origin.position == pytest.approx((0.3, 0.2, 0.2))
 
 
-def test_a_loop_that_limits_open_is_told(tmp_path):
+def test_a_loop_that_limits_open_is_reported(tmp_path):
     """Of two bodies on joints none can be put elsewhere."""
     text = LIFT.format(loop='<weld body1="target" body2="hand"/>', mocap="0 0 0").replace(' mocap="true"', "")
     (entry,) = lost(read(written(tmp_path, text)))

@@ -1,4 +1,4 @@
-"""Keys of MJCF as named states of the model: positions from the reference on, the root's pose, and what is told as lost."""
+"""Keys of MJCF as named states of the model: positions from the reference on, the root's pose, and losses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_key_is_a_state(tmp_path):
     assert np.isfinite(initial_state(world)[0]).all()
 
 
-def test_what_is_not_carried_is_told(tmp_path):
+def test_losses_of_keys_are_reported(tmp_path):
     spec = placed(tmp_path, MODEL, "state_2")
     assert spec.resolve().bodies[0].joint.position[3:] == (0.0, 0.0, 1.0, 0.0)
     (file,) = spec.source.uses.values()
@@ -76,7 +76,7 @@ def test_inputs_of_a_key_are_commands_of_actuators(tmp_path):
         assert trajectory.efforts == pytest.approx(np.array([[feed]]))
 
 
-def test_inputs_of_actuators_that_are_not_carried_are_told(tmp_path):
+def test_inputs_of_actuators_that_are_not_carried_are_reported(tmp_path):
     driven = ACTED.replace('joint="swing" gear="2"', 'joint="foot" gear="2"').replace(
         'type="ball"', 'type="ball" name="foot"'
     )

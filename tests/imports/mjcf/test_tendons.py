@@ -35,7 +35,7 @@ def test_a_sum_of_two_joints_that_is_kept_is_a_coupling(tmp_path):
     assert load(path).resolve().bodies[1].joint.position == (0.2,)
 
 
-def test_two_tendons_of_one_joint_each_are_a_coupling(tmp_path):
+def test_two_tendons_of_a_joint_each_are_a_coupling(tmp_path):
     tendons = '<fixed name="s"><joint joint="a" coef="2"/></fixed><fixed name="t"><joint joint="c" coef="4"/></fixed>'
     imported = read(written(tmp_path, MODEL.format(tendons, '<tendon tendon1="s" tendon2="t" polycoef="0 3 0 0 0"/>')))
     assert follows(imported) == [{"joint": "a", "leader": "c", "ratio": 6}]
@@ -92,7 +92,7 @@ def test_springs_and_dampers_of_tendons_are_those_of_sums(tmp_path):
     ['stiffness="3" springlength="0.1 0.2"', 'armature="1"', 'range="1 2"', 'stiffness="3 1"'],
     ids=["slack", "inertia", "begins beyond", "not linear"],
 )
-def test_what_sums_do_not_have_is_told(tmp_path, said):
+def test_losses_of_sums_are_reported(tmp_path, said):
     (entry,) = lost(read(written(tmp_path, MODEL.format(SUM.format("s", said, "a", 1, "c", 1), ""))))
     assert entry.reason == FEATURES["tendon"].reason
 
@@ -104,7 +104,7 @@ def test_a_timestep_at_which_a_tendon_diverges_is_shortened(tmp_path):
     load(written(tmp_path, MODEL.format(tendons, ""))).resolve()
 
 
-def test_a_mesh_of_the_engines_own_language_is_read(tmp_path):
+def test_a_mesh_in_the_format_of_the_engine_is_read(tmp_path):
     points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     flat = [number for point in points for number in point]

@@ -1,4 +1,4 @@
-"""Another reader of SDF, in a process of its own: what Drake's parser makes of files, as JSON on standard output.
+"""Another reader of SDF, in a separate process: the models that Drake's parser makes of files, as JSON on standard output.
 
 Arguments: a JSON file ``[{"file": ..., "positions": {joint: q}}]``.
 """

@@ -47,7 +47,7 @@ def test_the_child_turns_against_the_parent(given, ratio, tmp_path):
     assert len(world.constraints) == 1
 
 
-def test_a_joint_with_limits_leads_one_that_has_none(tmp_path):
+def test_a_joint_with_limits_leads_a_joint_without(tmp_path):
     limits = '<limit><lower>-2</lower><upper>-0.5</upper></limit></axis></joint>\n<joint name="gears"'
     text = geared().replace('</axis></joint>\n<joint name="gears"', limits)
     (actual,) = imported(text, tmp_path).data["model"]["constraints"].values()
@@ -56,13 +56,13 @@ def test_a_joint_with_limits_leads_one_that_has_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "passed"),
     [
         ({"second": "1 0 0"}, "the axis of a gearbox is that of the joint 'swing'"),
         ({"ends": ("rotor", "arm")}, "no hinge joins the reference body of the gearbox and its child"),
         ({"ratio": "<gearbox_ratio>0</gearbox_ratio>"}, "couples nothing"),
     ],
 )
-def test_what_no_two_hinges_say_is_refused(given, passed, tmp_path):
+def test_gearboxes_without_two_hinges_are_refused(given, passed, tmp_path):
     with pytest.raises(SpecError, match=passed):
         imported(geared(**given), tmp_path)

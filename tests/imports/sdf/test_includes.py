@@ -150,7 +150,7 @@ def model_in(name):
     return f"<model name='{name}'>{link('link', BOX)}</model>"
 
 
-def test_a_ground_of_the_database_is_the_one_that_counts(tmp_path):
+def test_a_ground_of_the_database_counts(tmp_path):
     ground = "<static>true</static>" + link("link", BOX)
     database(tmp_path, "ground_plane", model(ground))
     database(tmp_path, "sun", sdf(LIGHT))
@@ -198,7 +198,7 @@ DRAWN = [
 
 
 @pytest.mark.parametrize("content", DRAWN)
-def test_what_is_only_drawn_stands_in_no_way(tmp_path, content):
+def test_drawings_stand_in_no_way(tmp_path, content):
     result = imported(model(link("base", BOX + f"<visual name='v'>{content}</visual>")), tmp_path)
     assert len(result.data["model"]["bodies"]["base"]["shapes"]) == 1
     assert {severity for severity, _ in lost(result).values()} == {"appearance"}
@@ -250,7 +250,7 @@ def test_flat_and_nested_are_the_same_model(tmp_path, version):
     assert imported(model(flat, version), tmp_path).data == imported(nested, tmp_path).data
 
 
-def test_since_names_are_reserved_flat_ones_are_refused(tmp_path):
+def test_since_names_are_reserved_flat_names_are_refused(tmp_path):
     assert "not a name of a <link>" in refused(model(FLAT, "1.8"), tmp_path)
 
 
@@ -301,7 +301,7 @@ NEW = """<sdf version="1.4"><world name="default"><physics type="ode"><gravity>0
 <limit><lower>-1</lower><upper>2</upper><effort>5</effort><velocity>3</velocity></limit></axis></joint></model></world></sdf>"""
 
 
-def test_the_oldest_form_means_what_the_newer_one_does(tmp_path):
+def test_the_oldest_form_has_the_meaning_of_the_newer_form(tmp_path):
     old, new = imported(OLD, tmp_path, "old.world"), imported(NEW, tmp_path, "new.world")
     assert old.data == {**new.data, "name": old.data["name"]}
     assert old.data["physics"] == {"gravity": [0, 0, -9.7], "timestep": 0.002}

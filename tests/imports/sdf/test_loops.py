@@ -18,7 +18,7 @@ from simspec.world.kinematics import initial_state
 from simspec.world.types import Connect, Follow, Weld
 from tests.imports.sdf.texts import imported, joint, link, lost, model
 
-HELD = joint("fixed", name="hold", parent="world", child="base")
+FIXED = joint("fixed", name="hold", parent="world", child="base")
 UPRIGHT = "<axis><xyz>0 1 0</xyz></axis>"
 
 
@@ -34,7 +34,7 @@ def four_bar(kind, content=UPRIGHT):
     ]
     closing = joint(kind, f"<pose>2 0 0 0 0 0</pose>{content}", "d", "rocker", "rod")
     return model(
-        link("base") + placed("crank", 0) + placed("rocker", 2) + placed("rod", 0, 1) + HELD + "".join(hinge) + closing
+        link("base") + placed("crank", 0) + placed("rocker", 2) + placed("rod", 0, 1) + FIXED + "".join(hinge) + closing
     )
 
 
@@ -60,7 +60,7 @@ def test_links_that_two_fixed_joints_hold_are_welded(tmp_path):
         link("base")
         + placed("crank", 0)
         + placed("rod", 0, 1)
-        + HELD
+        + FIXED
         + joint("revolute", UPRIGHT, "a", "base", "crank")
     )
     world = world_of(
@@ -72,7 +72,7 @@ def test_links_that_two_fixed_joints_hold_are_welded(tmp_path):
 
 
 def test_the_loop_of_a_hinge_holds_its_axis(tmp_path):
-    arms = link("base") + placed("arm", 1) + placed("tip", 2) + HELD
+    arms = link("base") + placed("arm", 1) + placed("tip", 2) + FIXED
     loose = joint("ball", "", "a", "base", "arm") + joint("revolute", UPRIGHT, "b", "base", "tip")
     text = model(arms + loose + joint("revolute", UPRIGHT, "c", "arm", "tip"))
     world = world_of(text, tmp_path)
@@ -84,7 +84,7 @@ def test_the_loop_of_a_hinge_holds_its_axis(tmp_path):
     assert rank == 3, "of the arm, which turns about a point of its own, a ball at the tip would hold two turns"
 
 
-def test_what_a_constraint_does_not_say_is_lost(tmp_path):
+def test_losses_of_constraints(tmp_path):
     efforts = "<limit><lower>-1</lower><upper>1</upper></limit><dynamics><damping>2</damping></dynamics>"
     efforts = UPRIGHT.replace("</axis>", f"{efforts}</axis>")
     everywhere = four_bar("revolute", efforts).replace(UPRIGHT, efforts)
@@ -133,11 +133,11 @@ def test_a_joint_that_leads_begins_where_its_follower_is_within_its_limits(tmp_p
 
 
 @pytest.mark.parametrize("kind", ["universal", "revolute2"])
-def test_two_axes_in_one_joint_are_two_hinges(kind, tmp_path):
+def test_two_axes_of_a_joint_are_two_hinges(kind, tmp_path):
     limited = "<limit><lower>-1</lower><upper>1</upper></limit>"
     axes = "<pose>0 0 -0.5 0 0 0</pose><axis><xyz>1 0 0</xyz></axis>"
     axes += f"<axis2><xyz>0 1 0</xyz>{limited}</axis2>"
-    text = model(link("base") + placed("arm", 1) + HELD + joint(kind, axes))
+    text = model(link("base") + placed("arm", 1) + FIXED + joint(kind, axes))
     first, second = imported(text, tmp_path).data["model"]["bodies"]["arm"]["joints"]
     assert first == {"name": "elbow", "type": "hinge", "origin": {"xyz": [1.0, 0.0, -0.5]}, "axis": [1.0, 0.0, 0.0]}
     assert second == {
@@ -189,7 +189,7 @@ def test_names_of_merged_models_are_those_of_the_model_around(tmp_path):
 
 def test_long_chains_are_read_link_by_link(tmp_path):
     """Of frames that are attached to one another, and of links that fixed joints hold to the world in the end: each link of a
-    chain is asked once which it hangs on, however long the chain is."""
+    chain looks its top up a single time, however long the chain is."""
     count = 300
     names = [f"l{number}" for number in range(count)]
     chain = [

@@ -1,4 +1,4 @@
-"""What each word of SDF becomes in the spec, and what is said of those that become nothing."""
+"""The words of SDF in the spec, and the reports of words that are lost."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_limits_that_are_none(bounds, tmp_path):
     assert "limits" not in data["arm"]["joint"]
 
 
-def test_a_limit_on_one_side_is_refused(tmp_path):
+def test_a_limit_on_a_single_side_is_refused(tmp_path):
     text = model(PAIR + joint("revolute", "<axis><limit><lower>0</lower></limit></axis>"))
     assert "one limit" in refused(text, tmp_path)
 
@@ -83,7 +83,7 @@ def test_the_armature_is_the_rotor_behind_its_gear(tmp_path):
     assert bodies(model(PAIR + joint("revolute", rotor)), tmp_path)["arm"]["joint"]["armature"] == 4.5
 
 
-def test_a_missing_inertial_is_one_kilogram_and_says_so(tmp_path):
+def test_a_missing_inertial_is_a_kilogram_and_says_so(tmp_path):
     result = imported(model(link("base", inertial="")), tmp_path)
     assert result.data["model"]["bodies"]["base"]["mass"] == 1.0
     assert result.data["model"]["bodies"]["base"]["inertia"] == {"principal": [1.0, 1.0, 1.0]}
@@ -114,7 +114,7 @@ def test_links_of_a_model_do_not_touch_unless_they_say_so(tmp_path):
     assert "exclude" not in imported(model(local), tmp_path).data["contact"]
 
 
-def test_in_a_world_links_of_one_model_are_a_group(tmp_path):
+def test_in_a_world_links_of_a_model_are_a_group(tmp_path):
     ball = "<collision name='c'><geometry><sphere/></geometry></collision>"
     three = link("a", ball) + link("b", ball) + link("c", ball)
     three += joint("fixed", name="j", parent="a", child="b") + joint("revolute", name="k", parent="b", child="c")
@@ -125,7 +125,7 @@ def test_in_a_world_links_of_one_model_are_a_group(tmp_path):
     load(tmp_path / "robot.sdf").resolve()
 
 
-def test_a_collision_and_a_visual_of_one_place_are_one_shape(tmp_path):
+def test_a_collision_and_a_visual_of_the_same_place_are_the_same_shape(tmp_path):
     geometry = "<pose>1 0 0 0 0 0</pose><geometry><box><size>1 2 3</size></box></geometry>"
     colour = "<material><diffuse>1 0 0 1</diffuse><ambient>1 1 1 1</ambient></material>"
     other = "<visual name='w'><geometry><sphere><radius>2</radius></sphere></geometry></visual>"
@@ -207,7 +207,7 @@ def test_friction_of_a_link_is_that_of_its_collisions_that_say_none(tmp_path):
     }
 
 
-def test_what_changes_nothing_is_no_loss(tmp_path):
+def test_words_without_effect_are_no_loss(tmp_path):
     plain = "<gravity>true</gravity><enable_wind>0</enable_wind><kinematic>0</kinematic>"
     plain += "<velocity_decay><linear>0.00</linear><angular>0</angular></velocity_decay>"
     contact = "<surface><contact><collide_bitmask>65535</collide_bitmask></contact></surface>"
@@ -267,7 +267,7 @@ def test_the_default_gravity_of_a_world_is_that_of_sdf(tmp_path):
     assert data["physics"] == {"gravity": [0.0, 0.0, -9.8], "timestep": 0.001}
 
 
-def test_links_of_a_static_model_are_one_rigid_thing(tmp_path):
+def test_links_of_a_static_model_are_rigid_together(tmp_path):
     text = model(link("a") + link("b") + joint("revolute", parent="a", child="b") + "<static>true</static>")
     data = bodies(text, tmp_path)
     assert data["a"]["fixed"] is True
@@ -375,7 +375,7 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
         (link("a", MESH.format("<uri>x.stl</uri><submesh><name>s</name></submesh>")), "a part of a file"),
     ],
 )
-def test_what_stands_in_the_way_is_told_by_line(content, said, tmp_path):
+def test_obstacles_are_reported_by_line(content, said, tmp_path):
     text = refused(model(content), tmp_path)
     assert said in text
     assert text.startswith("robot.sdf:")
@@ -438,7 +438,7 @@ def test_places_are_those_of_the_file(tmp_path):
     assert document.locate(("model", "bodies", "arm", "joint", "axis")).line == 6
 
 
-def test_names_that_the_language_does_not_allow_are_changed_and_told(tmp_path):
+def test_names_that_the_language_does_not_allow_are_changed_and_reported(tmp_path):
     result = imported(model(link("1 a") + link("b.c") + joint("fixed", parent="1 a", child="b.c")), tmp_path)
     assert result.data["model"]["bodies"].keys() == {"_1_a", "b_c"}
     accounts = [account for account in result.accounts if account.what.endswith("link[1 a]/@name")]

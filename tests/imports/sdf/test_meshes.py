@@ -1,4 +1,4 @@
-"""Meshes of SDF: found beside the file that names them, also through includes; missing ones are defects of collisions only."""
+"""Meshes of SDF: found from the file that names them, also through includes; missing ones are defects of collisions only."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def shape(tag, uri, more="", words=""):
     return f"<{tag} name='{tag}'>{geometry}</{tag}>"
 
 
-def test_a_collision_and_a_visual_of_one_file_are_one_shape(tmp_path):
+def test_a_collision_and_a_visual_of_the_same_file_are_the_same_shape(tmp_path):
     (tmp_path / "block.obj").write_text(obj(*box(1, 2, 3)))
     scaled = "<scale>2 1 -1</scale>"
     text = model(link("base", shape("collision", "block.obj", scaled) + shape("visual", "block.obj", scaled)))
@@ -71,7 +71,7 @@ def test_pieces_and_paths_from_the_root(tmp_path):
     (said,) = result.data["model"]["bodies"]["base"]["shapes"]
     assert said["mesh"] == {"file": "block.obj", "as": "pieces"}
     reasons = [account.reason for account in result.accounts if account.what.endswith("/uri")]
-    assert reasons == ["beside the file: there is no such path from the root"]
+    assert reasons == ["relative to the file: there is no such path from the root"]
 
 
 def test_the_surface_of_a_mesh_is_not_its_hull(tmp_path):
@@ -80,7 +80,7 @@ def test_the_surface_of_a_mesh_is_not_its_hull(tmp_path):
     assert {severity for severity, _ in lost(imported(model(link("base", concave)), tmp_path)).values()} == {"physics"}
 
 
-def test_a_collada_file_has_the_axes_that_it_has_and_its_own_unit(tmp_path):
+def test_a_collada_file_has_the_axes_that_it_has_and_its_unit(tmp_path):
     trimesh.Trimesh(*box(1, 2, 3), process=False).export(tmp_path / "m.dae")
     text = (tmp_path / "m.dae").read_text().replace("<up_axis>Y_UP</up_axis>", "")
     asset = '<asset><unit meter="0.1"/><up_axis>Y_UP</up_axis>'

@@ -89,7 +89,7 @@ def test_good_links_stay_as_they_are(tmp_path):
     assert imported(tmp_path, UNIT, "all", more=weld)[0] == []
 
 
-def test_what_has_no_shapes_stays_refused_and_a_massless_root_is_fixed(tmp_path):
+def test_bodies_without_shapes_stay_refused_and_a_massless_root_is_fixed(tmp_path):
     assert "no shapes that it could follow from" in refused(tmp_path, inertial(0), "all")
     repairs, _ = imported(tmp_path, UNIT, "all", base=inertial(0) + BALL)
     assert [repair.rule for repair in repairs] == ["massless"]
@@ -107,7 +107,7 @@ def test_what_has_no_shapes_stays_refused_and_a_massless_root_is_fixed(tmp_path)
         ("RobotPlugin", "physics"),
     ],
 )
-def test_plugins_are_told_apart_by_what_they_do(tmp_path, name, severity):
+def test_plugins_are_distinguished_by_their_effects(tmp_path, name, severity):
     plugin = f'<plugin name="p" filename="{name}"/>'
     imported(tmp_path, UNIT, more=plugin)
     losses = load(tmp_path / "m.sdf").source.imported.losses()

@@ -31,7 +31,7 @@ def imported(text, folder, name="robot.sdf", **options):
 
 
 def lost(result):
-    """What is lost: path, severity and reason."""
+    """The losses: path, severity and reason."""
     return {
         account.what: (account.severity.value, account.reason)
         for account in result.accounts

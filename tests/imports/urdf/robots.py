@@ -161,7 +161,7 @@ DEFECTS = {
     "not-positive": (two_links(arm=inertial(izz=0, ixx=0, iyy=0)), "must be above 0", 3),
     "negative": (two_links(arm=inertial(izz=-1)), "a principal moment is negative", 3),
     "incomplete-inertial": (two_links(arm='<inertial><mass value="1"/></inertial>'), "an incomplete inertial", 3),
-    "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
+    "massless": (two_links(base="", arm=""), "this joint moves no mass", 4),
     "massless-moments": (
         two_links(
             more=f'<link name="tool">{inertial(MASSLESS)}</link>'
@@ -171,8 +171,8 @@ DEFECTS = {
         5,
     ),
     "missing-leaders": (
-        two_links('<mimic joint="nobody"/>'),
-        "there is no joint 'nobody'",
+        two_links('<mimic joint="missing"/>'),
+        "there is no joint 'missing'",
         4,
     ),
     "undeclared-world": (

@@ -1,4 +1,4 @@
-"""Whatever stands in a file is accounted for: nothing that is put into one at random passes unseen."""
+"""Every element of a file is accounted for: nothing that is put into it at random passes unseen."""
 
 from collections import Counter
 
@@ -31,9 +31,9 @@ ELEMENTS = sum(1 for _ in etree.fromstring(SPECIMEN.encode()).iter(etree.Element
 
 @settings(max_examples=250, deadline=None)
 @given(st.integers(0, ELEMENTS - 1), st.booleans(), WORDS | OF_URDF, st.sampled_from(("", "1", "0.5 0 0", "x")))
-def test_anything_that_is_put_into_a_file_is_told(index, is_attribute, word, value):
-    """An unknown attribute or element, or a known one where it is not expected, is lost and says so; or it is told with what it
-    stands in, or refused."""
+def test_random_insertions_are_reported(index, is_attribute, word, value):
+    """An unknown attribute or element, or a known one where it is not expected, is lost and says so; or it is reported with
+    what it stands in, or refused."""
     root = etree.fromstring(SPECIMEN.encode())
     place = list(root.iter(etree.Element))[index]
     if is_attribute:
@@ -60,7 +60,7 @@ def walk(element: Element):
         yield from walk(child)
 
 
-def test_every_element_and_attribute_is_told_or_stands_in_one_that_is():
+def test_every_element_and_attribute_is_reported_or_stands_in_a_reported_element():
     paths = {account.what for account in accounts(SPECIMEN)}
     lost = {account.what for account in accounts(SPECIMEN) if account.fate is not Fate.CARRIED}
     for element in walk(parse(SPECIMEN.encode(), "r.urdf")):

@@ -19,7 +19,7 @@ def test_a_defect_is_an_error_at_its_line_that_names_its_repair(tmp_path, defect
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_a_repair_is_told_and_gives_a_spec_that_resolves(tmp_path, defect):
+def test_a_repair_is_reported_and_gives_a_spec_that_resolves(tmp_path, defect):
     text, _, line = DEFECTS[defect]
     rule = OTHERS.get(defect, defect)
     imported = read(text, tmp_path, *RULES)
@@ -36,7 +36,7 @@ def test_all_defects_of_a_file_come_at_once(tmp_path):
         '<limit lower="2" upper="1"/><axis xyz="0 0 0"/>',
         base=inertial(izz=9),
         arm='<inertial><mass value="x"/></inertial>' + BALL.replace("0.1", "-1"),
-        more='<joint name="j" type="planet"><parent link="arm"/><child link="nobody"/></joint>',
+        more='<joint name="j" type="planet"><parent link="arm"/><child link="missing"/></joint>',
         kind="revolute",
     )
     problems = refused(text, tmp_path)
@@ -122,7 +122,7 @@ def test_masses_are_judged_with_all_that_is_fixed_to_them(tmp_path):
     assert "must be above 0" in problem
 
 
-def test_what_no_body_can_have_is_left_out_where_it_has_no_effect(tmp_path):
+def test_impossible_masses_without_effect_are_left_out(tmp_path):
     weld = '<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint><link name="world"/>'
     imported = read(two_links(base=inertial(izz=9), more=weld), tmp_path)
     assert imported.data["model"]["bodies"]["base"] == {"fixed": True}
@@ -136,7 +136,7 @@ TREES = {
     "two joints are called 'hinge'": (
         f'<link name="tip">{SOLID}</link><joint name="hinge" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
     ),
-    "there is no link 'nobody'": '<joint name="k" type="fixed"><parent link="nobody"/><child link="base"/></joint>',
+    "there is no link 'missing'": '<joint name="k" type="fixed"><parent link="missing"/><child link="base"/></joint>',
     "each other's parents": '<joint name="k" type="fixed"><parent link="arm"/><child link="base"/></joint>',
     "<joint> has no <child>": '<joint name="k" type="fixed"><parent link="arm"/></joint>',
     "has no attribute 'name'": "<link/>",

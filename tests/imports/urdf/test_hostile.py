@@ -1,4 +1,4 @@
-"""Files of strangers: each ends in an error with its place, soon, and nothing is read that may not be."""
+"""Untrusted files: each ends in an error with its place, soon, and nothing is read that may not be."""
 
 import random
 

@@ -34,7 +34,7 @@ def test_bodies_are_where_another_reader_puts_them_at_that_position(kind, at, tm
         assert poses[row][:3] == pytest.approx(data.oMf[model.getFrameId(name)].translation, abs=1e-14)
 
 
-def test_what_a_joint_that_cannot_move_says_is_told(tmp_path):
+def test_losses_of_a_joint_that_cannot_move_are_reported(tmp_path):
     inside = (
         '<axis xyz="0 0 1"/><limit lower="0" upper="0" effort="9" velocity="2"/><dynamics damping="3" friction="1"/>'
     )
@@ -49,7 +49,7 @@ def test_what_a_joint_that_cannot_move_says_is_told(tmp_path):
 
 @pytest.mark.parametrize("leads", [True, False])
 def test_a_joint_that_leads_or_follows_stays(leads, tmp_path):
-    """What it follows, or what follows it, is held by it."""
+    """Its leader, or its follower, depends on it."""
     locked = '<axis xyz="0 0 1"/><limit lower="0.2" upper="0.2" effort="9" velocity="2"/>'
     follow = '<mimic joint="{}" multiplier="2"/>'
     text, other = ("", follow.format("hinge")) if leads else (follow.format("next"), "")

@@ -48,7 +48,7 @@ def test_a_mesh_is_found_by_every_kind_of_path(folder, name):
     assert (shape.kind, len(shape.size)) == ("mesh", 24)
 
 
-def test_a_package_path_of_a_file_alone_is_the_file_beside(folder):
+def test_a_package_path_of_a_file_alone_is_the_file_next_to_it(folder):
     (folder / "urdf" / "box.stl").write_bytes((folder / "meshes" / "box.stl").read_bytes())
     world = load(write(folder, mesh("collision", "package://box.stl"))).resolve()
     assert world.bodies[1].shapes[0].kind == "mesh"
@@ -88,7 +88,7 @@ def test_a_missing_mesh_is_a_defect_where_it_collides_and_a_loss_where_it_is_see
     assert [account.severity for account in imported.losses()] == [Severity.PHYSICS]
 
 
-def test_a_mesh_that_cannot_be_read_is_as_one_that_is_not_there(tmp_path):
+def test_a_mesh_that_cannot_be_read_is_as_a_missing_mesh(tmp_path):
     (tmp_path / "bad.stl").write_bytes(b"solid nothing")
     (problem,) = refused(two_links(arm=SOLID + mesh("collision", "bad.stl")), tmp_path)
     assert "robot.urdf:3" in problem

@@ -29,7 +29,7 @@ def begin(text: str, folder) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("own", "followers", "begins"),
+    ("limits", "followers", "begins"),
     [
         pytest.param((0.015, 0.037), [("b", (-0.037, -0.015), "hinge", -1, 0)], (0.015, -0.015), id="fingers"),
         pytest.param((-0.5, -0.1), [("b", (0.3, 0.9), "hinge", -2, 0)], (-0.15, 0.3), id="below"),
@@ -40,11 +40,11 @@ def begin(text: str, folder) -> dict[str, float]:
         ),
     ],
 )
-def test_a_joint_that_leads_begins_where_all_are_within_their_limits(local, followers, begins, tmp_path):
-    found = begin(robot(local, *followers), tmp_path)
+def test_a_joint_that_leads_begins_where_all_are_within_their_limits(limits, followers, begins, tmp_path):
+    found = begin(robot(limits, *followers), tmp_path)
     assert list(found.values()) == pytest.approx(begins, abs=1e-12)
 
 
-def test_what_has_no_such_position_is_refused_at_its_line(tmp_path):
+def test_limits_without_such_a_position_are_refused_at_their_line(tmp_path):
     with pytest.raises(SpecError, match=r"r\.urdf:\d+:\d+: .*hinge wants b to begin beyond its limits"):
         begin(robot((0, 1), ("b", (0.5, 1), "hinge", -1, 0)), tmp_path)

@@ -55,7 +55,7 @@ def test_names_of_the_three_are_no_others(tmp_path):
     assert bodies["tip"]["joint"]["name"] == "hinge_x"
 
 
-def test_limits_and_dampers_of_a_planar_joint_are_told(tmp_path):
+def test_limits_and_dampers_of_a_planar_joint_are_reported(tmp_path):
     inside = '<limit lower="-1" upper="1" effort="1" velocity="1"/><dynamics damping="2" friction="0"/>'
     imported = read(two_links(inside, kind="planar"), tmp_path)
     lost = {account.what: account.severity for account in imported.losses()}

@@ -51,7 +51,7 @@ def file(request, tmp_path):
     return path
 
 
-def test_mass_matrix_limits_and_frames_are_those_of_pinocchios_own_reader(file):
+def test_mass_matrix_limits_and_frames_are_those_of_the_reader_of_pinocchio(file):
     world = load(file).resolve()
     oracle = Oracle(world)
     model = pinocchio.buildModelFromUrdf(str(file))

@@ -1,4 +1,4 @@
-"""`--repair all`, and masses by a density: what the rules change, by closed forms, and that nothing else changes."""
+"""`--repair all`, and masses by a density: the changes by the rules, by closed forms, and that nothing else changes."""
 
 import math
 import re
@@ -63,7 +63,7 @@ def test_masses_follow_from_shapes_by_closed_forms(tmp_path, kind, a, b, c, dens
     assert inertial.centre_of_mass == pytest.approx((0.1, -0.2, 0.3))
 
 
-def test_two_shapes_add_up_and_collision_shapes_go_before_visual_ones(tmp_path):
+def test_two_shapes_add_up_and_collision_shapes_go_before_visual_shapes(tmp_path):
     arm = BALL + shape('box size="0.1 0.1 0.2"', origin='<origin xyz="0 0 1"/>') + shape('box size="9 9 9"', "visual")
     read(two_links(arm=arm), tmp_path, "all")
     inertial = inertial_of(tmp_path)
@@ -81,7 +81,7 @@ def test_visual_shapes_stand_for_collision_shapes_that_are_not_there_and_it_is_s
     assert inertial_of(tmp_path).mass == pytest.approx(10.0)
 
 
-def test_a_closed_mesh_is_filled_and_of_an_open_one_the_hull_which_is_said(tmp_path):
+def test_a_closed_mesh_is_filled_and_the_hull_of_an_open_mesh_which_is_said(tmp_path):
     points, faces = box(0.1, 0.2, 0.3)
     (tmp_path / "closed.stl").write_bytes(stl(points, faces))
     (tmp_path / "open.stl").write_bytes(stl(points, faces[:-1]))
@@ -101,7 +101,7 @@ def test_missing_zero_and_negative_masses_are_given(tmp_path, said):
     assert inertial_of(tmp_path).mass == pytest.approx(4 / 3 * math.pi)
 
 
-def test_what_is_welded_to_a_mass_or_does_not_move_is_given_none(tmp_path):
+def test_links_welded_to_a_mass_or_at_rest_get_none(tmp_path):
     weld = f'<link name="cover">{BALL}</link><joint name="w" type="fixed"><parent link="arm"/><child link="cover"/></joint>'
     assert read(two_links(more=weld), tmp_path, "all").repairs == []
     imported = read(two_links(base=BALL), tmp_path, "all")  # a root without mass is fixed
@@ -115,7 +115,7 @@ def test_links_that_are_welded_to_each_other_and_have_no_mass_all_get_theirs(tmp
     assert [repair.path for repair in imported.repairs] == ["model.bodies.arm.shapes", "model.bodies.cover.shapes"]
 
 
-def test_masses_go_before_statues_and_the_rule_of_statues_alone_still_makes_one(tmp_path):
+def test_masses_go_before_statues_and_the_rule_of_statues_alone_makes_a_statue(tmp_path):
     text = two_links(arm=BALL)
     (problem,) = refused(text, tmp_path)
     assert f"--repair {FROM_SHAPES}: " in problem
@@ -149,7 +149,7 @@ def test_all_applies_what_the_file_needs_and_lists_exactly_that(tmp_path, defect
 def test_several_defects_are_all_repaired_and_all_listed(tmp_path, order, count):
     chosen = set(order[:count])
     joint = '<limit lower="2" upper="1"/>' if "limits" in chosen else '<limit lower="1" upper="2"/>'
-    joint += '<mimic joint="nobody"/>' if "mimic" in chosen else ""
+    joint += '<mimic joint="missing"/>' if "mimic" in chosen else ""
     joint += '<origin xyz="1, 2 3"/>' if "numbers" in chosen else ""
     arm = inertial(izz=3) if "tensor" in chosen else SOLID
     arm += BALL.replace("0.1", "0") if "shape" in chosen else ""
@@ -177,7 +177,7 @@ def test_a_repair_that_another_replaces_is_not_listed(tmp_path):
     assert [repair.rule for repair in imported.repairs] == ["massless"]
 
 
-def test_what_no_rule_repairs_stays_refused(tmp_path):
+def test_defects_without_a_rule_stay_refused(tmp_path):
     assert "an axis of length 0" in refused(two_links('<axis xyz="0 0 0"/>'), tmp_path, "all")[0]
 
 
@@ -279,7 +279,7 @@ def test_good_files_lose_no_physics(tmp_path):
         ('balanceinertia="true"', 'settotalmass="3"', "mujoco/compiler/@settotalmass"),
     ],
 )
-def test_what_differs_is_a_loss_of_physics(tmp_path, before, after, what):
+def test_differences_are_losses_of_physics(tmp_path, before, after, what):
     text = GOOD.format(solid=SOLID)
     assert before in text
     imported = read(text.replace(before, after), tmp_path)

@@ -1,4 +1,4 @@
-"""What an import of URDF says: the data of the spec, exactly, and what became of everything in the file."""
+"""Imports of URDF: the data of the spec, exactly, and the fate of everything in the file."""
 
 import math
 import re
@@ -188,7 +188,7 @@ COUPLED = (
         ("fixed", '<mimic joint="hinge"/>', "no position to follow with"),
     ],
 )
-def test_what_follows_nothing_is_told(tmp_path, kind, mimic, reason):
+def test_joints_that_follow_nothing_are_reported(tmp_path, kind, mimic, reason):
     imported = read(two_links(more=COUPLED.format(SOLID, kind, "<limit upper='1'/>" + mimic)), tmp_path)
     assert "constraints" not in imported.data["model"]
     (account,) = [account for account in imported.accounts if account.what == "joint[second]/mimic[hinge]"]
@@ -228,7 +228,7 @@ def test_a_floating_joint_from_the_world_is_a_free_root(tmp_path):
     }
 
 
-def test_a_hinge_from_the_world_is_one_of_the_root(tmp_path):
+def test_a_hinge_from_the_world_is_a_hinge_of_the_root(tmp_path):
     bodies = read(_below_world("continuous"), tmp_path).data["model"]["bodies"]
     assert bodies["base"]["joint"] == {"name": "j", "type": "hinge", "origin": {"xyz": [0, 0, 1]}, "axis": [1, 0, 0]}
     (tmp_path / "r.urdf").write_text(_below_world("continuous"))
@@ -257,7 +257,7 @@ def test_floating_joints_elsewhere_are_refused_by_name(tmp_path):
 # --- words of other readers ---
 
 
-def test_geometries_that_readers_add_are_carried_and_told(tmp_path):
+def test_geometries_that_readers_add_are_carried_and_reported(tmp_path):
     shapes = (
         '<collision><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>'
         '<collision><geometry><far:capsule radius="0.2" length="0.4"/></geometry></collision>'
@@ -349,7 +349,7 @@ def test_friction_of_a_link_without_a_shape_has_no_effect(tmp_path):
     assert not of_physics(imported)
 
 
-def test_two_frictions_of_one_link_are_told(tmp_path):
+def test_two_frictions_of_a_link_are_reported(tmp_path):
     arm = SOLID + SPHERE + '<contact><lateral_friction value="2"/></contact>'
     imported = read(two_links(arm=arm, more='<gazebo reference="arm"><mu1>1</mu1></gazebo>'), tmp_path)
     assert imported.data["contact"]["materials"] == {"surface": {"friction": 2}}
@@ -373,6 +373,6 @@ def test_names_that_the_language_does_not_allow_are_others_and_said(tmp_path):
     }
 
 
-def test_two_names_that_would_become_one_stay_two(tmp_path):
+def test_two_names_that_would_become_the_same_stay_two(tmp_path):
     text = two_links(base=SOLID).replace('"arm"', '"a.b"').replace('"base"', '"a_b"')
     assert list(read(text, tmp_path).data["model"]["bodies"]) == ["a_b", "a_b_2"]

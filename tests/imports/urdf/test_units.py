@@ -63,7 +63,7 @@ def test_where_most_moments_are_so_all_are(tmp_path):
     ],
     ids=["a link", "a large one", "moments that are made up"],
 )
-def test_what_may_be_meant_is_left_alone(tmp_path, arm):
+def test_values_that_may_be_meant_are_left_alone(tmp_path, arm):
     text = two_links(NEXT, arm=arm)
     assert not read(text, tmp_path).suspicious
     assert read(text, tmp_path, MILLIMETRES).data == read(text, tmp_path).data

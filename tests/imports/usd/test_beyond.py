@@ -1,4 +1,4 @@
-"""What files say beyond UsdPhysics: carried where the language has it, told without alarm where it has no effect."""
+"""Words of files beyond UsdPhysics: carried where the language has it, reported without alarm where it has no effect."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.imports.usd.stages import BALL, JOINT, hinge, lost, stage
 pytest.importorskip("pxr")
 
 
-def test_what_acts_beside_a_drive_is_carried(tmp_path):
+def test_effects_in_addition_to_a_drive_are_carried(tmp_path):
     spec, joint = hinge(
         tmp_path,
         "uniform double mjc:damping = 0.5",
@@ -62,7 +62,7 @@ def test_a_drive_and_a_damper_add_up_and_a_second_spring_is_lost(tmp_path):
         ("uniform double mjc:unheard = 0", False),
     ],
 )
-def test_a_word_of_one_engine_is_a_loss_where_it_acts(tmp_path, line, harmless):
+def test_a_word_of_a_single_engine_is_a_loss_where_it_acts(tmp_path, line, harmless):
     assert (lost(stage(tmp_path, BALL % ("a", line))) == []) is harmless
 
 
@@ -72,7 +72,7 @@ def test_a_body_without_gravity_has_no_weight(tmp_path):
     assert [body.gravity_scale for body in spec.resolve().bodies] == [0.0]
 
 
-def test_a_joint_that_stands_elsewhere_than_the_file_says_is_told(tmp_path):
+def test_a_joint_that_stands_elsewhere_than_the_file_says_is_reported(tmp_path):
     spec, joint = hinge(tmp_path, "float state:angular:physics:position = 20")
     assert joint.position == (0.0,)
     assert lost(spec) == ["/j/@state:angular:physics:position"]

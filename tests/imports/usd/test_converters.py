@@ -139,7 +139,7 @@ PART = """def PhysicsRevoluteJoint "%s" {
 """
 
 
-def test_joints_that_move_one_body_one_after_the_other(tmp_path):
+def test_joints_that_move_the_same_body_in_sequence(tmp_path):
     parts = "".join(
         PART % (name, axis, 3 + at, at) for name, axis, at in (("x", "X", -1), ("y", "Y", -1), ("z", "Z", 0.5))
     )
@@ -270,7 +270,7 @@ def test_masses_and_moments_below_0_follow_from_the_shapes_by_the_rule(tmp_path,
     assert spec.resolve().bodies[0].inertial.inertia[0] == pytest.approx(moment)
 
 
-def test_words_of_one_axis_go_before_those_of_the_joint(tmp_path):
+def test_words_of_an_axis_go_before_those_of_the_joint(tmp_path):
     axis = "float physxJointAxis:angular:"
     spec, joint = hinge(
         tmp_path,

@@ -1,4 +1,4 @@
-"""Stages of USD: units, mass rules, frames, joints; every attribute accounted for; what is hostile is refused, and no file is
+"""Stages of USD: units, mass rules, frames, joints; every attribute accounted for; hostile stages are refused, and no file is
 read outside the allowed folders."""
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def test_a_joint_of_several_axes_is_a_chain_that_stands_where_the_bodies_are(tmp
     assert world.constraints[0].kind == "connect"
 
 
-def test_meshes_within_a_stage_are_copied_beside_a_spec(tmp_path, monkeypatch):
+def test_meshes_within_a_stage_are_copied_next_to_a_spec(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     points = "(0,0,0), (1,0,0), (0,1,0), (0,0,1)"
@@ -267,8 +267,8 @@ def test_lines_of_prims():
     assert lines_of(b"PXR-USDC") == {}
 
 
-def test_lines_of_long_texts_and_of_deep_ones_take_little_memory():
-    """A program of its own: what it takes is seen for the whole process."""
+def test_lines_of_long_texts_and_of_deep_texts_take_little_memory():
+    """A separate program: its memory is seen for the whole process."""
     program = (
         "import resource; from simspec.imports.usd.stage import lines_of; before = resource.getrusage(resource.RUSAGE_SELF)\n"
         "text = b'#usda 1.0\\n' + b'def \"a\" {\\n' * 50_000 + b'string x = \"' + b'a' * 20_000_000 + b'\"\\n'\n"
@@ -285,7 +285,7 @@ def test_numbers_agree_where_single_precision_makes_the_difference():
     assert not agree((0.0,), (1e-30,))
 
 
-def test_what_does_not_resolve_has_its_place_where_drives_ask_for_a_timestep(tmp_path):
+def test_a_spec_that_does_not_resolve_has_its_place_where_drives_ask_for_a_timestep(tmp_path):
     """The timestep at which drives are stable is sought in a world of the data alone, which knows no places."""
     body = 'def Cube "{}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])\n{{\n'
     body += "float physics:mass = 1\n{}\n}}\n"

@@ -1,5 +1,5 @@
 """Known ways out of Python expressions, held by the allow-list of xacro's expressions alone: no kernel wall, limit or audit
-hook stands here. What the kernel holds alone: ``tests/test_confinement.py``."""
+hook stands here. The walls of the kernel alone: ``tests/test_confinement.py``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ESCAPES = {
     "the frames below it": f"{IN_A_FRAME} and 'out'",
     "the globals of those": f"{IN_A_FRAME}.f_globals and 'out'",
     "the code of a generator": "(x for x in [1]).gi_code.co_name and 'out'",
-    "what a generator waits for": "(x for x in [1]).gi_yieldfrom is None and 'out'",
+    "the wait of a generator": "(x for x in [1]).gi_yieldfrom is None and 'out'",
     "a generator that is sent to": "(x for x in [1]).send(None) and 'out'",
     "a generator by yield": "(lambda: (yield))().gi_frame and 'out'",
     "a yield from": "(lambda: (yield from [1]))().gi_code and 'out'",
@@ -97,7 +97,7 @@ sys.stdout.write(json.dumps(answers))
 
 
 def expanded(texts, wall):
-    """What files expand to in a process without walls but the allow-list, or with none ("free")."""
+    """The expansion of files in a process without walls but the allow-list, or with none ("free")."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, wall], input=json.dumps(texts), capture_output=True, text=True, check=False
     )
@@ -159,7 +159,7 @@ PLACES = {
 }
 
 
-def test_every_place_of_an_expression_is_held():
+def test_every_place_of_an_expression_is_checked():
     way = "${().__class__}"
     answers = expanded({name: robot(text.format(way)) for name, text in PLACES.items()}, "listed")
     for name, answer in answers.items():
@@ -200,7 +200,7 @@ ALLOWED = {
 }
 
 
-def test_what_robots_use_is_in_the_list():
+def test_syntax_that_robots_use_is_in_the_list():
     files = {name: robot(f'<link name="${{{name}}}"/>') for name in ALLOWED}
     for name, answer in expanded(files, "listed").items():
         assert f'name="{ALLOWED[name]}"' in answer, (name, answer)

@@ -1,4 +1,5 @@
-"""xacro is expanded by a process that can do nothing else; what a file asks of the system ends as an error with its place."""
+"""xacro is expanded by a process that can do nothing else; a request of a file to the system ends as an error with its
+place."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def test_places_are_those_in_the_xacro_files(legs):
     assert not any("simspec-place" in account.what for account in result.accounts)
 
 
-def test_defects_of_what_it_expands_to_are_told_at_the_macro(legs):
+def test_defects_of_the_expansion_are_reported_at_the_macro(legs):
     (legs / "parts/leg.xacro").write_text(LEG.replace('link="base"', 'link="bas"'))
     assert "leg.xacro:3" in refused(LEGS, legs)
 
@@ -92,7 +93,7 @@ def test_files_that_may_be_missing(tmp_path):
     assert "leaves the project folder" in refused(text.replace("none.xacro", "../../etc/passwd"), tmp_path)
 
 
-def test_warnings_of_xacro_are_told(tmp_path):
+def test_warnings_of_xacro_are_reported(tmp_path):
     text = f'<link name="a">{MASS}</link><xacro:property name="pi" value="3"/>'
     result = imported(text, tmp_path)
     (given,) = [account for account in result.accounts if account.what == "xacro"]
@@ -135,8 +136,8 @@ HOSTILE = {
     "half a character": ("<link name=\"${'\\ud800'}\"/>", "half a character: '\\ud800'"),
     "half a character in a path": ("<xacro:include filename=\"${'\\ud800.xacro'}\"/>", "no such file"),
     "half a character in a message": ('<xacro:property name="a" value="${xacro.fatal(\'\\ud800\')}"/>${a}', "?"),
-    "a table of names": ('<link name="${xacro}"/>', "whose value has no text"),
-    "a function": ('<link name="a"><visual name="${sin} ${lambda: 1}"/></link>', "whose value has no text"),
+    "a table of names": ('<link name="${xacro}"/>', "a value that has no text"),
+    "a function": ('<link name="a"><visual name="${sin} ${lambda: 1}"/></link>', "a value that has no text"),
     "unknown macro": ("<xacro:leg/>", "unknown macro"),
 }
 
@@ -219,7 +220,7 @@ if sys.argv[1] == "call":
     ("what", "code", "said"), [("time", -24, b""), ("memory", 0, b"refused\n"), ("call", 0, b"answered\n")]
 )
 def test_time_and_memory_end(what, code, said):
-    """Processor time by a signal (SIGXCPU), memory by an error; what the process is for goes on."""
+    """Processor time by a signal (SIGXCPU), memory by an error; the purpose of the process goes on."""
     done = subprocess.run([sys.executable, "-c", LIMITS, what], input=b"\n", capture_output=True, check=False)
     assert (done.returncode, done.stdout) == (code, said)
 
@@ -256,7 +257,7 @@ def test_a_part_is_refused_by_name_and_stands_by_itself_on_request(tmp_path):
     assert "have no parent" in refused(both, tmp_path, repair=("undeclared-parents",))
 
 
-def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_path):
+def test_meshes_next_to_the_expanded_text_are_found_above_the_program(tmp_path):
     shape = '<collision><geometry><mesh filename="./meshes/{}.stl"/></geometry></collision>'
     (tmp_path / "xacro").mkdir()
     (tmp_path / "meshes").mkdir()
@@ -289,7 +290,7 @@ def by_name(text, folder, name, **options):
 
 
 @pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.URDF"])
-def test_a_file_that_uses_xacro_is_expanded_whatever_its_name_ends_in(legs, name):
+def test_a_file_that_uses_xacro_is_expanded_independent_of_its_suffix(legs, name):
     assert by_name(robot(LEGS), legs, name).data == imported(LEGS, legs).data
     assert len(load(legs / name).resolve().bodies) == 3
 
