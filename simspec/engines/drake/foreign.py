@@ -150,7 +150,7 @@ class _Held:
             "timestep": float(plant.time_step()),
             "couplings": int(plant.num_constraints()),
         }
-        gravity = vector(plant.gravity_field().gravityvector())
+        gravity = vector(plant.gravity_field().gravity_vector())
         return ReadBack(bodies_of_links(links), gravity, float(plant.time_step()), CONE, inventory=inventory)
 
     def _link(self, body: Any, names: Mapping[int, str]) -> HeldLink:
