@@ -33,8 +33,12 @@ class LossRule(NamedTuple):
     hint: str = ""
 
 
-def _rule(pattern: str, shown: str, fate: Fate, severity: Severity, reason: str, hint: str = "") -> LossRule:
-    return LossRule(re.compile(pattern), shown, fate, severity, reason, hint)
+def _lost(pattern: str, shown: str, severity: Severity, reason: str, hint: str = "") -> LossRule:
+    return LossRule(re.compile(pattern), shown, Fate.LOST, severity, reason, hint)
+
+
+def _unused(pattern: str, shown: str, reason: str) -> LossRule:
+    return LossRule(re.compile(pattern), shown, Fate.UNUSED, INFORMATION, reason)
 
 
 FLAGS: Final = (
@@ -51,56 +55,40 @@ FLAGS: Final = (
 )
 """Parts of the physics of a scene that ``mjc:flag:NAME`` switches off."""
 TYPES: Final = (
-    _rule(".*Light|LightFilter", "lights", Fate.LOST, APPEARANCE, "simspec has no lights"),
-    _rule("Camera", "Camera", Fate.LOST, APPEARANCE, "simspec has no cameras"),
-    _rule("Shader|NodeGraph", "Shader, NodeGraph", Fate.LOST, APPEARANCE, "a shape has one colour"),
-    _rule("GeomSubset", "GeomSubset", Fate.LOST, APPEARANCE, "a shape has one material and one colour"),
-    _rule("Render.*", "RenderSettings and others", Fate.LOST, APPEARANCE, "of programs that draw"),
-    _rule("Skel.*|BlendShape", "SkelRoot and others", Fate.LOST, APPEARANCE, "simspec has no skins"),
-    _rule(
-        "PointInstancer",
-        "PointInstancer",
-        Fate.LOST,
-        PHYSICS,
-        "simspec does not read instances of points",
-        "write each as a prim",
+    _lost(".*Light|LightFilter", "lights", APPEARANCE, "simspec has no lights"),
+    _lost("Camera", "Camera", APPEARANCE, "simspec has no cameras"),
+    _lost("Shader|NodeGraph", "Shader, NodeGraph", APPEARANCE, "a shape has one colour"),
+    _lost("GeomSubset", "GeomSubset", APPEARANCE, "a shape has one material and one colour"),
+    _lost("Render.*", "RenderSettings and others", APPEARANCE, "of programs that draw"),
+    _lost("Skel.*|BlendShape", "SkelRoot and others", APPEARANCE, "simspec has no skins"),
+    _lost(
+        "PointInstancer", "PointInstancer", PHYSICS, "simspec does not read instances of points", "write each as a prim"
     ),
-    _rule(
+    _lost(
         "BasisCurves|NurbsCurves|HermiteCurves|Points|NurbsPatch|Volume",
         "curves, points, volumes",
-        Fate.LOST,
         APPEARANCE,
         "they do not collide, and simspec does not draw them",
     ),
-    _rule(
+    _lost(
         "MjcActuator|NewtonActuator",
         "MjcActuator, NewtonActuator",
-        Fate.LOST,
         INFORMATION,
         "a drive of a joint is `control` in a spec",
     ),
-    _rule(
-        "MjcTendon",
-        "MjcTendon",
-        Fate.LOST,
-        PHYSICS,
-        "tendons of a stage are not read",
-        "import the file that it is made from",
-    ),
-    _rule("MjcKeyframe", "MjcKeyframe", Fate.LOST, INFORMATION, "a named state of one engine"),
-    _rule("OmniGraph.*|ComputeGraph.*", "graphs of programs", Fate.LOST, INFORMATION, "of other programs"),
-    _rule("TetMesh", "TetMesh", Fate.LOST, PHYSICS, "deformable bodies are not supported"),
+    _lost("MjcTendon", "MjcTendon", PHYSICS, "tendons of a stage are not read", "import the file that it is made from"),
+    _lost("MjcKeyframe", "MjcKeyframe", INFORMATION, "a named state of one engine"),
+    _lost("OmniGraph.*|ComputeGraph.*", "graphs of programs", INFORMATION, "of other programs"),
+    _lost("TetMesh", "TetMesh", PHYSICS, "deformable bodies are not supported"),
 )
 """Prims of these types are not read."""
 NEUTRAL: Final = (
-    _rule(
+    _unused(
         "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity"
         "|physxMaterial:compliantContact.*|newton:.*|mjc:option:(density|viscosity|wind)|mjc:flag:override"
         "|mjc:(margin|gap|priority|ref|springdamper|springref|stiffness|damping|frictionloss|armature|shellinertia)"
         "|mjc:(actuator.*|coef[0-4]|body:gravcomp)|mjc:compiler:(balanceInertia|boundMass|boundInertia)|physxJoint:.*|physxJointAxis:.*",
         "damping, velocities, margins and switches of zero",
-        Fate.UNUSED,
-        INFORMATION,
         "of no effect, since it is zero",
     ),
 )
@@ -120,110 +108,86 @@ DEFAULTS: Final[Mapping[str, object]] = {
 """Attributes with the value that is as if they were not there."""
 OF_SENSORS: Final = re.compile(r"(sensor|transmission|ros2_control|hardwareInterface|plugin)(_\d+)?")
 """Names of prims that a converter makes of elements of URDF without a place in USD: their attributes begin with ``urdf:``."""
-AS_DEFAULT: Final = _rule(".*", "", Fate.UNUSED, INFORMATION, "its default: as without it")
+AS_DEFAULT: Final = _unused(".*", "", "its default: as without it")
 """Of :data:`DEFAULTS`."""
 ATTRIBUTES: Final = (
-    _rule(
+    _unused(
         "physics:approximation|apiSchemas:PhysicsMeshCollisionAPI",
         "`physics:approximation` of other prims than meshes",
-        Fate.UNUSED,
-        INFORMATION,
         "only meshes are approximated",
     ),
-    _rule("apiSchemas:.*", "other schemas", Fate.LOST, INFORMATION, "its attributes are reported one by one"),
-    _rule(
-        "xformOp.*",
-        "`xformOp:…` of prims that nothing stands in",
-        Fate.UNUSED,
-        INFORMATION,
-        "nothing that is carried stands there",
-    ),
-    _rule(
+    _lost("apiSchemas:.*", "other schemas", INFORMATION, "its attributes are reported one by one"),
+    _unused("xformOp.*", "`xformOp:…` of prims that nothing stands in", "nothing that is carried stands there"),
+    _lost(
         "extent|extentsHint|doubleSided|orientation|visibility|purpose|proxyPrim|primvars:.*|normals|velocities|accelerations",
         "`extent`, `doubleSided`, `primvars:…`, `normals` and others",
-        Fate.LOST,
         APPEARANCE,
         "a shape has one colour",
     ),
-    _rule(
+    _lost(
         "subdivision.*|interpolateBoundary|faceVaryingLinearInterpolation|triangleSubdivisionRule|corner.*|crease.*|holeIndices|subset.*",
         "`subdivisionScheme` and others",
-        Fate.LOST,
         APPEARANCE,
         "a mesh is its points",
     ),
-    _rule(
+    _lost(
         "metallic|roughness|material:binding(:.*)?|inputs:.*|outputs:.*|info:.*|displayName",
         "`material:binding`, `inputs:…`, `outputs:…`",
-        Fate.LOST,
         APPEARANCE,
         "a shape has one colour",
     ),
-    _rule(
+    _lost(
         "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*|Fabric:.*|physics:engine"
         "|physics:tensor:.*|physics:newton:articulation_index|mjc[f]:.*|warpSim:.*|TimeStepsPerSecond|state:.*:appliedForce",
         "`ui:…`, `omni:…`, `semantic…`, `warpSim:…` and others",
-        Fate.LOST,
         INFORMATION,
         "of other programs",
     ),
-    _rule(
+    _lost(
         f"mjc:flag:({'|'.join(FLAGS)}|override)|mjc:option:(density|viscosity|wind|o_.*)"
         "|mjc:compiler:(balanceInertia|boundMass|boundInertia|setTotalMass|inertiaFromGeom)",
         "`mjc:flag:contact` and others, `mjc:option:density`, `viscosity`, `wind`, other than their defaults",
-        Fate.LOST,
         PHYSICS,
         "of one engine: UsdPhysics does not have it",
     ),
-    _rule(
+    _lost(
         "physxScene:.*|newton:(max_solver_iterations|maxSolverIterations|timeStepsPerSecond|.*[Ii]teration.*)"
         "|newton:(kamino|xpbd|vbd|mpm):.*|mjc:(option|compiler|flag):.*"
         "|physx(Articulation|RigidBody):(solver.*|sleep.*|stabilization.*|maxDepenetrationVelocity|retainAccelerations)"
         "|physxMaterial:improvePatchFriction",
         "`physxScene:…`, `mjc:option:…`, `newton:kamino:…`, and others",
-        Fate.LOST,
         INFORMATION,
         "settings of one engine's solver",
     ),
-    _rule(
+    _lost(
         "mjc:sol(ref|imp|mix).*|mjc:torqueScale|physxLimit:.*:(stiffness|damping)|newton:limit(Stiffness|Damping)"
         "|newton:contact(Stiffness|Damping|FrictionGain)|physxMaterial:compliantContact.*",
         "`mjc:solref`, `mjc:solimp`, `newton:contactStiffness`, stiffness and damping of limits",
-        Fate.LOST,
         INFORMATION,
         "how hard contact, constraints and limits are",
     ),
-    _rule(
+    _lost(
         "newton:contactGap|mjc:gap|mjc:margin|physxCollision:contactOffset",
         "`newton:contactGap`, `mjc:gap`, `mjc:margin` of a joint, `physxCollision:contactOffset`",
-        Fate.LOST,
         INFORMATION,
         "a distance at which contact or a limit is looked for, without a force",
     ),
-    _rule("mjc:group", "`mjc:group`", Fate.LOST, INFORMATION, "of a viewer"),
-    _rule(
+    _lost("mjc:group", "`mjc:group`", INFORMATION, "of a viewer"),
+    _lost(
         "urdf:(safety_controller|calibration):.*",
         "`urdf:safety_controller:…`, `urdf:calibration:…`",
-        Fate.LOST,
         INFORMATION,
         "of a controller, and of a machine's own sensors",
     ),
-    _rule(
+    _lost(
         "physx.*:.*|newton:.*|mjc:.*",
         "`physx…`, `newton:…`, `mjc:…`",
-        Fate.LOST,
         PHYSICS,
         "of one engine: UsdPhysics does not have it",
     ),
-    _rule("variantSets:.*", "variant sets", Fate.UNUSED, INFORMATION, "the chosen variant is read"),
-    _rule(
-        "timeCodesPerSecond|framesPerSecond|startTimeCode|endTimeCode",
-        "time codes",
-        Fate.UNUSED,
-        INFORMATION,
-        "nothing is animated",
-    ),
-    _rule("simspec:.*", "`simspec:…`", Fate.UNUSED, INFORMATION, "nothing here needs it"),
+    _unused("variantSets:.*", "variant sets", "the chosen variant is read"),
+    _unused("timeCodesPerSecond|framesPerSecond|startTimeCode|endTimeCode", "time codes", "nothing is animated"),
+    _unused("simspec:.*", "`simspec:…`", "nothing here needs it"),
 )
 
 
