@@ -17,16 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.comparison.common import Common, moving_in_common
-from simspec.comparison.floor import (
-    DECADE,
-    FLOOR_FACTOR,
-    STATES,
-    Floor,
-    deviations,
-    horizon,
-    measure_floor,
-    same_bits,
-)
+from simspec.comparison.floor import DECADE, FLOOR_FACTOR, STATES, Floor, deviations, horizon, measure_floor, same_bits
 from simspec.comparison.runs import TOLERANCE
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts

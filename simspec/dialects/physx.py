@@ -97,10 +97,7 @@ up to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-
 
 TABLE = table(
     {},
-    (
-        Addition("", "9.81", "strength"),
-        Addition("settings", "true", "sleeping"),
-    ),
+    (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
         *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),

@@ -178,10 +178,7 @@ LIBRARIES = ("numpy", "scipy", "trimesh", "pycollada", "coacd")
 def _maker() -> str:
     """The hash of the code that makes entries, and of the versions that it stands on."""
     package = Path(__file__).resolve().parents[1]
-    files = [
-        *(package / "meshes").glob("*.py"),
-        *(package / "world" / name for name in ("hull.py", "frames.py")),
-    ]
+    files = [*(package / "meshes").glob("*.py"), *(package / "world" / name for name in ("hull.py", "frames.py"))]
     digest = hashlib.sha256(json.dumps([sys.version, *map(_version, LIBRARIES)]).encode())
     for path in sorted(files):
         content = path.read_bytes()

@@ -83,10 +83,7 @@ def test_the_body_that_is_farthest_and_the_first_expectation_that_fails():
     both = (("cup", (0.25, 0, 0.3)), ("saucer", (0, 0, 1)))
     expect = (
         place("cup", (0.5, 0.0, 0.1)),
-        Expectation(
-            "at_target",
-            (("at", 0.5), ("targets", both), ("tolerance", 0.01)),
-        ),
+        Expectation("at_target", (("at", 0.5), ("targets", both), ("tolerance", 0.01))),
         place("cup", (0.15, 0.0, 0.3), at=0.3),
     )
     failure = told(carried(([0, 0.3, 1], [0, 0.3, 0.3]), expect=expect))

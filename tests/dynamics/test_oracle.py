@@ -25,8 +25,7 @@ def single(kind: str, inertial: Inertial, gravity=(0.0, 0.0, 0.0), timestep=1e-3
     sizes = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
     joint.setdefault("velocity", (0.0,) * sizes[kind])
     joint.setdefault(
-        "position",
-        {"hinge": (0.0,), "slide": (0.0,), "ball": (1.0, 0, 0, 0), "free": (0.0, 0, 0, 1, 0, 0, 0)}[kind],
+        "position", {"hinge": (0.0,), "slide": (0.0,), "ball": (1.0, 0, 0, 0), "free": (0.0, 0, 0, 1, 0, 0, 0)}[kind]
     )
     body = Body("b", "b", inertial, Joint("j", kind, **joint))
     world = worlds.world((body,), physics=Physics(gravity, timestep, 1000))

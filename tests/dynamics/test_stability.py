@@ -143,11 +143,7 @@ bodies:
     ("spec", "path", "largest"),
     [
         (SPEC.replace("DAMPING", "0"), "bodies.mass.joint.spring.stiffness", "up to 6.32e-05 s"),
-        (
-            SPEC.replace("1.0e9", "1").replace("DAMPING", "320"),
-            "bodies.mass.joint.damping",
-            "up to 0.00625 s",
-        ),
+        (SPEC.replace("1.0e9", "1").replace("DAMPING", "320"), "bodies.mass.joint.damping", "up to 0.00625 s"),
     ],
 )
 def test_check_says_the_joint_its_place_and_the_largest_timestep(spec, path, largest, tmp_path):

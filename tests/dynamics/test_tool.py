@@ -58,11 +58,7 @@ def at(x: float, y: float, z: float = 0.0) -> pin.SE3:
 
 def columns(world: World) -> list[int]:
     starts = dict(
-        zip(
-            (body.joint.name for body in world.bodies),
-            (part.start for part in layout_of(world).position),
-            strict=True,
-        )
+        zip((body.joint.name for body in world.bodies), (part.start for part in layout_of(world).position), strict=True)
     )
     return [starts[name] for name in ARM]
 

@@ -105,11 +105,7 @@ def test_a_slide_without_an_end_and_a_loop_are_not_moved():
     assert set(sampling.left_out) == {"b_joint", "c_joint"}
 
 
-@given(
-    lower=st.floats(-20.0, 0.0),
-    upper=st.floats(0.0, 20.0),
-    limited=st.booleans(),
-)
+@given(lower=st.floats(-20.0, 0.0), upper=st.floats(0.0, 20.0), limited=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_ranges_lie_within_limits(lower, upper, limited):
     joint = Joint("j", "hinge", position_limits=(lower, upper) if limited else None, position=(0.0,))

@@ -247,10 +247,7 @@ _LABEL = "what the files are of: the engine's process, where there is one, is to
 _NEXT = "the order of bodies, shapes or laws"
 _SYMMETRIC = "what one number says of two bodies, in either order"
 
-ADDITIONS = (
-    Addition("settings", "true", "sleeping"),
-    Addition("", "9.81", "strength"),
-)
+ADDITIONS = (Addition("settings", "true", "sleeping"), Addition("", "9.81", "strength"))
 
 TABLE = MutationTable(
     integers=frozenset(("schema", "settings.contact_points")),

@@ -15,18 +15,7 @@ from simspec.dialects.webots.nodes import ShapeEntry, WebotsSidecar, check_neutr
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.wbt.reading import WbtDocument, WbtNode
 from simspec.world import frames
-from simspec.world.types import (
-    Body,
-    Inertial,
-    Joint,
-    PairContact,
-    Pose,
-    Quaternion,
-    ReadBack,
-    Shape,
-    Surface,
-    Vector3,
-)
+from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
 # Where a node of a .wbt stands, and what is known of a body before its joint's rate is.
 

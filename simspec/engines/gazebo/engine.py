@@ -12,14 +12,7 @@ import numpy as np
 
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import building
-from simspec.engines.gazebo.approximations import (
-    CASES,
-    COUPLED,
-    DEVIATIONS,
-    SWEEPS,
-    capsules,
-    cylinders,
-)
+from simspec.engines.gazebo.approximations import CASES, COUPLED, DEVIATIONS, SWEEPS, capsules, cylinders
 from simspec.engines.gazebo.readback import expected, inventory, neutral, read_back
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.capabilities import Capability

@@ -30,12 +30,7 @@ _SWEEPS = "sweeps over one contact after another leave overlaps and wrong fricti
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (
-        Reason("stack*", _SWEEPS),
-        Reason("jam*", _MADE),
-        Reason("cross*", _FEW),
-        Reason("*", _ANCHORS),
-    ),
+    (Reason("stack*", _SWEEPS), Reason("jam*", _MADE), Reason("cross*", _FEW), Reason("*", _ANCHORS)),
 )
 COUPLED: Table = coupled(
     "physx",

@@ -54,12 +54,7 @@ _FEW = "steps of some ms are few for what slips or clamps"
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (
-        Reason("stack*", _SWEEPS),
-        Reason("jam*", _MADE),
-        Reason("slide-spin", _ASIDE),
-        Reason("*", _FEW),
-    ),
+    (Reason("stack*", _SWEEPS), Reason("jam*", _MADE), Reason("slide-spin", _ASIDE), Reason("*", _FEW)),
 )
 COUPLED: Table = coupled(
     "rapier",
