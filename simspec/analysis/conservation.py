@@ -30,9 +30,8 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """The largest change over a time in which there should be none: its size (J, N s, N m s), the same over ``scale``,
-    from when to
-    when (s), and whose it is (a tree's root, or "" for the whole world)."""
+    """The largest change over a time in which there should be none: its size (J, N s, N m s), the same over ``scale``, from
+    when to when (s), and whose it is (a tree's root, or "" for the whole world)."""
 
     size: float
     relative: float
@@ -139,9 +138,8 @@ def _stopped(run: Run) -> NDArray[np.bool_]:
 
 
 def _largest(values: Numbers, free: NDArray[np.bool_], time: Numbers, scale: float, names: list[str]) -> Drift | None:
-    """The largest change of a column of ``values`` (rows, columns) or (rows, columns, 3) since the beginning of a
-    stretch of ``free``
-    intervals (rows − 1, columns); None where no interval is free. What is not a number is the largest."""
+    """The largest change of a column of ``values`` (rows, columns) or (rows, columns, 3) since the beginning of a stretch of
+    ``free`` intervals (rows − 1, columns); None where no interval is free. What is not a number is the largest."""
     worst: Drift | None = None
     for column, name in enumerate(names):
         free_here = free[:, column]
@@ -174,8 +172,7 @@ def _gained(total: Numbers, free: NDArray[np.bool_], time: Numbers, scale: float
 
 def free_trees(world: World) -> dict[str, list[int]]:
     """The bodies of each tree whose root is free, and on which nothing but gravity and contact acts from outside, by its
-    root's
-    name."""
+    root's name."""
     above = {body.name: body.joint.parent for body in world.bodies}
     trees: dict[str, list[int]] = {}
     for index, body in enumerate(world.bodies):

@@ -1,7 +1,6 @@
 """Chaotic scenes, compared by distributions: two engines that differ in every position may still agree in all that lasts.
 
-The *run* is the unit. Bodies of one run push each other and are not independent: pooled, 216 of them make a difference
-of 1 µm
+The *run* is the unit. Bodies of one run push each other and are not independent: pooled, 216 of them make a difference of 1 µm
 in resting height "significant". Each run is summarised by a few numbers on physical scales; tests are by permutation, exact
 where all permutations can be gone through, and say the smallest p that they could have given.
 """
@@ -85,9 +84,8 @@ def _up(run: Run) -> Numbers:
 
 
 def paired(first: Mapping[int, Numbers], second: Mapping[int, Numbers]) -> tuple[Numbers, Numbers]:
-    """Summaries of two engines by seed, as two arrays (seeds, k) in the order of the seeds. Raises SpecError where a
-    seed was run
-    in one of them only."""
+    """Summaries of two engines by seed, as two arrays (seeds, k) in the order of the seeds. Raises SpecError where a seed was
+    run in one of them only."""
     alone = sorted(first.keys() ^ second.keys())
     if alone or not first:
         text = ", ".join(map(str, alone)) or "none at all"
@@ -195,9 +193,8 @@ def permutation_test(
 
 
 def sign_flip_test(differences: Numbers, *, level: float = LEVEL, seed: int = 0) -> Test:
-    """Whether paired differences (pairs, k), or (pairs,), are symmetric about zero: the largest |mean| of any column;
-    one pair is
-    one seed in both engines. Scale the columns before. With n pairs p is at least 2/2ⁿ: three cannot reject, six can.
+    """Whether paired differences (pairs, k), or (pairs,), are symmetric about zero: the largest |mean| of any column; one pair
+    is one seed in both engines. Scale the columns before. With n pairs p is at least 2/2ⁿ: three cannot reject, six can.
 
     Raises ValueError without pairs.
     """
@@ -261,10 +258,9 @@ def pair_numbers(run: Run, part: slice, sides: Sides) -> NDArray[np.int64]:
 
 
 def touches(run: Run, by: str = "shape") -> dict[Pair, Touch]:
-    """Every pair of shapes (``by``: or of bodies) that touched in a run. The impulse is the time integral of the normal
-    force, Σ F Δt over the
-    recorded
-    rows: exact where every step is recorded, a sample of it otherwise. Raises SpecError where contacts were not recorded."""
+    """Every pair of shapes (``by``: or of bodies) that touched in a run. The impulse is the time integral of the normal force,
+    Σ F Δt over the recorded rows: exact where every step is recorded, a sample of it otherwise. Raises SpecError where
+    contacts were not recorded."""
     demand_contacts(run)
     row, force = run.arrays["contact.row"], run.arrays["contact.normal_force"]
     lasting, sides = durations(run), common_sides([run], by)
@@ -301,17 +297,15 @@ class PairComparison:
 
     @property
     def jaccard(self) -> float:
-        """Time in contact in both runs over time in contact in either: 1 where they touch at the same times. NaN where
-        the pair
-        touches in the initial state alone, which lasts no time."""
+        """Time in contact in both runs over time in contact in either: 1 where they touch at the same times. NaN where the
+        pair touches in the initial state alone, which lasts no time."""
         either = self.first_seconds + self.second_seconds - self.both_seconds
         return self.both_seconds / either if either else float("nan")
 
 
 def compare_contacts(a: Run, b: Run, by: str = "shape") -> tuple[PairComparison, ...]:
     """The contacts of two runs at the times that both recorded, by pair of shapes as far as both tell them (``by``: or of
-    bodies),
-    that with the largest impulse first. ``common_sides((a, b)).notes`` says what one does not tell.
+    bodies), that with the largest impulse first. ``common_sides((a, b)).notes`` says what one does not tell.
 
     Raises SpecError where a run did not record contacts, or the runs have no common time.
     """

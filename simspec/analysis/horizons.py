@@ -2,9 +2,8 @@
 earlier one.
 
 Growth depends on size (finite-size Lyapunov exponents). Moved by 1e-15, a scene may stay within a nanometre for seconds; moved
-by what the engines differ by at their first contact, the same engine alone is soon as far off as the engines are. The
-noise floor
-does not show that; repeats that are perturbed by the size of the engines' first gap do.
+by what the engines differ by at their first contact, the same engine alone is soon as far off as the engines are. The noise
+floor does not show that; repeats that are perturbed by the size of the engines' first gap do.
 """
 
 from __future__ import annotations
@@ -41,9 +40,8 @@ class Gap:
 
 
 def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = RESOLUTION) -> Gap | None:
-    """The first gap of two runs: a deviation above ``resolution`` (m) and above ``FLOOR_FACTOR`` times the noise; None
-    where they
-    never part. Raises SpecError where the runs have no common time or moving body."""
+    """The first gap of two runs: a deviation above ``resolution`` (m) and above ``FLOOR_FACTOR`` times the noise; None where
+    they never part. Raises SpecError where the runs have no common time or moving body."""
     names = moving_in_common(a, b)
     common = Common(a, b, names, floors)
     for part in common.blocks(common.rows):
@@ -59,9 +57,8 @@ def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = 
 
 
 def perturbation_of(world: World, size: float) -> float:
-    """The relative change of the initial state (``Case.perturb``) that moves no coordinate by more than ``size`` (m,
-    rad), and the
-    largest by that much."""
+    """The relative change of the initial state (``Case.perturb``) that moves no coordinate by more than ``size`` (m, rad), and
+    the largest by that much."""
     q, _ = initial_state(world)
     # what is exactly zero is moved by the amount itself
     reach = float(np.where(q == 0.0, 1.0, np.abs(q)).max(initial=0.0))
@@ -119,9 +116,8 @@ def horizons(
     tolerance: float = TOLERANCE,
     angle_tolerance: float | None = None,
 ) -> Horizons:
-    """The horizons of two runs. ``floors``: of repeats moved in the last bits; ``moved``: of repeats moved by the size
-    of the first
-    gap (:func:`perturbation_of`). Raises SpecError where the runs have nothing in common."""
+    """The horizons of two runs. ``floors``: of repeats moved in the last bits; ``moved``: of repeats moved by the size of the
+    first gap (:func:`perturbation_of`). Raises SpecError where the runs have nothing in common."""
     names, angle = moving_in_common(a, b), tolerance if angle_tolerance is None else angle_tolerance
     gap = first_gap(a, b, floors)
     noise, second = (
@@ -146,9 +142,8 @@ def _time(common: Common, factor: float, tolerance: float, angle: float, floors:
 
 
 def growth_rates(time: NDArray[np.float64], separation: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Finite-size Lyapunov exponents: for each decade from the first separation (rows,) on, the size (m) at which it
-    begins and the
-    rate (1/s), ln 10 over the time that the separation takes to grow tenfold. ``separation`` never falls
+    """Finite-size Lyapunov exponents: for each decade from the first separation (rows,) on, the size (m) at which it begins
+    and the rate (1/s), ln 10 over the time that the separation takes to grow tenfold. ``separation`` never falls
     (``Floor.position.max(axis=1)``); a decade passed between two rows has no rate that could be told, and is left out."""
     grown = np.flatnonzero(separation > 0.0)
     if not len(grown):
@@ -236,9 +231,8 @@ class Convergence:
 
 
 def convergence(runs: Sequence[Run]) -> Convergence:
-    """The order from three runs of one scenario whose timesteps shrink by one factor r (dt, dt/r, dt/r²): p = log_r of
-    the ratio
-    of the two successive rms deviations.
+    """The order from three runs of one scenario whose timesteps shrink by one factor r (dt, dt/r, dt/r²): p = log_r of the
+    ratio of the two successive rms deviations.
 
     Raises SpecError for another number of runs, for timesteps of another ratio, and as :func:`consistency` does.
     """

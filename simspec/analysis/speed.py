@@ -114,9 +114,8 @@ class Speed:
 def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
     """The speed of one engine from repeated runs of one world, each in a process of its own.
 
-    Raises SpecError for no runs, for runs of several engines or timesteps, for runs on several machines, and where a
-    figure was
-    measured in some processes only.
+    Raises SpecError for no runs, for runs of several engines or timesteps, for runs on several machines, and where a figure
+    was measured in some processes only.
     """
     if not runs:
         raise SpecError([Problem("there are no runs to take the speed of")])

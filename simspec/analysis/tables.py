@@ -134,9 +134,8 @@ def _comparable(value: Any) -> Any:
 
 
 def sweep_table(cells: Iterable[RequestedCell], done: Callable[[str], StoredRow | None]) -> ResultTable:
-    """The table of a sweep: ``cells`` of its plan, and the run of each by the cell's key (``Index.done``); of a cell
-    that was not
-    run yet, figures are None and ``state`` is ``missing``. Nothing of the plan is left out."""
+    """The table of a sweep: ``cells`` of its plan, and the run of each by the cell's key (``Index.done``); of a cell that was
+    not run yet, figures are None and ``state`` is ``missing``. Nothing of the plan is left out."""
     pairs = [(cell, done(cell.key)) for cell in cells]
     paths = dict.fromkeys(path for cell, _ in pairs for path, _ in cell.overrides)
     quantities = dict.fromkeys(name for _, row in pairs if row is not None for name in row.quantities)

@@ -41,8 +41,7 @@ def test_a_throw_conserves():
 
 
 def test_spontaneous_changes_are_found():
-    """From 0.5 s on the ball has lost 0.25 m/s of 1: 0.5 N s; ½·2·(1 − 0.75²) = 0.4375 J; and turns at 0.5 rad/s: 0.2 N
-    m s."""
+    """From 0.5 s on the ball has lost 0.25 m/s of 1: 0.5 N s; ½·2·(1 − 0.75²) = 0.4375 J; and turns at 0.5 rad/s: 0.2 N m s."""
     late = lambda size: lambda t: np.where(t > 0.45, size, 0.0)  # noqa: E731
     given = conservation(thrown(late(0.25)))
     assert given.linear.size == pytest.approx(0.5)

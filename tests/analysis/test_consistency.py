@@ -13,8 +13,7 @@ from tests.runner.synthetic import free_body, run, world
 
 
 def falling(timestep: float, order: int = 1, **facts):
-    """Free fall with the error that an integrator of some order makes: z = −½ g t² − ½ g t dtᵖ (p = 1: semi-implicit
-    Euler)."""
+    """Free fall with the error that an integrator of some order makes: z = −½ g t² − ½ g t dtᵖ (p = 1: semi-implicit Euler)."""
     of = world(free_body("ball"), free_body("cube"))
     steps = round(1.0 / timestep)
     of = dataclasses.replace(of, physics=dataclasses.replace(of.physics, timestep=timestep, steps=steps))

@@ -40,10 +40,9 @@ def _share(found: np.ndarray, expected: np.ndarray, least: float = 0.0) -> float
 
 
 def deviations(world: World, states: int = 3, steps: int = 0, told: World | None = None) -> dict[str, float]:
-    """The largest difference in each quantity between the oracle and Simbody, at the initial state of a world and at ``states``
-    seeded ones, settled on its constraints, and between motions of ``steps``. What was not
-    compared is not in it: of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test
-    sees what is found."""
+    """The largest difference in each quantity between the oracle and Simbody, at the initial state of a world and at
+    ``states`` seeded ones, settled on its constraints, and between motions of ``steps``. What was not compared is not in it:
+    of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test sees what is found."""
     oracle, other = Oracle(world), Simbody(told or world)
     seeded = random_states(world, states)
     start = initial_state(world)

@@ -188,8 +188,7 @@ class GzSim(GivenEngine[Simulation]):
     """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
     server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
     has never run a real gz sim:* the interface follows its documentation and was tested with a stand-in. Mass matrix, bias
-    force and
-    contact cannot be queried."""
+    force and contact cannot be queried."""
 
     NAME: ClassVar[str] = bindings.NAME
     TITLE: ClassVar[str] = "gz sim"
