@@ -23,9 +23,7 @@ _SWEEPS = (
 )
 _CREEPS = "pgs ends its sweeps before friction and normal forces fit each other"
 _DEEP = "an overlap is taken back by a share in each step: heavy bodies rest deeper, with the square of the timestep"
-_NEAR = (
-    "what slides with a lighter body below it, or over it, needs friction within 0.1 % of its limit at a ratio of 1000"
-)
+_NEAR = "a body that slides with a lighter one below it, or over it, needs friction within 0.1 % of its limit at a ratio of 1000"
 _FEW = "steps of some ms are few for what slips, clamps or spins"
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
@@ -87,13 +85,13 @@ def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
 
 
 def cylinders(world: World) -> Refinement | None:
-    """What is approximate of cylinders in a world; None where nothing is."""
+    """The approximations of cylinders in a world; None where there are none."""
     met = {pair: how for pair, how in APPROXIMATE.items() if pair in meeting_kinds(world)}
     return _refinement(met) if met else None
 
 
 def capsules(world: World) -> Refinement | None:
-    """What there is to say of capsules in a world: points and depths are exact, but a line or a face has one of them."""
+    """The approximation of capsules in a world: points and depths are exact, but a line or a face has one of them."""
     met = {("box", "capsule"), ("capsule", "plane")} & set(meeting_kinds(world))
     return Refinement(note=ON_BOXES) if met else None
 

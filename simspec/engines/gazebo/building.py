@@ -1,4 +1,4 @@
-"""A world as SDF for gz-physics, and what the part in C++ is told beside it.
+"""A world as SDF for gz-physics, and the further data for the part in C++.
 
 Links, joints and shapes are called by numbers in the SDF text, since SDF reserves names and has each once in a model. Shapes
 stand in it once for each layer of the contact plan, with the numbers of their material there.
@@ -62,8 +62,8 @@ NEEDS = Needs(
         ("libignition-physics-dev", "Gazebo's physics library"),
         ("libignition-physics5-dartsim-plugin5", "its engine dartsim"),
         ("libsdformat-dev", "reads SDF"),
-        ("libdart-dev", "what dartsim is made of"),
-        ("libode-dev", "what its detector is made of"),
+        ("libdart-dev", "the library of dartsim"),
+        ("libode-dev", "the library of its collision detector"),
         ("g++", "compiles its part in C++"),
         ("gcc", "compiles its part in C"),
         ("pkg-config", "finds them"),
@@ -172,7 +172,7 @@ CONE = "pyramid-circumscribed"
 DETECTOR = "ode"
 """DART's collision detector, gz-physics' own choice."""
 STANDS_FOR = Inertial(1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
-"""What is written of a body whose inertia SDF does not allow; the part in C++ then sets its own."""
+"""Written for a body whose inertia SDF does not allow; the part in C++ then sets the body's."""
 
 MOST_RESTITUTION = 1.0
 """libsdformat's bound; DART has none."""

@@ -100,7 +100,7 @@ class Gazebo(WorldEngine[Simulation]):
         Feature.DRY_FRICTION: EXACT,
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
         Feature.LIMIT_POSITION: exact("limits stop dead within the step"),
-        Feature.LIMIT_VELOCITY: exact("not told to DART, which would enforce it together with the position limits"),
+        Feature.LIMIT_VELOCITY: exact("not passed to DART, which would enforce it together with the position limits"),
         **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "a joint's armature by DART's damping in SDF, and an effort against it at every step"
@@ -112,7 +112,7 @@ class Gazebo(WorldEngine[Simulation]):
             refine=planes_still("planes are boxes here, and {name} would move as one"),
         ),
         Feature.SHAPE_CYLINDER: exact(
-            "whose flat faces touch at the corners of the octagon around the circle", refine=cylinders, cases=CASES
+            "the flat faces touch at the corners of the octagon around the circle", refine=cylinders, cases=CASES
         ),
         Feature.SHAPE_CAPSULE: exact(refine=capsules),
         Feature.SHAPE_MESH: via_api(_HULLS),
@@ -123,14 +123,14 @@ class Gazebo(WorldEngine[Simulation]):
         **COUPLED,
         **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
-            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
-            "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
+            "e (1 + g dt / v): up to 0.009 above the requested ratio at 1 ms from 1 m/s on; none at all where the body would "
+            "leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
             short="nothing bounces that would leave at less than 0.1 m/s; else e is up to 0.009 too large",
         ),
         Feature.RESTITUTION_THRESHOLD: approximate(
             "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
-            "and all else does, whatever threshold is asked for",
-            short="whatever threshold is asked for, it is 0.1 m/s after the impact",
+            "and all else does, for every requested threshold",
+            short="the threshold is 0.1 m/s after the impact, for every requested one",
         ),
         Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),

@@ -1,4 +1,4 @@
-"""What gz-physics says it holds, in the world's frames and order: DART's own objects, which it hands out, are asked."""
+"""The model as gz-physics stores it, in the world's frames and order, read from its DART objects."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ PLANE = 2100.0
 
 
 class ReadBody(NamedTuple):
-    """What DART says of a body and its joint; see ``gz_body``."""
+    """A body and its joint in DART; see ``gz_body``."""
 
     inertial: Inertial
     parent: int
@@ -66,7 +66,7 @@ class ReadBody(NamedTuple):
 
 
 class ReadUnit(NamedTuple):
-    """What DART says of a shape; see ``gz_unit``."""
+    """A shape in DART; see ``gz_unit``."""
 
     kind: str
     size: tuple[float, ...]
@@ -151,7 +151,7 @@ def _joint(sim: Simulation, row: int, body: JsonBody, held: ReadBody, q: np.ndar
     implicit = armature / sim.document.timestep
     found = dataclasses.replace(
         found,
-        # DART's own damping stands for the armature; what it has beyond that damps
+        # DART's damping stands for the armature; the rest of it damps
         damping=damping + (held.damping - implicit),
         spring_stiffness=stiffness + held.stiffness,
     )
@@ -193,7 +193,7 @@ def as_written(held: ReadUnit) -> tuple[str, tuple[float, ...], Pose]:
 
 
 def unit_name(unit: Unit) -> str:
-    """What a copy of a shape is called: by the shape's name and the layer."""
+    """The name of a copy of a shape: the shape's name and the layer."""
     return f"{unit.of.shape.name}.{unit.copy.layer}"
 
 

@@ -107,7 +107,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
 
     def _done(self, failed: int) -> None:
         if failed:
-            raise EngineError(NAME, f"holds another world than it was told: {self.library.said()}")
+            raise EngineError(NAME, f"has another world than the SDF text: {self.library.said()}")
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -199,7 +199,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
             self.library.gz_no_dry_friction(self.sim, row)
 
     def messages(self) -> list[str]:
-        """What gz-physics said while it loaded."""
+        """The messages of gz-physics from loading."""
         lines = [line for line in self.library.gz_log(self.sim).decode(errors="replace").splitlines() if line.strip()]
         doubted = hull_library().hulls_doubted() if self.hulls else 0
         counts = (ctypes.c_int * 2)()

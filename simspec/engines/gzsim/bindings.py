@@ -1,7 +1,7 @@
 """gz sim's Python bindings: where they are on this machine, and which of them simspec can import.
 
-They come with gz sim itself, for one version of Python, and are no package of pip. Nothing here was ever run with them: what
-is called follows from gz sim's documentation and the sources of its bindings (gz sim 8 to 10).
+They come with gz sim itself, for one version of Python, and are no package of pip. This module has never run with them: all
+that it calls follows from gz sim's documentation and the sources of its bindings (gz sim 8 to 10).
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def version() -> str | None:
 
 
 def why_not() -> str:
-    """What of gz sim is there, where simspec can use nothing of it."""
+    """Why simspec can use no gz sim of this machine."""
     others = [entry for entry in _all() if not entry.usable]
     if not others:
         return "no gz sim is found here"

@@ -1,7 +1,8 @@
-"""gz sim, Gazebo's simulator, through its Python bindings. No gz sim has ever been asked by this module.
+"""gz sim, Gazebo's simulator, through its Python bindings. This module has never run a gz sim.
 
 It was written to gz sim's documentation and the sources of its bindings and physics system (gz sim 8 to 10), and tried on a
-stand-in of the functions that it calls. Nothing in this package was measured in gz sim; what was measured in DART says so.
+stand-in of the functions that it calls. Nothing in this package was measured in gz sim; figures that were measured in DART
+say so.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ from simspec.world.inertia import lumped
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
-# What gz sim's server says its components hold, in the world's frames and order, before its first step.
+# The model in the components of gz sim's server, in the world's frames and order, before its first step.
 #
-# Components are what the server has made of the SDF; its physics system makes its own world of them, which cannot be asked.
+# The server makes components of the SDF; its physics system makes a world of them, which cannot be queried.
 
 KINDS = {"FIXED": "fixed", "REVOLUTE": "hinge", "PRISMATIC": "slide"}
 """SDF's types of joints, as its bindings call them."""
@@ -58,7 +59,7 @@ WORLD = "world"
 
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
-    """The model that the server's components hold, and the present state as it is told."""
+    """The model in the server's components, and the present state."""
     backs: list[ReadBack] = []
     q, v = sim.get_state()
 
@@ -73,7 +74,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
             bodies.append(Body(body.name, body.model, _inertial(server, components, row), joint, _seen(body)))
         gravity, step = server.world.gravity(components), info.dt.total_seconds()
         if gravity is None:
-            raise EngineError(NAME, "tells no gravity")
+            raise EngineError(NAME, "reports no gravity")
         backs.append(sim.model(bodies, _vector(gravity), step, unreadable))
 
     sim.query(ask)
@@ -103,7 +104,7 @@ def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
         position_limits=limits if any(abs(limit) < UNLIMITED for limit in limits) else None,
         effort_limit=float(axis.effort()) if 0.0 <= axis.effort() < UNLIMITED else None,
         dry_friction=float(axis.friction()),
-        # what the server applies by itself, and what simspec applies
+        # the damping that the server applies, and that of simspec
         damping=float(axis.damping()) + given.damping,
         spring_stiffness=float(axis.spring_stiffness()) + given.spring_stiffness,
         spring_rest=given.spring_rest,
@@ -111,10 +112,10 @@ def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
 
 
 def _inertial(server: Server, components: Any, row: int) -> Inertial:
-    """Mass, centre and tensor in the axes of the link, of which gz sim tells those in the world's."""
+    """Mass, centre and tensor in the axes of the link, from those in the world's axes that gz sim reports."""
     actual, place = server.links[row].world_inertial(components), _place(server, components, row)
     if actual is None:
-        raise EngineError(NAME, "tells no inertia of a link")
+        raise EngineError(NAME, "reports no inertia of a link")
     centre = frames.compose(frames.inverse(place), Pose(_vector(actual.pose().pos()))).position
     tensor = actual.moi()
     given = (*(tensor(i, i) for i in range(3)), tensor(0, 1), tensor(0, 2), tensor(1, 2))
@@ -142,10 +143,12 @@ def _vector(told: Any) -> Vector3:
     return (told.x() + 0.0, told.y() + 0.0, told.z() + 0.0)
 
 
-_NO_CONTACT = "simspec tells gz sim no shapes: its Python bindings tell no contacts, so that nothing could be compared"
+_NO_CONTACT = (
+    "simspec gives gz sim no shapes: its Python bindings report no contacts, so that nothing could be compared"
+)
 _GIVEN = "given as efforts at every step, explicit in time: DART's own are implicit"
-_NOT_WRITTEN = "simspec does not tell gz sim of it"
-_NO_MATRIX = "gz sim's Python bindings tell nothing of its dynamics"
+_NOT_WRITTEN = "simspec does not write it for gz sim"
+_NO_MATRIX = "gz sim's Python bindings report nothing of its dynamics"
 MICROSECOND = 1e-6
 """s: gz sim's bindings tell times in Python's timedelta, which has no shorter ones."""
 
@@ -205,7 +208,7 @@ class GzSim(GivenEngine[Simulation]):
         Capability.MASS_MATRIX: f"{_NO_MATRIX}: no mass matrix",
         Capability.BIAS_FORCE: f"{_NO_MATRIX}: no forces of inertia",
         Capability.ENERGY: f"{_NO_MATRIX}: no potential energy",
-        Capability.INVENTORY: "what gz sim's physics system makes of its components cannot be asked of it",
+        Capability.INVENTORY: "gz sim's physics system does not report its world",
         Capability.PAIR_DETECTION: _NO_CONTACT,
         Capability.NATIVE_CONTROLLERS: "simspec drives gz sim by efforts",
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through gz sim",
@@ -215,9 +218,9 @@ class GzSim(GivenEngine[Simulation]):
         Feature.DRY_FRICTION: EXACT,
         **for_each(exact("of what cannot move", refine=_proper_inertias), Feature.INERTIA_SINGULAR, Feature.MASSLESS),
         Feature.JOINT_FREE: approximate(
-            "as DART moves them, which follows the law to round-off (measured there), but told late: gz sim tells pose and "
-            "velocity of a link only once it has moved or turned by 1e-6 since it last told them",
-            short="pose and velocity of a free body are told only once it has moved or turned by 1e-6",
+            "as DART moves them, which follows the law to round-off (measured there), but late: gz sim updates pose and "
+            "velocity of a link only once it has moved or turned by 1e-6 since the last update",
+            short="pose and velocity of a free body are updated only once it has moved or turned by 1e-6",
         ),
         **for_each(
             never(_NOT_WRITTEN),
@@ -227,13 +230,14 @@ class GzSim(GivenEngine[Simulation]):
             "SDF has no bodies without mass that move, which stand between two joints of one body"
         ),
         Feature.LIMIT_POSITION: exact("limits stop dead within the step, in DART itself"),
-        Feature.LIMIT_VELOCITY: exact("not told to gz sim, whose DART would enforce it"),
+        Feature.LIMIT_VELOCITY: exact("not passed to gz sim, whose DART would enforce it"),
         **for_each(via_api(_GIVEN), Feature.DAMPING, Feature.SPRING),
         **for_each(never("DART has no armature, and simspec does not compute it for gz sim"), *features.ARMATURES),
         **{
-            Feature(f"shape.{kind}"): exact("seen, and not told to gz sim", refine=_only_visual) for kind in SHAPE_KINDS
+            Feature(f"shape.{kind}"): exact("visual, and not passed to gz sim", refine=_only_visual)
+            for kind in SHAPE_KINDS
         },
-        Feature.SHAPE_VISUAL: exact("not told to gz sim, whose physics does not know it"),
+        Feature.SHAPE_VISUAL: exact("not passed to gz sim, whose physics does not know it"),
         **for_each(
             dataclasses.replace(never(_NO_CONTACT), refine=_nothing_solid),
             *(*features.MARGINS, Feature.SURFACE_VELOCITY),
@@ -242,18 +246,18 @@ class GzSim(GivenEngine[Simulation]):
         Feature.TIMESTEP: exact("whole microseconds", refine=_whole_microseconds),
         Feature.CONTROL_NATIVE: never("simspec drives gz sim by efforts"),
         **for_each(
-            never("simspec tells gz sim no constraints outside the tree"),
+            never("simspec gives gz sim no constraints outside the tree"),
             *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {}
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "gz sim is told no shapes",
-        "shape.visual": "gz sim is told no shapes",
-        "friction_cone": "gz sim is told no shapes",
-        "joint.velocity_limit": "not told to gz sim, whose DART would enforce it",
-        "static.inertial": "what cannot move is told an inertia of its own where SDF takes none",
+        "collision_group": "gz sim gets no shapes",
+        "shape.visual": "gz sim gets no shapes",
+        "friction_cone": "gz sim gets no shapes",
+        "joint.velocity_limit": "not passed to gz sim, whose DART would enforce it",
+        "static.inertial": "static bodies get another inertia where SDF takes none",
     }
 
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:

@@ -191,7 +191,7 @@ class Server:
         sim = self._sim
         for row in sim.axes:
             self.joints[row].set_force(components, effort[sim.v_places[row]].tolist())
-        for row in sim.free:  # whose link has its frame at its centre of mass
+        for row in sim.free:  # its link has its frame at its centre of mass
             force = effort[sim.v_places[row]]
             if force.any():
                 torque = rotate(q[sim.q_places[row]][3:], force[3:])
@@ -327,8 +327,8 @@ class Simulation(WorldSimulation[WorldSidecar]):
             self._moving = self._stepping_server()
         server = self._moving
         if self._pending and self.free and count:
-            # a step whose result is discarded: what has not moved since an earlier state would not be reported, and commanded
-            # poses hold at the beginning of the next step, too
+            # a step whose result is discarded: links that have not moved since an earlier state would not be reported, and
+            # commanded poses hold at the beginning of the next step, too
             aside, at_rest = self._aside(), np.zeros(self.nv)
             server.run(1, lambda info, components, step: server.put(components, aside, at_rest))
 
@@ -375,7 +375,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
             self._drop()
 
     def messages(self) -> list[str]:
-        return ["how simspec asks gz sim was tested with a stand-in alone: see docs/reference/engines/gzsim.md"]
+        return ["simspec's queries of gz sim were tested with a stand-in alone: see docs/reference/engines/gzsim.md"]
 
     def _drop(self) -> None:
         moving, self._moving = self._moving, None

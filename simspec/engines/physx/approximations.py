@@ -21,7 +21,7 @@ from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_
 from simspec.world.types import World
 
 _ANCHORS = (
-    "friction holds the two anchors of a pair, by a spring to where they lay: what leans or is piled does not slip near its "
+    "friction holds the two anchors of a pair, by a spring to where they lay: leaning or piled bodies do not slip near their "
     "threshold, and what spins is braked aside of its slip (accepted by name: contact.cone.elliptic)"
 )
 _FEW = "steps of some ms are few for boxes that lie on crossing edges"
@@ -38,8 +38,8 @@ COUPLED: Table = coupled(
     {
         Feature.MASS_RATIO: (
             "heavy bodies push light ones aside: at a ratio of 1000 by 4 mm in 0.8 s at 1 ms, and they sink through within 5 "
-            "s, at 4 ms within 0.8 s; less with iterations: 255. What slides with 100 times its mass on it stops 43 to 67 % "
-            "short at 1 ms",
+            "s, at 4 ms within 0.8 s; less with iterations: 255. A body that slides with 100 times its mass on it stops 43 to "
+            "67 % short at 1 ms",
             "1000 times the mass sinks through within 5 s at 1 ms, within 0.8 s at 4 ms",
         ),
         Feature.SELF_LOCKING: (
@@ -142,12 +142,12 @@ def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
 
 
 def _of(kind: str) -> Mapping[tuple[str, str], str]:
-    """The pairs that are told of boxes, and of hulls."""
+    """The pairs in messages on boxes, and on hulls."""
     return {pair: how for pair, how in APPROXIMATE.items() if ("mesh" in pair) == (kind == "mesh")}
 
 
 def boxes(world: World) -> Refinement | None:
-    """Boxes that may meet boxes; with hulls they are told of the hulls."""
+    """Boxes that may meet boxes; the message on hulls covers those that may meet hulls."""
     met = met_pairs(world, _of("box"))
     return _refinement(met) if met else None
 

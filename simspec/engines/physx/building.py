@@ -45,7 +45,7 @@ def kinds(keys: Sequence[K], meet: Callable[[K, K], bool]) -> Mapping[K, tuple[i
         if any(rows[key]):
             number.setdefault(rows[key], len(number))
     if len(number) > BITS:
-        raise ValueError(f"tells {BITS} kinds of shapes apart by what they touch, and here are {len(number)}")
+        raise ValueError(f"distinguishes {BITS} kinds of shapes by what they touch, and here are {len(number)}")
     found = {}
     for key in keys:
         if not any(rows[key]):
@@ -69,7 +69,7 @@ def exclusions(pairs: Iterable[tuple[str, str]]) -> Mapping[str, tuple[int, int]
             continue
         number += 1
         if number > MOST_NUMBERS:
-            raise ValueError(f"tells {MOST_NUMBERS} sets of bodies apart that must not touch, and here are more")
+            raise ValueError(f"distinguishes {MOST_NUMBERS} sets of bodies that must not touch, and here are more")
         cliques = _cliques(_reached(start, neighbours), neighbours)
         if len(cliques) > BITS:
             raise ValueError(

@@ -109,7 +109,7 @@ class PhysX(WorldEngine[Simulation]):
         **COUPLED,
         **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: exact(
-            "of what arrives with more than 2 / (1 − e) steps of gravity: what is slower does not bounce"
+            "of bodies that arrive with more than 2 / (1 − e) steps of gravity: slower ones do not bounce"
         ),
         Feature.RESTITUTION_THRESHOLD: via_api(
             "the scene's bounce threshold: one for all pairs that bounce, and at least 2 / (1 − e) steps of gravity, e the "
@@ -124,8 +124,8 @@ class PhysX(WorldEngine[Simulation]):
             "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
             "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
             "surface slips aside at 3 m/s is up to 7 % off, a tripod that spins at 10 rad/s stops 10 % short), and cards that "
-            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds below its threshold, "
-            "and slips too little at 0.6 of it",
+            "slide away from each other on their edges go a quarter of their way and aside; what leans or is piled holds "
+            "below its threshold, and slips too little at 0.6 of it",
             no_friction,
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
         ),
@@ -155,7 +155,7 @@ class PhysX(WorldEngine[Simulation]):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "PhysX is told by bits what touches, and has no groups of that name",
+        "collision_group": "bits decide which shapes touch in PhysX, which has no groups of that name",
         "static.inertial": "PhysX's static actors have no mass",
     }
 

@@ -33,7 +33,7 @@ from simspec.formats.world import initial_coordinates
 from simspec.world.rotations import cross, exponential, matrices, multiply, rotate
 from simspec.world.types import Pose
 
-# Contacts as PhysX tells them, in its own unit of length: of the beginning of its last step, with that step's impulses.
+# Contacts as PhysX reports them, in its unit of length: of the beginning of its last step, with that step's impulses.
 
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
@@ -51,9 +51,9 @@ class Depths:
 class Recovery:
     """How fast each of ``count`` bodies may be pushed out of what it overlaps in the next step, by the common law.
 
-    By the law an overlap d is (1 − β) d after the step. What is deeper than that is what PhysX's sweeps left over: it begins
+    By the law an overlap d is (1 − β) d after the step. A deeper overlap is left over by PhysX's sweeps: it begins
     each step anew, so that a stack would sink in by a hundred times that. So the speed is (β d + what is left over) / dt, of
-    the pair of each body that asks most. PhysX takes the slower of two bodies'.
+    the most demanding pair of each body. PhysX takes the slower of two bodies'.
     """
 
     def __init__(self, count: int, timestep: float):
@@ -95,7 +95,7 @@ class Recovery:
 
 def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     """The overlaps among contacts; ``rows``: of the actors that move."""
-    # most of a step's time beside PhysX's own: each word that is asked of SAPIEN costs 0.1 to 0.8 µs
+    # most of a step's time after PhysX's: each call of SAPIEN costs 0.1 to 0.8 µs
     ends: list[int] = []
     least: list[float] = []
     row_of = rows.get
@@ -159,9 +159,9 @@ def touching_pairs(contacts: Sequence[Any], units: Mapping[Any, int]) -> np.ndar
 # How bodies turn in a step: by simspec's law of motion, where PhysX has another gyroscopic term and few digits.
 #
 # After all else PhysX takes dt ω × L off a body's angular momentum L = I ω and gives it the length back that it had. So it is
-# given the torque with which that comes out as dt (τ − ω × Iω). What comes out is 1e-7 off in every step and always to the same
+# given the torque with which that comes out as dt (τ − ω × Iω). The result is 1e-7 off in every step and always to the same
 # side: 9e-4 rad/s of a body that turns at 6 rad/s for 2 s, 23 times what the round-off of single precision makes (measured). So
-# what touches nothing is then given the velocity and the turn of the law, which is 3 times that round-off off.
+# bodies without contact are then given the velocity and the turn of the law, which is 3 times that round-off off.
 
 SOLVED, MOST_TRIES = 1e-12, 50
 """How near the gyroscopic term is solved for, relative, and after how many tries that is given up."""
@@ -212,9 +212,9 @@ def _before(
 
 
 TINY = 1e-6
-"""s: the step by which contacts of a state are asked for."""
+"""s: the step that computes the contacts of a state."""
 SLOW = 1e-3
-"""rad/s up to which PhysX turns a body by itself: what it is off by then is 3e-7 rad after 2 s. Round-off in contacts without
+"""rad/s up to which PhysX turns a body by itself: the error is then 3e-7 rad after 2 s. Round-off in contacts without
 friction turns balls at 3e-4."""
 NO_FORCE = np.zeros(3)
 
@@ -385,7 +385,8 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         return probe
 
     def _bound(self) -> None:
-        """Bound the speed at which PhysX undoes overlaps in the next step. It tells contacts of where the last step began."""
+        """Bound the speed at which PhysX undoes overlaps in the next step. Its contacts are those at the beginning of the
+        last step."""
         if not self._begun:
             self._recovery.go_on(depths(self._found, self.rows))
         speeds = self._recovery.speeds

@@ -62,8 +62,8 @@ COUPLED: Table = coupled(
     {
         Feature.MASS_RATIO: (
             "heavy bodies sink into light ones, and push them aside: laid on each other at rest by 0.2 and 0.8 mm at a ratio "
-            "of 1000 and 1 ms, with iterations of 500 by a tenth of it; what falls moves farther (5 kg fallen 5 cm onto 0.1 "
-            "kg: 4.3 mm). What stands under a body 1000 times as heavy that slides is taken along (1 ms); what slides with "
+            "of 1000 and 1 ms, with iterations of 500 by a tenth of it; a falling body moves farther (5 kg fallen 5 cm onto "
+            "0.1 kg: 4.3 mm). A body under a sliding body of 1000 times its mass moves along (1 ms); one that slides with "
             "100 times its mass on it stops 16 % short at 4 ms",
             "1000 times the mass, laid on at rest, sinks 0.2 mm in and moves 0.8 mm aside at 1 ms",
         ),
@@ -85,7 +85,7 @@ COUPLED: Table = coupled(
 # hulls        3, up to 18 µm      as boxes           as boxes
 # planes, balls: exact to 3e-7 m and 4e-6 rad. Flat on flat: exact
 
-_FLAT = "flat on flat is exact; aslant "
+_FLAT = "flat on flat is exact; at an angle "
 APPROXIMATE: Mapping[tuple[str, str], str] = {
     ("box", "cylinder"): f"{_FLAT}one of 360 overlaps is missed (by 22 µm), the normal is 0.008 rad off in 1 of 100",
     (
@@ -99,7 +99,7 @@ APPROXIMATE: Mapping[tuple[str, str], str] = {
     ("cylinder", "mesh"): f"{_FLAT}one of 240 overlaps is missed (by 18 µm), the normal is 0.008 rad off in 1 of 100",
 }
 """Of pairs of kinds, what is lost."""
-SHORT = "aslant normals of cylinders are 0.01 rad off, and 0.1 to 4 % of overlaps of 10 to 40 µm are missed"
+SHORT = "oblique normals of cylinders are 0.01 rad off, and 0.1 to 4 % of overlaps of 10 to 40 µm are missed"
 CYLINDERS = approximate_pairs(APPROXIMATE, SHORT)
 """Where all of these pairs may meet, for tables."""
 
@@ -122,7 +122,7 @@ MOST_CORNERS = 4
 FLAT = 1e-6
 """Share of its extent by which a hull is off at most that is exact: a few roundings."""
 DIRECTIONS = 4000
-"""Spread over the sphere, 3° apart, in which planes are tried beside those that three faces look at alike."""
+"""Spread over the sphere, 3° between neighbours, in which planes are tried as well as those that three faces look at alike."""
 KEPT = 256
 """Hulls of which the faces are remembered."""
 MERGED_SHORT = "faces of a hull that meet at less than 1.5° are felt as one plane"
@@ -137,7 +137,7 @@ STACKED = Refinement(
 
 @dataclass(frozen=True, slots=True)
 class Faces:
-    """What Rapier makes of the faces of a hull: the most ``corners`` of one; how far (m) it is ``off`` where faces are nearly
+    """The faces of a hull in Rapier: the most ``corners`` of one; how far (m) it is ``off`` where faces are nearly
     in one plane; how deep (m) a corner may be in a plane and ``unfelt``."""
 
     corners: int
@@ -171,7 +171,7 @@ def hull_support(world: World) -> Refinement | None:
 
 
 def _refused(faces: Faces, kind: str) -> str | None:
-    """Why Rapier does not have a hull beside a kind of shape."""
+    """Why Rapier does not support contact of a hull with a kind of shape."""
     if faces.corners > MOST_CORNERS:
         return (
             f"Rapier uses {MOST_CORNERS} corners of a face, and a face has {faces.corners} here; faces that meet at less than "
@@ -187,7 +187,7 @@ def _refused(faces: Faces, kind: str) -> str | None:
 
 @functools.lru_cache(maxsize=KEPT)
 def faces_of(size: tuple[float, ...]) -> Faces:
-    """What Rapier makes of the faces of a hull (flat vertices, m)."""
+    """The faces in Rapier of a hull (flat vertices, m)."""
     hull = hull_of(size)
     groups, most = _merged(hull)
     least = FLAT * float(np.ptp(hull.vertices, axis=0).max())

@@ -271,7 +271,7 @@ def convex(rapier: Any, name: str, size: Sequence[float]) -> Any:
     except (HullError, ValueError) as error:
         raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
     except ImportError as error:
-        raise EngineError(NAME, f"meshes need scipy beside Rapier: {error}") from error
+        raise EngineError(NAME, f"meshes need scipy as well as Rapier: {error}") from error
     return rapier.Collider.convex_mesh(mesh_vertices(size).astype(np.float32), faces.astype(np.uint32))
 
 

@@ -71,13 +71,13 @@ class Rapier(WorldEngine[Simulation]):
         ),
         Feature.JOINT_FIXED: still_or_light(
             "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
-            "one of them: 1e-4 apart after 2 s"
+            "one of them: 1e-4 of difference after 2 s"
         ),
-        Feature.SHAPE_PLANE: static_planes("simspec tells Rapier planes of what cannot move alone, and {name} does"),
+        Feature.SHAPE_PLANE: static_planes("simspec gives Rapier planes of static bodies only, and {name} moves"),
         Feature.SHAPE_MESH: exact(
             "the convex hull, where no two faces meet at less than 1.5°, none has more than four corners, and on planes the "
-            "deepest corner is always one of the face that looks down; what balls alone touch may have any faces. Hulls that "
-            "may touch each other are approximate, and accepted by name",
+            "deepest corner is always one of the face that looks down; hulls that touch balls alone may have any faces. Hulls "
+            "that may touch each other are approximate, and accepted by name",
             refine=hull_support,
             cases=(STACKED,),
         ),
@@ -98,7 +98,7 @@ class Rapier(WorldEngine[Simulation]):
             "body stops late: by 7 % where four stand under the corners of a cube of even density, by 25 % where it has half "
             "its inertia and its centre of mass near the floor. The other model, COULOMB, is a pyramid",
             only_balls_slide("friction model SIMPLIFIED"),
-            "what slides on several shapes stops late (7 % on corners of a cube, 25 % with half its inertia)",
+            "a body that slides on several shapes stops late (7 % on corners of a cube, 25 % with half its inertia)",
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
@@ -116,7 +116,7 @@ class Rapier(WorldEngine[Simulation]):
         Deviation("stop-oblong", 0.027, _ASIDE),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "Rapier is told by a hook what touches, and has no groups of that name"
+        "collision_group": "a hook decides which shapes touch in Rapier, which has no groups of that name"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

@@ -210,7 +210,7 @@ DYNAMIC: Mapping[str, EngineValue] = {"gyroscopic_forces_enabled": False, "allow
 
 class Solid(NamedTuple):
     """A collision shape of the world: its number, its body, the law of all pairs where there is only one, and whether Rapier
-    asks the hook which others it touches."""
+    queries the hook for the others that it touches."""
 
     number: int
     body: Body
@@ -278,7 +278,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
         found[f"shape.{solid.shape.name}.of"] = solid.owner.body.name
     names = [f"{solid.shape.name}.0" for solid in sim.walk.shapes]  # the names of carriers: all in one layer
     for row, name in enumerate(names):
-        # as the hook answers, whether Rapier asks it or not
+        # the answers of the hook, whether Rapier calls it or not
         others = (other for column, other in enumerate(names) if column != row and sim.built.laws.excluded(row, column))
         found[f"apart.{name}"] = named_set(others)
     return found

@@ -1,6 +1,6 @@
 """The controller of a world in Webots: a program of its own, since Webots' library can be the controller of one world once.
 
-``python controller.py LIBRARY DESCRIPTOR``: connects to the Webots that WEBOTS_CONTROLLER_URL names, and does what it is asked
+``python controller.py LIBRARY DESCRIPTOR``: connects to the Webots that WEBOTS_CONTROLLER_URL names, and answers requests
 through the socket DESCRIPTOR. Nothing but the standard library is imported. Messages are a letter and, where it says so, more;
 numbers are little-endian. Functions of the library are those of Webots' reference manual (``supervisor.h``, ``robot.h``).
 
@@ -65,7 +65,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "wb_supervisor_field_get_mf_string": (ctypes.c_char_p, (FIELD, ctypes.c_int)),
     "wb_supervisor_field_get_mf_node": (NODE, (FIELD, ctypes.c_int)),
 }
-"""What is returned, and of what arguments."""
+"""Result and arguments of each function."""
 KINDS = {
     "Bool": ("bool", 0),
     "Int32": ("int32", 0),
@@ -81,8 +81,8 @@ KINDS = {
 
 
 class Controller:
-    """What asks Webots. Of the first message: ``bodies``, names of nodes; ``tops``, of those, by number, the ones that move by
-    themselves, whose velocities are told and on which forces act."""
+    """The client of Webots. In the first message: ``bodies``, names of nodes; ``tops``, of those, by number, the ones that
+    move by themselves, with velocities in the states and forces that act on them."""
 
     def __init__(self, library: str, channel: socket.socket):
         self._library = ctypes.CDLL(library)
@@ -94,7 +94,7 @@ class Controller:
         self._tops: list[int] = []
 
     def serve(self) -> None:
-        """Connect, and answer until nobody asks any more."""
+        """Connect, and answer until the socket is closed."""
         content = json.loads(self._received(self._count()))
         lib = self._library
         lib.wb_robot_init()

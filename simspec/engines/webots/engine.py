@@ -1,7 +1,7 @@
 """Webots: its worlds as files, and an installed Webots that steps them.
 
-No number in this package was measured in Webots: what it says follows from the reference manual and the sources of R2023b, and
-from what was measured of the Open Dynamics Engine, of which Webots has a copy of its own. What starts and asks a Webots was
+No number in this package was measured in Webots: it follows the reference manual, the sources of R2023b, and
+measurements of the Open Dynamics Engine, of which Webots has a copy. The code that starts and queries a Webots was
 tested with a stand-in that has its interface, and never with Webots itself.
 """
 
@@ -75,7 +75,7 @@ def excluded_by_joints(world: World) -> tuple[tuple[str, str], ...]:
 
 
 def _joined(world: World) -> Iterator[tuple[str, str]]:
-    """Pairs of rigid groups that Webots keeps apart."""
+    """Pairs of rigid groups that Webots excludes from contact."""
     groups = rigid_groups(world)
     bodies = {body.name: body for body in world.bodies}
     anchors = _anchors(world)
@@ -109,17 +109,17 @@ def _anchors(world: World) -> dict[str, Vector3]:
 
 
 def touches_less(world: World) -> str:
-    """What a world's pairs that Webots keeps apart are, in words; "" where there is none."""
+    """A sentence on the pairs of a world that Webots excludes from contact; "" where there is none."""
     pairs = excluded_by_joints(world)
     if not pairs:
         return ""
     (name, other), more = pairs[0], len(pairs) - 1
     others = f" and {more} more pair{'s' if more > 1 else ''}" if more else ""
-    return f"{name!r} never touches {other!r}{others}, since Webots passes over what joints join"
+    return f"{name!r} never touches {other!r}{others}, since Webots excludes joined bodies"
 
 
 def only_joined(world: World) -> Refinement | None:
-    """Not supported where bodies are kept apart that no joint joins."""
+    """Not supported where bodies are excluded that no joint joins."""
     groups = rigid_groups(world)
     joined = {frozenset(pair) for pair in _joined(world)}
     solid = {body.name for body in world.bodies if solid_shapes(body)}
@@ -134,13 +134,13 @@ _NOT_WRITTEN = "simspec does not write it for Webots"
 _GIVEN = "given as torques and forces before every step, explicit in time: Webots' own are implicit"
 _RIGID = "Webots' contacts have a softness in s²/kg, for whatever mass"
 _FIRST_ORDER = (
-    "by the steps of Webots' copy of ODE in the bodies' coordinates, which are of first order and let joints come apart: in "
+    "by the steps of Webots' copy of ODE in the bodies' coordinates, which are of first order and let joints separate: in "
     "ODE itself, after 2,000 steps of 1 ms, a tumbling body is 2e-4 rad off, two hinges 0.02, seven 0.65 (measured there)"
 )
-_PASSED = "; what a joint joins, and what a joint joins to the ground with all of the ground, never touches"
+_PASSED = "; bodies that a joint joins never touch, and bodies joined to the ground never touch any of it"
 _STOPS = (
     "a joint goes past a limit within the step in which it arrives, and comes back by the joints' error reduction; limits that "
-    "do not hold zero between them, and of hinges beyond ±π, are not told to Webots, and nothing stops there"
+    "do not hold zero between them, and of hinges beyond ±π, are not passed to Webots, and nothing stops there"
 )
 _MOMENTS = "a row for each point, with the softness of the world: never measured, nor what several points of one pair sum up to"
 
@@ -153,7 +153,7 @@ def _joint(noun: str) -> Support:
     return approximate(
         _FIRST_ORDER + _PASSED,
         refine,
-        f"{noun} by ODE's own steps, of first order, come apart; what joints join never touches",
+        f"{noun} by ODE's own steps, of first order, separate; joined bodies never touch",
     )
 
 
@@ -176,9 +176,9 @@ class Webots(GivenEngine[Simulation]):
         Capability.MASS_MATRIX: "Webots solves in the bodies' coordinates and forms no mass matrix",
         Capability.BIAS_FORCE: "Webots gives no forces of inertia",
         Capability.ENERGY: "Webots gives no energies",
-        Capability.CONTACTS: "Webots tells where a Solid is touched, and neither by what, in which direction, nor how hard",
-        Capability.INVENTORY: "all fields of Webots' nodes are compared as those of the file are, and it tells nothing else",
-        Capability.PAIR_DETECTION: "Webots tells contacts of a step that it has made, and of no state",
+        Capability.CONTACTS: "Webots reports where a Solid is touched, but neither the other body, the direction nor the force",
+        Capability.INVENTORY: "all fields of Webots' nodes are compared as those of the file are, and it reports nothing else",
+        Capability.PAIR_DETECTION: "Webots reports the contacts of a completed step, and of no state",
         Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
     }
@@ -205,7 +205,7 @@ class Webots(GivenEngine[Simulation]):
         Feature.DRY_FRICTION: exact("staticFriction, a motor of speed 0 with this largest effort"),
         **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
         **for_each(never("Webots has no armature, and contact would ignore a computed one"), *features.ARMATURES),
-        Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
+        Feature.TREE_DEPTH: never("untested: whether Webots reads Solids nested so deep"),
         Feature.SHAPE_CYLINDER: approximate(
             "by Webots' copy of ODE, whose cylinders overlook 4 of 100 overlaps with boxes in ODE itself, and meet each other "
             "and capsules along a line in one point (measured there)",
@@ -239,17 +239,17 @@ class Webots(GivenEngine[Simulation]):
         Feature.PASSING_PAIRS: never("Webots has no contact of two materials without contact"),
         Feature.COLLISION_GROUPS: never("Webots has no groups that pass through each other"),
         Feature.EXCLUDED_PAIRS: exact("of bodies that a joint joins", refine=only_joined),
-        Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
+        Feature.TOUCHING_PAIRS: never("bodies that a joint joins never touch in Webots"),
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
         **for_each(
-            never("simspec tells Webots no constraints outside the tree"),
+            never("simspec gives Webots no constraints outside the tree"),
             *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "softness": Setting(
             1e-10,
-            "softCFM and forceDependentSlip of every contact (m/(N s)): what redundant points share their forces by. 0, which "
+            "softCFM and forceDependentSlip of every contact (m/(N s)): redundant points share their forces by it. 0, which "
             "ODE does not solve, Webots takes for its own number.",
             minimum=1e-15,
             at_most=of_mobility,

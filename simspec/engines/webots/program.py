@@ -1,6 +1,6 @@
 """An installed Webots: where it is, which version, and how it is started without a window.
 
-What this relies on is in its guide: WEBOTS_HOME is the folder of an installation, whose version stands in
+As its guide says, WEBOTS_HOME is the folder of an installation, whose version stands in
 ``resources/version.txt``; controllers that Webots does not start itself load ``lib/controller/libController.so``.
 """
 
@@ -42,7 +42,7 @@ VERSION: Final = re.compile(r"R(\d{4})([a-z])(?:[-. ]?rev(?:ision)? ?\d+)?", re.
 MOST_READ: Final = 200
 """Bytes of the file that holds the version."""
 OPTIONS: Final = ("--batch", "--mode=fast", "--minimize", "--no-rendering", "--stdout", "--stderr", "--extern-urls")
-"""No questions to a user, no waiting for real time, no pictures; what it and its controllers say, and the address of the
+"""No questions to a user, no waiting for real time, no pictures; the messages of it and its controllers, and the address of the
 controller that it waits for, on the standard output."""
 SCREEN: Final = ("xvfb-run", "-a")
 """Starts a program with a screen in memory."""
@@ -69,7 +69,7 @@ class Installed:
         return None
 
     def command(self, world: Path, port: int) -> list[str]:
-        """What starts it on a world. Raises EngineError where it cannot be used."""
+        """The command that starts it on a world. Raises EngineError where it cannot be used."""
         home = _home()
         _version(home)
         return [*_screen(), str(home / PROGRAM), *OPTIONS, f"--port={port}", str(world)]
@@ -136,7 +136,7 @@ def _version(home: Path) -> str:
 
 
 def _screen() -> tuple[str, ...]:
-    """What Webots is started by for the screen that it needs, though nothing is drawn."""
+    """The prefix of the command that gives Webots the screen that it needs, though nothing is drawn."""
     if os.environ.get("DISPLAY"):
         return ()
     if shutil.which(SCREEN[0]) is None:
@@ -145,17 +145,17 @@ def _screen() -> tuple[str, ...]:
     return SCREEN
 
 
-# A Webots at work on a world, and the controller beside it, as two programs that end with this object.
+# A running Webots with its controller: two programs that end with this object.
 
 CONTROLLER = Path(__file__).with_name("controller.py")
 ADDRESS = re.compile(r"ipc://\d+/\S+")
-"""What Webots prints for each controller that it waits for (``--extern-urls``)."""
+"""Printed by Webots for each controller that it waits for (``--extern-urls``)."""
 READY = 180.0
 """s until Webots has to wait for its controller: ten times what a cold start takes on a slow machine."""
 ANSWER = 600.0
 """s for one answer, of many steps too; the deadline of the engine's process is for all of them."""
 ENDING = 5.0
-"""s for Webots to end when it is told to."""
+"""s for Webots to end on request."""
 MOST_LINES, MOST_LINE = 200, 500
 """Of what it says, what is kept."""
 LARGEST = 2**28
@@ -243,7 +243,7 @@ class Live:
         raise EngineError(NAME, f"Webots was not ready within {READY:g} s{self._last()}")
 
     def _listen(self, output: IO[bytes], found: queue.Queue[str]) -> None:
-        """Take what Webots says until it ends, so that it never waits for somebody to read."""
+        """Read the output of Webots until it ends, so that it never waits for a reader."""
         with output:
             while line := output.readline(8 * MOST_LINE):
                 text = clipped(visible(line.decode(errors="replace").strip()), MOST_LINE)
@@ -253,9 +253,9 @@ class Live:
                     self._lines.append(text)
 
     def _last(self) -> str:
-        """What was said last, by the controller or else by Webots, for an error."""
+        """The last message of the controller, or else of Webots, for an error."""
         with contextlib.suppress(IndexError, OSError, subprocess.TimeoutExpired):
-            self._programs[1].wait(1.0)  # what it said is then written
+            self._programs[1].wait(1.0)  # its messages are then written
             said = self._said.read_bytes()[-8 * MOST_LINE :].decode(errors="replace").strip().splitlines()
             if worst := [line for line in said if FAILED.search(line)] or said:
                 return f": {clipped(visible(worst[-1]), MOST_LINE)}"
@@ -300,7 +300,7 @@ class Live:
             raise EngineError(NAME, f"its controller answers {count:,} bytes")
         return json.loads(self._received(count))
 
-    # --- what it is asked -----------------------------------------------------------------------------------------
+    # --- requests -------------------------------------------------------------------------------------------------
 
     def nodes(self) -> list[dict[str, Any]]:
         """The nodes of the world as Webots holds them (``controller.py``)."""

@@ -28,11 +28,11 @@ from simspec.world.types import Body, Constraint, Pose, Quaternion, ReadBack, Ve
 # States of a world in Webots: the file that begins in one, and the coordinates that follow from where its Solids are.
 #
 # A Supervisor cannot put a BallJoint into a place, and a joint that it moves by less than some limit stays (the sources of
-# R2023b): so each state is told as a file is, by the fields that say how Solids stand and move at the beginning.
+# R2023b): so each state is written into a file, by the fields for the initial places and velocities of Solids.
 
 
 class States:
-    """What a document and its sidecar say of coordinates. Poses and velocities are those of the world's body frames.
+    """The coordinates of a document and its sidecar. Poses and velocities are those of the world's body frames.
 
     Raises ValueError, which names the place, where the two do not fit together or hold what simspec does not write.
     """
@@ -121,7 +121,7 @@ class States:
     def coordinates(
         self, placed: Sequence[Pose], moving: Sequence[tuple[Vector3, Vector3]], last: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v) of bodies at ``placed`` that move with ``moving``, linear and angular, whose joints may have come apart: what
+        """(q, v) of bodies at ``placed`` that move with ``moving``, linear and angular, whose joints may have separated: what
         a joint does not let move is left out. Angles are the ones nearest to those of the state ``last`` (nq,)."""
         q, v = np.zeros(self.layout.nq), np.zeros(self.layout.nv)
         for row, body in enumerate(self.world.bodies):
@@ -176,7 +176,7 @@ class Placed(NamedTuple):
 
 
 class Simulation:
-    """A loaded world. Nothing of Webots is started before it is asked something: a state that is set is the file that the
+    """A loaded world. Webots starts on the first query: a state that is set is the file that the
     next one begins in."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
@@ -293,7 +293,7 @@ class Simulation:
 
     def _wrenches(self, effort: np.ndarray) -> np.ndarray:
         """An effort (nv,) as forces on the topmost bodies of rigid groups, at the centres of mass, and torques (tops, 6),
-        in the file's world axes. What a joint gives to one body it takes from the other."""
+        in the file's world axes. A joint acts on both of its bodies with opposite signs."""
         states, poses = self.states, self.placed().poses
         wrenches = {top: np.zeros(6) for top in states.centres}
 
@@ -344,7 +344,7 @@ class Simulation:
         self._said += [line for line in said if line not in self._said]
 
     def messages(self) -> list[str]:
-        """What Webots complained of."""
+        """Errors and warnings of Webots."""
         return [*self._said, *(self._live.complaints() if self._live is not None else ())]
 
     def close(self) -> None:
@@ -361,24 +361,24 @@ def _frame(
     return frames.compose(there, Pose((-x, -y, -z)))
 
 
-# What Webots says it holds: all fields of its nodes, and the velocities of its bodies, read as a file is (``raising.py``).
+# The model in Webots: all fields of its nodes, and the velocities of its bodies, read like a file (``raising.py``).
 
 SOURCE: Final = "Webots"
-"""What stands for a file's name in errors."""
+"""The name in errors, in place of a file's."""
 MOVES: Final = ("linearVelocity", "angularVelocity")
-"""Fields of Solids that the manual does not have: what Webots' bodies move with is asked."""
+"""Fields of Solids that the manual does not have: velocities of Webots' bodies are queried."""
 MOVING: Final = ("Solid", "Robot")
 
 
 def read_back(sim: Simulation) -> ReadBack:
     """The model as Webots holds it, and its state. Raises EngineError, which names the node, for what simspec did not write.
-    Fields that a newer Webots has beside those of R2023b are told with its messages, and not compared."""
+    Fields that a newer Webots adds to those of R2023b are reported with its messages, and not compared."""
     live = sim.live()
     unexpected: dict[str, None] = {}
     try:
         actual = raised(read_document(live, list(sim.states.centres), unexpected), sim.typed)
     except ValueError as error:
-        raise EngineError(NAME, f"holds another world than it was told: {error}") from error
+        raise EngineError(NAME, f"has another world than the file: {error}") from error
     sim.note(unexpected)
     return actual
 

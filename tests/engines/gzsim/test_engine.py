@@ -74,7 +74,7 @@ def test_every_level_that_can_be_queried_is_valid_on_the_stand_in(stand_in):
     assert [check.detail for check in proof.checks if not check.passed] == []
     assert {"L0", "L1", "L2", "L6"} <= {check.level for check in proof.checks}
     assert set(proof.not_checked) >= {"L3", "L4 everything else held", "static.inertial", "joint.velocity_limit"}
-    assert proof.verdict.startswith("valid; not checked: L3 (gz sim's Python bindings tell nothing of its dynamics")
+    assert proof.verdict.startswith("valid; not checked: L3 (gz sim's Python bindings report nothing of its dynamics")
     assert (proof.version, proof.files_alone, judge(certificate, world)) == ("8", False, [])
 
 
@@ -221,7 +221,7 @@ def test_the_text_has_the_physics_system_and_steps_as_fast_as_it_can(tmp_path):
     [
         (("physics", {"timestep": "0.00025 s"}), ""),
         (("physics", {"timestep": "0.0000125 s"}), "whole microseconds"),
-        (("contact", {"materials": {"rubber": {"friction": 0.5}}}), "tell no contacts"),
+        (("contact", {"materials": {"rubber": {"friction": 0.5}}}), "report no contacts"),
     ],
 )
 def test_worlds_that_cannot_be_queried_are_refused(change, said):

@@ -178,7 +178,7 @@ def test_excluded_pairs_are_reported_with_the_approximation():
     world = accepting(arm("fixed", "hinge"), "webots")
     compiled = compile_world(world, ["webots"])["webots"]
     (text,) = [decision.how for decision in compiled.decisions if decision.feature.value == "joint.hinge"]
-    assert "'b1' never touches 'floor', since Webots passes over what joints join" in text
+    assert "'b1' never touches 'floor', since Webots excludes joined bodies" in text
 
 
 def test_bodies_that_no_joint_joins_cannot_be_excluded():
