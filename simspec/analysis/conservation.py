@@ -1,8 +1,8 @@
-"""What a run may not change: energy where nothing acts, and momentum of each free tree of bodies where nothing but
+"""Conserved quantities of a run: energy where nothing acts, and momentum of each free tree of bodies where nothing but
 gravity does.
 
 Contact, controllers, forces on bodies, damping, friction and stops may change them, and their times are left out. Contact may
-take energy away, and may not add any: what is gained over a time of contact is told apart.
+take energy away, and may not add any: a gain over a time of contact is reported separately.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Drift:
 
 @dataclass(frozen=True)
 class Conservation:
-    """What a run conserved. None: nothing acted at no time, so that nothing can be said; ``notes`` say why.
+    """The conserved quantities of a run. None: at every time something acted on them; ``notes`` say why.
 
     energy      the largest change of the total energy while nothing acts, relative to the run's energy scale
-    integrator  ½ M g² dt T of that time T (J): what semi-implicit Euler, the integrator of every engine here, loses in
+    integrator  ½ M g² dt T of that time T (J): the loss of semi-implicit Euler, the integrator of every engine here, in
                 free fall by itself
     gained      the largest gain of energy over a time of contact; what is lost there is no fault
     linear      the largest change of a free tree's linear momentum, less M g t
@@ -61,7 +61,7 @@ class Conservation:
 
 
 def conservation(run: Run) -> Conservation:
-    """What a run conserved. Raises SpecError where contacts were not recorded: what acts is then not known."""
+    """The conserved quantities of a run. Raises SpecError where contacts were not recorded."""
     demand_contacts(run)
     world, notes = run.world, []
     if world.record.every_steps > 1 or (len(run.time) > 1 and run.time[1] > 1.5 * world.physics.timestep):
@@ -139,7 +139,7 @@ def _stopped(run: Run) -> NDArray[np.bool_]:
 
 def _largest(values: Numbers, free: NDArray[np.bool_], time: Numbers, scale: float, names: list[str]) -> Drift | None:
     """The largest change of a column of ``values`` (rows, columns) or (rows, columns, 3) since the beginning of a stretch of
-    ``free`` intervals (rows − 1, columns); None where no interval is free. What is not a number is the largest."""
+    ``free`` intervals (rows − 1, columns); None where no interval is free. NaN is the largest."""
     worst: Drift | None = None
     for column, name in enumerate(names):
         free_here = free[:, column]
@@ -236,7 +236,7 @@ class Displacement:
     """How far the free bodies with collision shapes are moved.
 
     sideways  the largest distance (m) across gravity of any body from where it began, over all records
-    down      how far (m) along gravity the body that is lowest beside its beginning is at the end; 0 where none is lower
+    down      how far (m) along gravity the body that is lowest relative to its beginning is at the end; 0 where none is lower
     whose     the body that is moved sideways furthest
     left      when (s) a body had first left its place; None: none did
     bodies    how many bodies these are
@@ -291,7 +291,7 @@ class Depths:
 
     deepest  the deepest of all: depth (m), time (s), bodies (:func:`simspec.runner.metrics.deepest_penetration`)
     depth    (rows,) the deepest overlap of each recorded row, m; 0 where nothing overlaps
-    pairs    the deepest overlap (m) of each pair that overlapped, of shapes where the run tells them
+    pairs    the deepest overlap (m) of each pair that overlapped, of shapes where the run records them
     mean     the mean depth (m) over the time in which something overlaps; 0 where nothing ever does
     """
 

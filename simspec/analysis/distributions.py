@@ -32,7 +32,7 @@ DRAWN = 9_999
 SAME = 1e-12
 """Relative difference within which two statistics are equal: the same sum in another order."""
 SUMMARY = {"rms_radius": "m", "median_radius": "m", "mean_height": "m", "mean_speed": "m/s", "kinetic_energy": "J"}
-"""What a run is summarised by at a time, with units.
+"""The summary of a run at a time, with units.
 
 rms_radius, median_radius   distance of the moving bodies' centres of mass from their common mean
 mean_height                 mean of the centres of mass along the direction against gravity
@@ -144,12 +144,12 @@ class Test:
 
     @property
     def can_reject(self) -> bool:
-        """Whether any data of this size could be told apart."""
+        """Whether the test could reject for any data of this size."""
         return self.smallest <= self.level
 
     @property
     def rejects(self) -> bool:
-        """Whether the two are told apart."""
+        """Whether the test rejects."""
         return self.can_reject and self.p <= self.level
 
     def __str__(self) -> str:

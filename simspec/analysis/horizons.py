@@ -60,7 +60,7 @@ def perturbation_of(world: World, size: float) -> float:
     """The relative change of the initial state (``Case.perturb``) that moves no coordinate by more than ``size`` (m, rad), and
     the largest by that much."""
     q, _ = initial_state(world)
-    # what is exactly zero is moved by the amount itself
+    # an exact zero is moved by the amount itself
     reach = float(np.where(q == 0.0, 1.0, np.abs(q)).max(initial=0.0))
     if not reach:
         raise SpecError([Problem(f"no body of {world.name!r} can move")])
@@ -144,7 +144,7 @@ def _time(common: Common, factor: float, tolerance: float, angle: float, floors:
 def growth_rates(time: NDArray[np.float64], separation: NDArray[np.float64]) -> list[tuple[float, float]]:
     """Finite-size Lyapunov exponents: for each decade from the first separation (rows,) on, the size (m) at which it begins
     and the rate (1/s), ln 10 over the time that the separation takes to grow tenfold. ``separation`` never falls
-    (``Floor.position.max(axis=1)``); a decade passed between two rows has no rate that could be told, and is left out."""
+    (``Floor.position.max(axis=1)``); a decade passed between two rows has no measurable rate, and is left out."""
     grown = np.flatnonzero(separation > 0.0)
     if not len(grown):
         return []
@@ -209,7 +209,7 @@ def consistency(coarse: Run, fine: Run) -> Consistency:
 
 
 def _scenario(world: World) -> tuple[object, ...]:
-    """What is equal at every timestep: steps, records and control follow from the timestep, and settings may."""
+    """The data that are equal at every timestep: steps, records and control follow from the timestep, and settings may."""
     bodies = tuple(
         replace(body, shapes=tuple(replace(shape, surfaces=()) for shape in body.shapes)) for body in world.bodies
     )

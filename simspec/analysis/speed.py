@@ -83,7 +83,7 @@ def _load(processor: float | None, wall: float | None) -> float | None:
 
 
 def machine_of(provenance: Mapping[str, Any]) -> str:
-    """What a run's provenance says of the machine that it ran on: its hardware where the run was timed alone,
+    """The machine of a run by its provenance: its hardware where the run was timed alone,
     otherwise its system and architecture."""
     timed = provenance.get(TIMED)
     if timed is not None:
@@ -161,7 +161,7 @@ INTERVALS = 20
 
 @dataclass(frozen=True)
 class Paced:
-    """What of one run is needed here, so that its states need not be kept: recorded times (rows,), s; ``seconds`` (rows,
+    """The data of a run that costs follow from, without its states: recorded times (rows,), s; ``seconds`` (rows,
     ``SECONDS``), None where the engine's program does not say; number of contact points (rows,), None where not recorded."""
 
     label: str
@@ -248,10 +248,10 @@ def _factor(passed: float, spent: float | None) -> float | None:
 
 @dataclass(frozen=True)
 class StepCost:
-    """What a step costs, in seconds by the names of ``SECONDS``, over repeats of one run, which do the same arithmetic.
+    """The cost of a step, in seconds by the names of ``SECONDS``, over repeats of one run, which do the same arithmetic.
 
-    quiet   of each interval between two records the fastest repeat: what disturbs a machine for a while disturbs one of them
-    median  of the repeats as they were
+    quiet   of each interval between two records the fastest repeat: a disturbance of the machine for a while affects one of
+    them median  of the repeats as they were
     """
 
     label: str
@@ -333,9 +333,7 @@ def read_figure(run: Run, name: str) -> RunFigure:
         return RunFigure(outcome.measured, outcome.unit, _largest(run, outcome.unit, outcome.measured))
     values, units = summary(run), dict(QUANTITIES)
     if name not in values:
-        raise SpecError(
-            [Problem(f"this run has no {name}: what it follows from was not recorded", hint="record.channels")]
-        )
+        raise SpecError([Problem(f"this run has no {name}: its channels were not recorded", hint="record.channels")])
     return RunFigure(values[name], units[name], alike_size(values, units[name]))
 
 

@@ -24,7 +24,7 @@ FACTORS = {"real_time_factor": "step_seconds", "cpu_factor": "cpu_seconds", "end
 
 
 class RequestedCell(Protocol):
-    """What a table needs of a cell of a plan (``experiments/plan.py``)."""
+    """The data of a cell of a plan that a table needs (``experiments/plan.py``)."""
 
     @property
     def index(self) -> int: ...
@@ -47,7 +47,7 @@ class RequestedCell(Protocol):
 
 
 class StoredRow(Protocol):
-    """What a table needs of a row of a store's index (``experiments/index.py``)."""
+    """The data of a row of a store's index that a table needs (``experiments/index.py``)."""
 
     @property
     def engine_version(self) -> str: ...
@@ -182,7 +182,7 @@ def grouped(
 # hardly varies; between processes it often has two modes (memory layout).
 
 LEVEL = 0.95
-"""Of every interval, unless another is asked for."""
+"""Of every interval, unless another is requested."""
 FEWEST = 2
 """Processes from which a spread can be estimated."""
 

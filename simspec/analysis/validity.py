@@ -44,16 +44,16 @@ def trial(run: Run, outcomes: Sequence[Outcome]) -> Trial:
 
 
 MEASURED = {"no_penetration_deeper_than": "overlap"}
-"""What an expectation measures, where its name says the opposite."""
+"""The measured quantity of expectations with the opposite name."""
 
 
 def measure_words(value: float, unit: str) -> str:
-    """What was measured, for reading: lengths in a unit of their size."""
+    """The measured value as text: lengths in a unit of their size."""
     return length(value) if unit == "m" else f"{value:.3g} {unit}".rstrip()
 
 
 def measured_name(kind: str) -> str:
-    """What an expectation of this kind measures, in words."""
+    """The quantity that an expectation of this kind measures, in words."""
     return MEASURED.get(kind, kind.replace("_", " "))
 
 
@@ -166,7 +166,7 @@ KINDS: Mapping[str, str] = {
     "not-recorded": "its motion was not recorded",
     "other": "another expectation failed",
 }
-"""What can have happened first."""
+"""The kinds of first events."""
 TRACKING = 0.2
 """rad, or 0.2 m of a slide: a controller that follows its trajectory stays far below it."""
 DEEP = 0.1
@@ -181,7 +181,7 @@ PLACES = ("at_target", "position")
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What happened first.
+    """The first event.
 
     kind      word of :data:`KINDS`
     time      when it first shows (s); None where that is not known
@@ -210,7 +210,7 @@ class Failure:
 
 
 def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
-    """What happened first in a run with the outcomes of its expectations; None where all are met."""
+    """The first event of a run with the outcomes of its expectations; None where all are met."""
     if run.failed is not None:
         return _ended(run, run.failed)
     pairs = zip(run.world.expectations, outcomes, strict=True)
@@ -234,7 +234,7 @@ def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
 
 
 def _ended(run: Run, why: str) -> Failure:
-    """What happened first in a run that ended early: a joint that left its trajectory before, or that it ended."""
+    """The first event of a run that ended early: a joint that left its trajectory before, or that it ended."""
     if not run.recorded:
         return Failure("no-result", None, why)
     event = _off_trajectory(run, len(run.time) - 1)
@@ -246,7 +246,7 @@ def _ended(run: Run, why: str) -> Failure:
 def _of_place(
     run: Run, expectation: Expectation, index: int, targets: Mapping[str, NDArray[np.float64]], begin: int, end: int
 ) -> Failure:
-    """What happened first to the body that is farthest from its place in row ``end``; ``begin``: the row of the expectation
+    """The first event of the body that is farthest from its place in row ``end``; ``begin``: the row of the expectation
     before."""
     poses = run.arrays["pose"]
     away = {name: float(np.linalg.norm(poses[end, run.index[name], :3] - place)) for name, place in targets.items()}
@@ -287,7 +287,7 @@ def _driven(run: Run) -> dict[str, float]:
 
 
 def _unseen(run: Run) -> str:
-    """What the run says of joints that were far from their trajectory in no recorded row, or later."""
+    """The control errors of joints that were far from their trajectory in no recorded row, or later."""
     name, error = max(_driven(run).items(), key=lambda item: item[1], default=("", 0.0))
     return f"{name} was up to {error:.2g} off its trajectory at some time" if error > TRACKING else ""
 
@@ -329,7 +329,7 @@ def _left(path: NDArray[np.float64], target: NDArray[np.float64], tolerance: flo
 def _on_its_way(
     path: NDArray[np.float64], target: NDArray[np.float64], tolerance: float, up: NDArray[np.float64] | None, begin: int
 ) -> Event:
-    """What a body did that never came to its place: the row that shows it, the last one where all of them do."""
+    """The failure of a body that never came to its place: the row that shows it, the last one where all of them do."""
     last = begin + len(path) - 1
     if np.linalg.norm(path - path[0], axis=1).max() <= tolerance:
         return last, "not-moved", ""
@@ -340,7 +340,7 @@ def _on_its_way(
     if needed > tolerance and height.max() - height[0] < RISEN * needed:
         return last, "not-lifted", ""
     highest = np.maximum.accumulate(height)
-    # what is carried over its place comes down to it
+    # a body that is carried over its place comes down to it
     fallen = highest - height > FALLEN * tolerance + np.maximum(0.0, highest - max(wanted, float(height[0])))
     below = np.flatnonzero(fallen & (height < wanted - tolerance))
     if len(below):

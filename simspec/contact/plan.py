@@ -8,7 +8,7 @@ says which it has:
   in the layer that their pair of materials belongs to. Each layer has numbers of its own;
 - *explicit pairs*: the engine takes the law of two shapes as such; only pairs that numbers cannot give are written.
 
-One that holds a table by materials (rule ``table``) needs neither: its shapes have no numbers, and its dialect writes the laws.
+One that holds a table by materials (rule ``table``) needs neither: its shapes store nothing, and its dialect writes the laws.
 Each way is chosen by data (``Target.plan``), and its cost is what ``simspec compile --explain`` shows.
 """
 
@@ -75,7 +75,7 @@ def contact_plan(world: World, rules: Rules, layers: bool) -> ContactPlan:
 
 
 def _in_layers(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> ContactPlan:
-    """Each pair goes into the first layer that takes it; what no layer takes alone cannot be had."""
+    """Each pair goes into the first layer that takes it; a pair that no layer takes alone is missed."""
     layers: list[dict[Pair, PairContact]] = []
     missed = []
     for pair, law in wanted.items():
@@ -97,7 +97,7 @@ def _in_layers(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -
         used = {name for pair in layer for name in pair}
         numbers.update({(name, index): found[name] for name in found if name in used})
     everywhere = invert(world, rules, {})
-    for material in world.contact.materials:  # what never meets anything is there all the same
+    for material in world.contact.materials:  # materials without contact are in the plan, too
         if not any(name == material.name for name, _ in numbers):
             numbers[material.name, 0] = everywhere[material.name]
     layer_of = {pair: index for index, layer in enumerate(layers) for pair in layer}
@@ -152,11 +152,11 @@ def parts(body: Body, plan: ContactPlan) -> tuple[CollisionPart, ...]:
 
 
 def surfaces(shape: Shape, plan: ContactPlan) -> tuple[Surface, ...]:
-    """What an engine must hold for a collision shape: its numbers in each of its layers."""
+    """The numbers that an engine must store for a collision shape, in each of its layers."""
     return tuple(plan.numbers[shape.material, layer] for layer in plan.layers(shape.material))
 
 
-# What the numbers of a plan cannot give: features that a world needs, and pairs that an engine would hold otherwise.
+# The limits of the numbers of a plan: features that a world needs, and pairs that an engine would combine otherwise.
 
 HEAVY_ON_LIGHT = 10.0
 """Ratio of two masses from which a world needs MASS_RATIO at rest: at 10 no engine's stacks sink or move by 0.01 mm (measured).

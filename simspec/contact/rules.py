@@ -16,7 +16,7 @@ SAME = 1e-12
 
 TABLE = "table"
 NOT_COMBINED = (TABLE, "none")
-"""Rules by which shapes hold no numbers."""
+"""Rules without numbers of shapes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Rules:
 
     @property
     def table(self) -> bool:
-        """Whether the engine holds a table of the laws of every two materials, and combines no numbers of shapes."""
+        """Whether the engine stores a table of the laws of every two materials, and combines nothing."""
         return self.friction == TABLE
 
     def combines(self, quantity: str) -> bool:
@@ -146,8 +146,8 @@ def _product(
 ) -> dict[str, float]:
     """Of the product rule: a material with a pair above zero has a number above zero, all others zero.
 
-    What meets itself has the root of that value; from there values spread along pairs. Where nothing is known (a ramp
-    and a box, one of each), the first keeps the root of its defaults value, unless others are above one then and
+    A material that meets itself has the root of that value; from there values spread along pairs. Where nothing is known (a
+    ramp and a box, one of each), the first keeps the root of its defaults value, unless others are above one then and
     ``bounded`` is true.
     """
     positive = {pair: value for pair, value in values.items() if value > 0.0}
@@ -177,7 +177,7 @@ def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) 
             if other not in side:
                 side[other] = 1 - side[name]
                 queue.append(other)
-            elif side[other] == side[name]:  # a ring of an odd number of pairs says how large each is
+            elif side[other] == side[name]:  # a cycle of 3, 5, ... pairs determines all values
                 return
     largest = [max((found[name] for name in side if side[name] == which), default=1.0) for which in (0, 1)]
     if max(largest) <= 1.0:
@@ -237,7 +237,7 @@ def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float
 def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:
     """Of ρ₁ + ρ₂ = ratio where no ρ is known: those of the names that hang together with the first pair's.
 
-    Along pairs every ρ is ± that of the first name and a constant. A ring of an odd number of pairs says how large that one is;
+    Along pairs every ρ is ± that of the first name and a constant. A cycle of 3, 5, ... pairs determines that name's value;
     else any that leaves all of them above zero will do, and it is the middle of these: two materials have half each.
     """
     neighbours: dict[str, list[tuple[str, float]]] = {}

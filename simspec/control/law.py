@@ -1,6 +1,6 @@
 """The control laws at work (:mod:`simspec.world.actions` says what they are): state in, effort out, the same in every engine.
 
-Runs in the engine's process, with numpy and, where a law asks for the world's mass matrix or bias force, Pinocchio. Every law
+Runs in the engine's process, with numpy and, where a law needs the world's mass matrix or bias force, Pinocchio. Every law
 is affine in the state but for M, h and g; the affine parts of many steps are made at once, ahead of them.
 """
 
@@ -43,7 +43,7 @@ class Joints(Protocol):
 
 
 def needs_dynamics(controller: Controller) -> bool:
-    """Whether a law asks for M, h or g of the joint's tree."""
+    """Whether a law needs M, h or g of the joint's tree."""
     implicit = controller.law == "pd" and controller.discretisation == "implicit"
     return controller.law == "computed-torque" or controller.gravity_compensation or implicit
 

@@ -44,7 +44,7 @@ class Piecewise:
 
 @dataclass(frozen=True)
 class Reference:
-    """What the driven joints should do: positions (rad, m) and feed-forward efforts (N m, N), a column for each joint."""
+    """The reference of the driven joints: positions (rad, m) and feed-forward efforts (N m, N), a column for each joint."""
 
     joints: tuple[str, ...]
     position: Piecewise
@@ -141,7 +141,7 @@ def _among(joints: tuple[str, ...], columns: np.ndarray, part: Piecewise, rest: 
     return Piecewise(part.breaks, coefficients, final)
 
 
-# Joints that an engine's own controllers drive (law ``native``): what those are told, and what they cannot have; and the
+# Joints that an engine's own controllers drive (law ``native``): their targets, their limits of support; and the
 # gains of all driven joints, for files that have actuators.
 
 

@@ -1,4 +1,4 @@
-"""What crosses into an engine's process and acts there: forces on bodies, motions of kinematic bodies, control laws. With
+"""Actions that cross into an engine's process: forces on bodies, motions of kinematic bodies, control laws. With
 numpy alone."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from simspec.world.types import Body, Contact, Record, World
 
 # Forces and torques on bodies (:mod:`simspec.world.actions`) at work: as generalised efforts Jᵀ F, the same in every engine.
 #
-# Runs in the engine's process, with numpy alone. J follows from the poses that the engine itself tells.
+# Runs in the engine's process, with numpy alone. J follows from the poses of the engine itself.
 
 Array = NDArray[np.float64]
 WHOLE = 1e-9
@@ -146,7 +146,7 @@ def forces_to_request(world: World) -> dict[str, Any]:
 
 
 def forces_from_request(parameters: Mapping[str, Any]) -> AppliedForces | None:
-    """The forces that a request asks for; None when it asks for none."""
+    """The forces of a request; None when it has none."""
     content = parameters.get("forces")
     return None if content is None else AppliedForces(from_plain(World, content))
 
@@ -199,7 +199,7 @@ class Curve:
 
 
 def curve(motion: Motion) -> Curve:
-    """A motion to be asked for places; takes scipy where it is smooth."""
+    """A motion that gives places; needs scipy where it is smooth."""
     return Curve(motion, _place(motion))
 
 
@@ -265,7 +265,7 @@ class _Around:
         return None if fluid is None or body.box is None else cls(body.box, fluid)
 
     def effort(self, turn: Array, v: Array) -> Array:
-        """What the fluid does (6,) to a body that is turned by ``turn`` (4,) and has the velocity ``v`` (6,)."""
+        """The force and torque (6,) of the fluid on a body that is turned by ``turn`` (4,) and has the velocity ``v`` (6,)."""
         flow = rotate(conjugate(multiply(turn, self._axes)), v[:3] - self._flow)
         force, torque = self._drag.of(flow[None], rotate(conjugate(self._axes), v[3:])[None])
         return np.concatenate([rotate(multiply(turn, self._axes), force[0]), rotate(self._axes, torque[0])])
@@ -289,7 +289,7 @@ def motions_to_request(world: World) -> tuple[dict[str, Any], dict[str, Array]]:
 
 
 def motions_from_request(parameters: Mapping[str, Any], arrays: Mapping[str, Array]) -> Prescribed | None:
-    """The kinematic bodies that a request asks for; None when it asks for none."""
+    """The kinematic bodies of a request; None when it has none."""
     content = parameters.get("motions")
     if content is None:
         return None
@@ -304,7 +304,7 @@ def motions_from_request(parameters: Mapping[str, Any], arrays: Mapping[str, Arr
     return Prescribed(world, curves)
 
 
-# What a law at work needs of a world, as plain data and arrays, to cross into the engine's process and back out there.
+# The inputs of control laws, as plain data and arrays, for the engine's process, and their reader there.
 
 CONTROL_PREFIX = "control."
 
@@ -330,7 +330,7 @@ def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def from_request(parameters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Control | None:
-    """The control that a request asks for; None when it asks for none. Raises ControlError."""
+    """The control of a request; None when it has none. Raises ControlError."""
     content = parameters.get("control")
     if content is None:
         return None

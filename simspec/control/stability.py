@@ -1,11 +1,11 @@
-"""Whether explicit laws are stable at a world's timestep, told before anything runs, from the world's own mass matrix.
+"""Whether explicit laws are stable at a world's timestep, predicted from the world's mass matrix.
 
-About a posture q the driven joints obey M(q) v̇ = −K e − D ė, with e = q − q*, the joints' own damping among D and their springs
-among K, and one step is e' = e + dt v', v' = v − dt M⁻¹ (K e + D v). The law is stable where no eigenvalue of this step is
-larger than one; gravity's and the Coriolis force's change with the state is left out (slow beside gains that hold a robot).
-Of a law whose efforts are held for m steps, τ is taken every m steps and kept: then the product of as many steps counts.
-computed-torque has M⁻¹ K = ω² and M⁻¹ D = 2 ζ ω on its joints: one joint is stable while (ω dt)² + 4 ζ ω dt < 4, for ζ = 1
-while ω dt < 0.828.
+About a posture q the driven joints obey M(q) v̇ = −K e − D ė, with e = q − q*, the joints' own damping among D and their
+springs among K, and one step is e' = e + dt v', v' = v − dt M⁻¹ (K e + D v). The law is stable where no eigenvalue of this
+step is larger than one; gravity's and the Coriolis force's change with the state is left out (slow compared with gains that
+hold a robot). Of a law whose efforts are held for m steps, τ is taken every m steps and kept: then the product of as many
+steps counts. computed-torque has M⁻¹ K = ω² and M⁻¹ D = 2 ζ ω on its joints: one joint is stable while (ω dt)² + 4 ζ ω dt <
+4, for ζ = 1 while ω dt < 0.828.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ POSTURES = 20
 SLACK = 1e-9
 """An eigenvalue of a mode without stiffness is one, give or take round-off."""
 LARGEST = 10.0
-"""A timestep (s) beyond which nobody asks: a law stable there is called stable at any."""
+"""A timestep (s) above which no limit is reported: a law stable there is called stable at any."""
 SMALLEST = 1e-9
 """A timestep (s) below which the search ends: no step helps a system that is unstable in itself."""
 MOST_STEPS = 60

@@ -31,7 +31,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(MARGINS, "DART's contact begins where shapes touch"),
     **dict.fromkeys(GROUND, "simspec gives Gazebo no height fields"),
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
-    "hardness": "DART's contacts have the common hardness alone, which has no numbers",
+    "hardness": "DART's contacts have the common hardness alone, without parameters",
 }
 
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")

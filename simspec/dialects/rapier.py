@@ -20,19 +20,19 @@ class RapierDialect(LawDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
-    "hardness": "Rapier's contacts have the common hardness alone, which has no numbers",
+    "hardness": "Rapier's contacts have the common hardness alone, without parameters",
     "free armature": "Rapier has no armature of free bodies",
     "ball armature": "Rapier has no armature of balls",
     **dict.fromkeys(GROUND, "simspec gives Rapier no height fields"),
-    "mesh, margin": "Rapier's hulls are told without a margin, and no file has a number for one",
+    "mesh, margin": "Rapier's hulls are given without a margin, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),
 }
 
 NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 
-WEIGHTLESS = "Rapier is told no mass properties of what has no mass"
+WEIGHTLESS = "simspec gives Rapier no mass properties of massless bodies"
 SPREAD = 0.1
-"""What tumbles on a floor is then up to 3.9e-2 apart after 0.6 s (measured)."""
+"""Bodies that tumble on a floor then differ by up to 3.9e-2 after 0.6 s (measured)."""
 
 TABLE = table(
     {},

@@ -123,7 +123,7 @@ def _grouped(in_order: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
 
 
 def model_key(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: Sequence[JointSum] = ()) -> object:
-    """What the model of some bodies follows from, and of the constraints and sums between them: equal for copies, wherever they
+    """The inputs of the model of some bodies, with the constraints and sums between them: equal for copies, wherever they
     are and however they move."""
     index = {body.name: number for number, body in enumerate(bodies)}
     joints = {body.joint.name: number for number, body in enumerate(bodies)}
@@ -184,7 +184,7 @@ class Oracle:
 
     @property
     def leaves_out(self) -> list[str]:
-        """What this world has and the oracle's motion has not, by name."""
+        """The features of this world that the oracle's motion lacks, by name."""
         names = []
         if any(body.joint.dry_friction for body in self.world.bodies) or any(
             sum_.dry_friction for sum_ in self.world.sums
@@ -335,7 +335,7 @@ class Oracle:
         rounded: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
-        ``every``-th and the last. ``rounded``: what q and v become after every step; None: nothing else."""
+        ``every``-th and the last. ``rounded``: a function of q and v after every step; None: no change."""
         parts = list(self.motion_by_blocks(q, v, effort, steps, every, rounded))
         return np.concatenate([states for states, _ in parts]), np.concatenate([speeds for _, speeds in parts])
 

@@ -19,7 +19,7 @@ from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Follow, Pose, Weld, World
 
-# What a fluid does to one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face.
+# The force of a fluid on one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face.
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Tree:
         self._lifted: list[tuple[int, np.ndarray, np.ndarray]] = []
         """By which force weights differ from mass × gravity: the joint, the centre of mass in its frame, the force."""
         self._resisted: list[Resisted] = []
-        """What the fluid acts on."""
+        """The bodies on which the fluid acts."""
         added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
         joints = [added[body.name] for body in world.bodies]
         self.model.armature = np.zeros(self.model.nv)
@@ -199,7 +199,7 @@ class Tree:
         spread[self.v_index] = armature
         self.model.armature = spread
         self._upper = np.triu(np.ones((self.model.nv, self.model.nv), dtype=bool))
-        """What Pinocchio fills of M."""
+        """The entries of M that Pinocchio computes."""
         self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
         self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
 
@@ -304,7 +304,7 @@ class Tree:
         return effort
 
     def _resistance(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the fluid does (nv,), body by body, by the Jacobians of their joints in these joints' own axes."""
+        """The force of the fluid (nv,), body by body, by the Jacobians of their joints in these joints' own axes."""
         pin, (local_q, local_v) = self.pin, self.spread(q, v)
         total = np.zeros(self.model.nv)
         pin.computeJointJacobians(self.model, self.data, local_q)
@@ -364,7 +364,7 @@ class Tree:
         steps: int,
         rounded: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The state (q, v) after ``steps`` steps under a constant effort. ``rounded``: what q and v become after every step.
+        """The state (q, v) after ``steps`` steps under a constant effort. ``rounded``: a function of q and v after every step.
 
         Where nothing acts but gravity, damping and the springs of hinges and slides, it stays in Pinocchio's order from step to
         step, but for rounding, which may draw a number for each coordinate: the same bits in a third of the time.
@@ -480,4 +480,4 @@ class Tree:
 SETTLING, SETTLED = 60, 1e-13
 """Iterations of ``settled``, and the violation (rad, m) at which it is done: at 1 ms it is taken back at 1e-10 per second."""
 SETTLED_RANK = 1e-8
-"""Of the largest singular value of J: what is below says nothing that other rows do not."""
+"""Of the largest singular value of J: rows below it depend on others."""

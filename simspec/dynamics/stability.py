@@ -1,5 +1,5 @@
 """Whether joints' own damping and springs, those along sums of joint positions, and the viscosity of a fluid are stable at a
-world's timestep, told before anything runs.
+world's timestep, predicted before a run.
 
 All are explicit in time in every engine. About a posture, M v' = M v − dt (K q + D v), q' = q + dt v', with M at that posture
 and K, D the diagonals of stiffness and damping, k c cᵀ, d c cᵀ of each sum c, and what is linear in velocity of a fluid's
@@ -194,7 +194,7 @@ def _largest(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, u
 THRESHOLD = 0.02
 """Share of its energy that a rotation may gain in the time of a run: it is then 1 % too fast."""
 MOST_STEPS = 20_000
-"""Steps that are followed; what comes after follows from the law above."""
+"""Steps that are followed; the rest follows from the law above."""
 MOST_WORK = 4_000_000
 """Bodies × steps."""
 DIVERGED = 100.0

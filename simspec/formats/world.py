@@ -1,6 +1,6 @@
 """What ``world.json`` holds, in SI units and the world's frames and order: for engines that are built by calls of their API.
 
-Bodies with their joints and shapes, of each collision shape the copies that the contact plan asks for with their numbers, which
+Bodies with their joints and shapes, of each collision shape the copies of the contact plan with their numbers, which
 materials meet in which layer, and which bodies and collision groups do not touch. Free roots have their frame at the centre
 of mass, as in every format (``passes.recentre_free_roots``). The annotations are the form of the JSON (see
 ``formats/kit/forms.py``).
@@ -242,7 +242,7 @@ class WorldJson(Format):
         ),
         **shape_kinds("world.json", SHAPES),
     }
-    """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
+    """The support of the language; an engine's dialect may support less of it, or more by its sidecar."""
 
     def write(self, tree: JsonWorld) -> dict[str, str]:
         """``world.json``."""

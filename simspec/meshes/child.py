@@ -1,10 +1,10 @@
 """The process that reads files of triangles: bounded in time and memory, it opens no files and has no network.
 
 The kernel sees to that, as far as it can (:mod:`simspec.confinement`, profile ``data``), before the first byte of a file is
-read: what a reader needs of its packages is imported earlier, as the command line names it.
+read: the packages of its reader are imported earlier, as the command line names them.
 
 It gets files by its standard input and answers each by its standard output, in order (:mod:`simspec.meshes.reading` has the
-other end): a line of JSON, then bytes. What a file needs beside itself (the buffers of a glTF) comes with it.
+other end): a line of JSON, then bytes. Further files that it needs (the buffers of a glTF) come with it.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ Read = tuple[np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class RefusedError(ValueError):
-    """What a file has and is not read."""
+    """Unread content of a file."""
 
 
 def main() -> None:
     """Answer every file of the standard input. The command line names packages that the readers of these files need."""
     source, answers = os.fdopen(0, "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # output of a library is no answer
     import trimesh  # noqa: F401  # before opening is forbidden
 
     for name in sys.argv[1:]:
@@ -105,7 +105,7 @@ def _answer(answers: IO[bytes], suffix: str, content: bytes, beside: Mapping[str
         head, body = {"error": "reading it takes more memory than is allowed"}, b""
     except RecursionError:
         head, body = {"error": "its parts are nested too deeply"}, b""
-    # libraries raise anything for a damaged file; it is told, not passed over
+    # libraries raise anything for a damaged file; it is reported
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         head, body = {"error": f"damaged, or not such a file ({text})"}, b""
@@ -140,7 +140,7 @@ def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
 
 
 class Sidecars(Mapping[str, bytes]):
-    """What a file may have of others, as trimesh asks for it."""
+    """The further files of a file, in trimesh's interface."""
 
     def __init__(self, contents: Mapping[str, bytes] | None = None):
         self._contents = contents or {}
@@ -353,7 +353,7 @@ def _no_file(name: str) -> bytes:
 
 
 def _of_mesh(made: Mapping[str, Any]) -> Read:
-    """What trimesh's readers of one mesh give."""
+    """The result of trimesh's readers of one mesh."""
     if "vertices" not in made or "faces" not in made:
         raise RefusedError("it has no faces")
     return np.asarray(made["vertices"], np.float64), np.asarray(made["faces"], np.int64).reshape(-1, 3), {}

@@ -46,12 +46,12 @@ def reduced(vertices: Points, most: int) -> tuple[Points, float]:
     finally:
         hull.close()
     kept = vertices[np.sort(np.array(chosen))]
-    kept = kept[corners(kept)]  # what was a corner of few need not be one of many
+    kept = kept[corners(kept)]  # a corner of few vertices need not be one of many
     return kept, _distance(vertices, kept)
 
 
 def _tetrahedron(vertices: Points, extent: float) -> list[int]:
-    """Four vertices far apart: the least along x, the furthest from it, from their line, from their plane."""
+    """Four distant vertices: the least along x, the furthest from it, from their line, from their plane."""
 
     def first(distances: NDArray[np.float64]) -> int:
         return int(np.flatnonzero(distances >= distances.max() - EQUAL * extent)[0])
@@ -175,7 +175,7 @@ class Enclosed:
 def merged(vertices: Points, triangles: Triangles) -> tuple[Points, Triangles]:
     """The same with each place once, in the order of the file, without places that no triangle has and triangles of which two
     corners are at one place. Places
-    are merged where they are equal to the last bit: what is nearly so is a gap, which is the file's to close."""
+    are merged where they are equal to the last bit: nearly equal vertices are a gap, a defect of the file."""
     _, first, number = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
     rank = np.empty(len(order), np.int64)
@@ -188,7 +188,7 @@ def merged(vertices: Points, triangles: Triangles) -> tuple[Points, Triangles]:
 
 
 def enclosed(vertices: Points, triangles: Triangles) -> Enclosed:
-    """What merged triangles enclose."""
+    """The solid that merged triangles enclose."""
     if len(triangles) < 4:
         return Enclosed(None, "it has fewer than 4 faces")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])

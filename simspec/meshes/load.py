@@ -29,12 +29,13 @@ from simspec.world.canonical import canonical_json, from_plain, to_plain
 from simspec.world.hull import FlatError, Points, Solid, centred, corners, hull, mesh_size
 from simspec.world.types import Pose
 
-# What a world takes from a file of triangles: convex solids with their frames, and the solid that the surface encloses.
+# The geometry that a world takes from a file of triangles: convex solids with their frames, and the solid that the surface
+# encloses.
 
 FURTHEST = 1e5
-"""m from the origin of the shape's frame: what is further is in another unit."""
+"""m from the origin of the shape's frame: vertices beyond it are in another unit."""
 LARGEST = 40_000
-"""Vertices of a file's hull, however few are asked for: to choose 128 of these takes 5 s of processor time (measured), and more
+"""Vertices of a file's hull, for any requested number: to choose 128 of these takes 5 s of processor time (measured), and more
 come only of files that are scans of round things, or made to take long."""
 SAME = 1e-9
 """Share by which two volumes of one solid may differ by round-off."""
@@ -65,8 +66,8 @@ class Convex:
 
 @dataclass(frozen=True, slots=True)
 class MadeMesh:
-    """What was made of a file: its ``parts``, of the volume ``hull_volume`` (m³) the hull of all; the solid that its surface
-    encloses, None where ``open_because`` says why that is not closed, and of how many closed ``surfaces`` it is made."""
+    """The geometry made of a file: its ``parts``, of the volume ``hull_volume`` (m³) the hull of all; the solid that its
+    surface encloses, None where ``open_because`` says why that is not closed, and of how many closed ``surfaces`` it has."""
 
     parts: tuple[Convex, ...]
     hull_volume: float
@@ -84,8 +85,8 @@ class FlatMeshError(MeshError):
 
 
 def made(surface: Surface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
-    """What a world takes from ``surface``; a hull whose options allow any number of vertices may have ``most_vertices``. Raises
-    MeshError where no solid can be made of it, before more is computed of a hull that has too many."""
+    """The geometry that a world takes from ``surface``; a hull whose options allow any number of vertices may have
+    ``most_vertices``. Raises MeshError where no solid can be made of it, before a hull with too many is computed."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
     if _mirrored(options):
         triangles = triangles[:, ::-1]
@@ -162,7 +163,7 @@ def _mirrored(options: MeshOptions) -> bool:
     return x * y * z < 0.0
 
 
-# What was made of files before: a robot's meshes are read and made into hulls once, whatever its spec changes.
+# A cache of geometry: a robot's meshes are read and made into hulls once, whatever its spec changes.
 #
 # The key of an entry is the hash of everything that could change it: the files' content, how they are taken, simspec's own code
 # that takes part, and the versions of the libraries. An entry carries its key and a hash of its content: one that was damaged,
@@ -233,7 +234,7 @@ _remembered: dict[str, MadeMesh] = {}
 
 
 def load(wanted: Iterable[MeshRequest], most_vertices: int) -> Mapping[MeshRequest, MadeMesh | MeshError]:
-    """What is made of each file, or why nothing is. ``most_vertices``: of a hull whose options allow any."""
+    """The geometry of each file, or why there is none. ``most_vertices``: of a hull whose options allow any."""
     results: dict[MeshRequest, MadeMesh | MeshError] = {}
     names: dict[MeshRequest, str] = {}
     files: dict[Path, MeshFile] = {}

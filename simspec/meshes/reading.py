@@ -1,4 +1,4 @@
-"""Triangles of files, asked of a process of its own (:mod:`simspec.meshes.child`), which a damaged or hostile file may end."""
+"""Triangles of files, read in a separate process (:mod:`simspec.meshes.child`), which a damaged or hostile file may end."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from simspec.world.hull import Points, Triangles
 LARGEST_FILE = 64 * 2**20
 """Bytes of one file: 200,000 triangles as text have 50 million in the most spacious of the languages."""
 MOST_BUFFERS = 16
-"""Files that one glTF file may need beside itself."""
+"""Further files that a glTF file may need."""
 GLB = b"glTF"
 
 
@@ -129,7 +129,7 @@ def _needed(content: bytes) -> list[str]:
         raise MeshError("damaged: the place of a buffer is no text")
     outside = list(dict.fromkeys(name for name in named if not name.startswith("data:")))
     if len(outside) > MOST_BUFFERS:
-        raise MeshError(f"it needs {len(outside)} files beside itself, more than {MOST_BUFFERS}")
+        raise MeshError(f"it needs {len(outside)} further files, more than {MOST_BUFFERS}")
     for name in outside:
         if "://" in name or UNSEEN_CHARACTERS.search(name) or len(name) > 1000:
             raise MeshError(f"it needs {name[:80]!r}, which is no path of a file")
@@ -180,7 +180,7 @@ class Surface:
 
 
 def read_surfaces(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
-    """What each file holds, or why it is not read, in order."""
+    """The content of each file, or why it is not read, in order."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         return [MeshError(f"reading meshes needs packages that are not installed: {INSTALL}") for _ in files]
@@ -212,7 +212,7 @@ def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
 
 
 def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes, str]:
-    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with. ``needed``:
+    """The answer of a process within a deadline, and how it ended, as part of a message. ``needed``:
     packages that it imports before it reads anything."""
     environment = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME", "SYSTEMROOT")}
     environment |= ANY_LOCALE

@@ -118,7 +118,7 @@ def _limits(world: World) -> Iterator[Finding]:
 
 
 def _accounts(spec: Spec) -> Iterator[Finding]:
-    """What importers do not carry as the file says it: ratings of 0, which they take for unknown, and joints whose limits leave
+    """Losses of importers: ratings of 0, which they take for unknown, and joints whose limits leave
     them one position, which they fix."""
     fixed: set[str] = set()
     for source in spec.source.all():
@@ -336,7 +336,7 @@ def _ratios(world: World) -> Iterator[Finding]:
 
 
 def examine(spec: Spec, world: World) -> Plausibility:
-    """What is implausible about the model of ``spec``, whose resolved world is ``world``."""
+    """The findings about the model of ``spec``, which resolves to ``world``."""
     foreign = of_robot_files(spec)
     swept, sampling = sweep(world)
     findings = [

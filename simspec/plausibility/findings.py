@@ -72,7 +72,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             ),
             Rule(
                 "mass-tiny",
-                "what a joint moves, with all that hangs on it, weighs less than 0.1 g",
+                "the mass that a joint moves, with all that hangs on it, is less than 0.1 g",
                 "contact and joint limits of so light a body are stiff for solvers: it jitters, or tunnels",
                 "a mass of some grams, or a fixed joint",
             ),
@@ -109,7 +109,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             ),
             Rule(
                 "detached",
-                "the shapes of a body and of what carries it are apart by more than 2 cm and 5 % of the model's size",
+                "the shapes of a body and of its carrier are separated by more than 2 cm and 5 % of the model's size",
                 "the body floats in mid-air: the origin of the joint is missing, or in another frame",
                 "the origin of the joint, in the parent's frame",
             ),
@@ -124,7 +124,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
                 "overlap-start",
                 "two shapes that may touch overlap at the initial positions by more than a tenth of the smaller one's inner "
                 "radius",
-                "contact pushes them apart in the first step: the model jumps or jams",
+                "contact separates them in the first step: the model jumps or jams",
                 "the place of one of them; or contact: exclude",
                 warned=True,
             ),
@@ -132,7 +132,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
                 "overlap-neighbours",
                 "a body and what carries it overlap at the initial positions by more than a quarter of the smaller one's "
                 "inner radius, where the parent is fixed to the world by more than 2 mm",
-                "simspec excludes contact between neighbours; a loader that does not has them push each other apart, above all "
+                "simspec excludes contact between neighbours; a loader that does not has them push each other away, above all "
                 "where the parent is fixed to the world",
                 "smaller shapes near the joint, or an exclusion in the file",
             ),
@@ -237,7 +237,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Plausibility:
-    """What all rules say of one model; the findings are sorted by rule in the order of :data:`RULES`, the worst first.
+    """The findings of all rules about one model; they are sorted by rule in the order of :data:`RULES`, the worst first.
     ``skipped``: rules that could not be applied, and why."""
 
     findings: tuple[Finding, ...] = ()

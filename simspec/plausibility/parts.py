@@ -33,7 +33,7 @@ AXES: Final = np.concatenate([np.eye(3), -np.eye(3)])
 DIRECTIONS: Final = np.concatenate([AXES, SPREAD])
 """Unit vectors (n, 3) that come first in every search."""
 FAR: Final = fibonacci(128)
-"""Directions (n, 3) 11° apart, along which the vertices of a mesh are chosen."""
+"""Directions (n, 3), 11° between neighbours, along which the vertices of a mesh are chosen."""
 ROUNDS: Final = 8
 """Rounds of search around the best direction, each in 0.6 of the reach of the last: from 14° down to 0.4°."""
 LIGHT: Final = 0.01
@@ -131,7 +131,7 @@ def lumps_of(world: World) -> Mapping[str, tuple[Lump, ...]]:
 
 @dataclass(frozen=True)
 class Part:
-    """What moves as one and is judged as one: a body, or a rigid group, by the name of the body that it is shown as.
+    """A unit of motion, judged as a whole: a body, or a rigid group, by the name of the body that it is shown as.
     ``inertial`` and ``solids`` are in one frame."""
 
     name: str

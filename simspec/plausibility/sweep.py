@@ -1,5 +1,5 @@
 """Self-collision within the ranges of the joints: positions are sampled, places of all bodies computed at once for all of
-them, and pairs of shapes held against each other along directions that prove them apart.
+them, and pairs of shapes compared along directions that prove them separate.
 
 Two convex shapes overlap along a unit vector n by h₁(n) + h₂(−n) − d·n (``world/overlap.py``); every direction gives an upper
 bound of the depth, and a direction along which it is small proves that they do not overlap. First each joint is moved alone
@@ -36,7 +36,7 @@ SEED: Final = 35
 WORK: Final = 60_000_000
 """Products of a direction and a vertex that are computed at most: about a second of processor time."""
 EACH: Final = 24
-"""What a direction costs of a shape that has no vertices, in products."""
+"""The cost of a direction for a shape without vertices, in products."""
 LEAST_DEPTH: Final = 1e-3
 """m from which bodies count as overlapping."""
 SHARE: Final = 0.05
@@ -441,7 +441,7 @@ class Tree:
         return overlap[rows, best], directions[rows, best]
 
     def findings(self, samples: Samples, looked: int) -> Iterator[Finding]:
-        """What was found at the first ``looked`` positions."""
+        """The findings at the first ``looked`` positions."""
         for (first, second), met in self._met.items():
             near = (first, second) in self._neighbours
             rule = "pass-through" if near else "self-collision"

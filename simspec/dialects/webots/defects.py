@@ -167,7 +167,7 @@ def _reversed(text: str) -> str:
 
 
 _NO_FILTER = "Webots has no filter that a file could have wrong"
-_NO_CONSTRAINTS = "simspec tells Webots no constraints outside the tree"
+_NO_CONSTRAINTS = "simspec gives Webots no constraints outside the tree"
 _NO_ARMATURE = "Webots has no armature"
 
 DEFECTS: Mapping[str, Plant | str] = {
@@ -175,7 +175,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **{name: plant for name, plant in SUMS.items() if NAMES[name] == "sums"},
     **dict.fromkeys(("sum, dry friction", "sum, limit", "sum, limits dropped"), _NO_CONSTRAINTS),
     **PASSIVE,
-    **dict.fromkeys(FRAMES, "Webots is told no frames"),
+    **dict.fromkeys(FRAMES, "Webots gets no frames"),
     **dict.fromkeys(GROUND, "simspec gives Webots no height fields"),
     **dict.fromkeys(MARGINS, "Webots' contact begins where shapes touch"),
     **dict.fromkeys(BELTS, "simspec gives Webots no surfaces that move"),
@@ -243,9 +243,9 @@ DEFECTS: Mapping[str, Plant | str] = {
 # Changes of a .wbt and its sidecar that move nothing, for the complete self-test; see ``dialects/kit/mutations.py``.
 
 _COLOUR = "colours move nothing"
-_LABEL = "what the files are of: the engine's process, where there is one, is told by other means"
+_LABEL = "a label of the files; the engine's process, where there is one, learns it by other means"
 _NEXT = "the order of bodies, shapes or laws"
-_SYMMETRIC = "what one number says of two bodies, in either order"
+_SYMMETRIC = "a number for two bodies, in either order"
 
 ADDITIONS = (Addition("settings", "true", "sleeping"), Addition("", "9.81", "strength"))
 

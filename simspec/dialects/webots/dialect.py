@@ -1,5 +1,5 @@
-"""How a world is told to Webots: one ``world.wbt`` in which every tree is a nest of Solids and joints, with a sidecar for what
-simspec gives beside it; nothing is left to a default. Facts are of the reference manual and the sources of R2023b.
+"""A world for Webots: one ``world.wbt`` in which every tree is a nest of Solids and joints, with a sidecar for the data that
+simspec passes at run time; nothing is left to a default. Facts are of the reference manual and the sources of R2023b.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ SUPERVISOR: Final = "simspec supervisor"
 """The name of the Robot that simspec controls; no body has a blank in its name."""
 
 _SIDECAR = "in the sidecar, given as forces and torques before every step"
-_HELD = "in the sidecar: what no motion depends on"
+_HELD = "in the sidecar: no motion depends on it"
 
 
 def _whole_milliseconds(world: World) -> Refinement | None:
@@ -159,7 +159,7 @@ class WebotsDialect(Dialect):
             "between two joints of one body stands one without mass, which Webots' Solids have"
         ),
         Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
-        Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
+        Feature.TREE_DEPTH: never("untested: whether Webots reads Solids nested so deep"),
         **for_each(
             never("simspec does not write it for Webots"),
             *(Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
@@ -171,9 +171,9 @@ class WebotsDialect(Dialect):
         Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
         Feature.PASSING_PAIRS: never("a .wbt has no contact of two materials without contact"),
         Feature.COLLISION_GROUPS: never("a .wbt has no groups that pass through each other"),
-        Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
+        Feature.TOUCHING_PAIRS: never("bodies that a joint joins never touch in Webots"),
         **for_each(
-            never("simspec tells Webots no constraints outside the tree"),
+            never("simspec gives Webots no constraints outside the tree"),
             *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
@@ -303,7 +303,7 @@ def _physics(inertial: Inertial) -> WbtNodeTree:
 
 def _beside_file(world: World) -> dict[str, Any]:
     def values(field: str) -> tuple[JointValue, ...]:
-        # what acts on free bodies at all times is among the common fields
+        # forces that act on free bodies at all times are among the common fields
         found = ((body.name, getattr(body.joint, field)) for body in world.bodies if body.joint.kind != "free")
         none = (None,) if field.endswith("_limit") else (None, 0.0)  # a rating of 0 is another than none
         return tuple(JointValue(name, value) for name, value in found if value not in none)

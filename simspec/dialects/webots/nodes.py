@@ -16,7 +16,7 @@ from simspec.world import frames
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.types import Body, Joint, PairContact, Pose, Quaternion, Shape, Vector3
 
-# The sidecar of a .wbt: what simspec gives Webots beside the file, and the names that its nodes have no place for.
+# The sidecar of a .wbt: the data that simspec passes to Webots at run time, and the names that its nodes have no place for.
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class WebotsSidecar(Sidecar):
     damping: tuple[JointValue, ...]
     springs: tuple[Spring, ...]
     untold_limits: tuple[Range, ...]
-    """Position limits that Webots is not told, since its stops have no such angles."""
+    """Position limits that are not written for Webots: its stops have no such angles."""
     starts: tuple[Start, ...]
 
     def check(self) -> None:
@@ -134,7 +134,7 @@ def turned_all(nodes: Sequence[WbtNodeTree], turned: Quaternion) -> Sequence[Wbt
 
 
 def seen(body: Body) -> tuple[WbtNodeTree, ...]:
-    """What is drawn of a body, each shape in its place."""
+    """The visual shapes of a body, each in its place."""
     return tuple(_placed(shape, _drawn(shape)) for shape in body.shapes if shape.visual)
 
 
@@ -214,7 +214,7 @@ def contact_properties(law: PairContact, settings: Mapping[str, bool | int | flo
     return WbtNodeTree("ContactProperties", fields)
 
 
-# What stands in the fields of a .wbt that mean nothing to simspec's model: with it Webots adds nothing, and draws what is
+# Values of those fields of a .wbt that mean nothing to simspec's model: with them Webots adds nothing, and draws what is
 # there. Another value is refused when a file is read, as a field that is not listed or is missing is.
 
 Values = tuple[object, ...]

@@ -152,7 +152,7 @@ ZERO: Final[Vector3] = (0.0, 0.0, 0.0)
 
 def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[float, ...]]:
     """The velocity of every body's joint, in the world's coordinates of it; ``turned``: the world in the file. Raises
-    ValueError where velocities pull a joint apart, or are of what has none."""
+    ValueError where velocities separate a joint, or belong to a node that has none."""
     centres = _centres(found)
     back = frames.conjugate(turned)
     of_group: dict[str, tuple[Vector3, Vector3]] = {}
@@ -218,7 +218,7 @@ VERSION: Final = "R2023b"
 JOINTS: Final = {"HingeJoint": "hinge", "SliderJoint": "slide", "BallJoint": "ball"}
 PARAMETERS: Final = {"hinge": "HingeJointParameters", "slide": "JointParameters", "ball": "BallJointParameters"}
 AROUND: Final = ("WorldInfo", "Viewpoint", "DirectionalLight", "Robot")
-"""The nodes beside Solids, each once."""
+"""The nodes other than Solids, each once."""
 SETTINGS: Final = ("softness", "joint_softness", "joint_error_reduction", "contact_points")
 EXACT: Final = 1e-12
 """How far numbers that stand in a file twice may differ (m)."""
@@ -257,7 +257,7 @@ def raised(document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
         frames.rotate(frames.conjugate(turned), (0.0, 0.0, 0.0 - info.number("gravity"))),
         info.number("basicTimeStep") / 1e3,
         sidecar.friction_cone,
-        {**UNREADABLE, "static.inertial": "what cannot move has no Physics node in a .wbt"},
+        {**UNREADABLE, "static.inertial": "static bodies have no Physics node in a .wbt"},
         sums=sidecar.sums or (),
         fluid=fluid_of(passive),
         laws=tuple(_law(node, sidecar) for node in info.nodes("contactProperties")),
@@ -462,7 +462,7 @@ def _check_settings(info: WbtNode, sidecar: WebotsSidecar) -> None:
 
 
 def _complete_joints(bodies: dict[str, Body], sidecar: WebotsSidecar) -> None:
-    """What the sidecar says of joints. Raises ValueError where position limits stand in both."""
+    """The values of joints in the sidecar. Raises ValueError where position limits stand in both."""
 
     def change(name: str, **values: object) -> None:
         bodies[name] = replace(bodies[name], joint=replace(bodies[name].joint, **values))  # type: ignore[arg-type]

@@ -23,7 +23,9 @@ _SWEEPS = (
 )
 _CREEPS = "pgs ends its sweeps before friction and normal forces fit each other"
 _DEEP = "an overlap is taken back by a share in each step: heavy bodies rest deeper, with the square of the timestep"
-_NEAR = "a body that slides with a lighter one below it, or over it, needs friction within 0.1 % of its limit at a ratio of 1000"
+_NEAR = (
+    "a body that slides with a lighter one below or above needs friction within 0.1 % of its limit at a ratio of 1000"
+)
 _FEW = "steps of some ms are few for what slips, clamps or spins"
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(

@@ -37,7 +37,7 @@ OLDER: Final[Mapping[Feature, Support]] = {
     Feature.CONSTRAINT_LOOP: never("older readers of SDF expect trees"),
     Feature.FRAME: never("SDF 1.6 has no frames"),
 }
-"""What files of this version carry otherwise than those of the newer ones."""
+"""The features that files of this version carry otherwise than newer versions."""
 
 
 def classic(newer: tree.SdfWorld) -> tree.SdfWorld:
@@ -89,7 +89,7 @@ VERSION: Final = "1.9"
 COUPLED: Final = "1.11"
 """The first version that has joints which follow others."""
 UNLIMITED: Final = 1e16
-"""What SDF has for no limit."""
+"""SDF's number for no limit."""
 JOINT_TYPES: Final = {"fixed": "fixed", "hinge": "revolute", "slide": "prismatic", "ball": "ball"}
 PATCH: Final = 3.0 * math.pi / 16.0
 """Torsional friction as a length is this times the coefficient and the radius of the patch."""

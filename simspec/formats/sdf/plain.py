@@ -1,4 +1,4 @@
-"""A world as plain SDF for any tool: a model for each tree. What a file leaves to its readers is listed."""
+"""A world as plain SDF for any tool: a model for each tree. Losses are listed."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def loops_within(world: World, bodies: tuple[Body, ...]) -> list[Connect | Weld]
 
 
 def mimics(world: World, bodies: tuple[Body, ...], names: Names) -> dict[str, tree.SdfMimic]:
-    """What joints of a tree follow, by the names of their bodies."""
+    """The couplings of joints of a tree, by the names of their bodies."""
     owner = {body.joint.name: body.name for body in bodies}
     return {
         owner[constraint.joint]: tree.SdfMimic(
@@ -138,7 +138,7 @@ SIZES: Final = {
 KINDS: Final = ("plane", *SIZES, "mesh")
 RESERVED: Final = re.compile(r"__.*__|world")
 NOT_ALLOWED: Final = re.compile(r"[^A-Za-z0-9_-]")
-"""What no name of a spec has, though names of placed models and of bodies between joints do."""
+"""Characters that occur in names of placed models and of bodies between joints, and in no name of a spec."""
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: the language demands a positive one."""
 SMALLEST_MOMENT: Final = 1e-12
@@ -217,7 +217,7 @@ SUPPORT: Final[Table] = {
     Feature.BALL_LIMIT: never("SDF has limits along axes only"),
     Feature.FRAME: exact("<frame>"),
 }
-"""What plain SDF carries of each feature."""
+"""The support of each feature in plain SDF."""
 
 
 def plain_tree(world: World) -> tree.SdfWorld:
@@ -230,7 +230,7 @@ def plain_tree(world: World) -> tree.SdfWorld:
 
 
 def more_losses(world: World) -> Iterator[Loss]:
-    """What is lost of this world beyond the table: names that are reserved or taken, laws of pairs that no rule gives."""
+    """Losses of this world beyond the table: names that are reserved or taken, laws of pairs that no rule gives."""
     names = _names(world)
     bodies = {body.name: body for body in world.bodies}
     for kind in ("body", "joint"):
@@ -261,7 +261,7 @@ def more_losses(world: World) -> Iterator[Loss]:
 
 
 def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | None:
-    """Whether each body of a tree is told to touch the others: two touch where one of them is. None where pairs are left out
+    """``self_collide`` of each body of a tree: two bodies touch where either of them has it. None where pairs are left out
     that no such flags leave out."""
     allowed = CollisionFilter(world)
     rigid = rigid_groups(world)

@@ -1,4 +1,4 @@
-"""What a file of SDF holds, in SI units: what :class:`simspec.formats.sdf.format.Sdf` writes.
+"""The content of an SDF file, in SI units, as :class:`simspec.formats.sdf.format.Sdf` writes it.
 
 Links stand where their joints are at zero, each against its parent; joints are at their child's frame.
 """

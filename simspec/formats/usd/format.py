@@ -1,4 +1,4 @@
-"""The format ``usd``: one file with the schemas of UsdPhysics, ``world.usda``, or under a name that is asked for."""
+"""The format ``usd``: one file with the schemas of UsdPhysics, ``world.usda``, or under a requested name."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ SUPPORT: Final[Table] = {
     **exactly(Feature.LIMIT_POSITION, Feature.FRICTION, Feature.RESTITUTION),
     **shape_kinds("UsdPhysics", KINDS),
     Feature.SHAPE_MESH: exact("as a mesh with the approximation convexHull"),
-    Feature.SHAPE_VISUAL: exact("what is not drawn has the purpose guide"),
+    Feature.SHAPE_VISUAL: exact("shapes that are not drawn have the purpose guide"),
     Feature.INERTIA_FULL: exact("principal moments and axes"),
     Feature.INERTIA_SINGULAR: approximate("a moment of zero means that none is said: 1e-12 kg m² stands for it"),
     Feature.MASSLESS: approximate("a mass of zero means that none is said: 1e-9 kg stands for it"),
@@ -91,11 +91,11 @@ SUPPORT: Final[Table] = {
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
     Feature.FRAME: exact("an Xform in that of its body"),
 }
-"""What plain USD carries of each feature."""
+"""The support of each feature in plain USD."""
 
 
 def more_losses(world: World) -> Iterator[Loss]:
-    """What is lost of this world beyond the table: laws of pairs that are not the language's rule of the two materials."""
+    """Losses of this world beyond the table: laws of pairs that are not the language's rule of the two materials."""
     left_out = carriers(several(world))
     differing = tuple(
         f"bodies.{body.name}"
@@ -141,7 +141,7 @@ class Usd(Format):
 
     def __init__(self, profile: str = PROFILES[0]):
         self.profile = profile
-        """flat: bodies stand beside each other; nested: within their parents."""
+        """flat: bodies are siblings; nested: within their parents."""
 
     def in_profile(self, name: str) -> Format:
         """The format in this layout. Raises SpecError for a name that is not of ``PROFILES``."""

@@ -32,7 +32,7 @@ SQUARE: Final = 1e-12
 class Several:
     """A body whose joints are one joint in the file.
 
-    ``bodies``: what carries each joint but the last, then the body itself; ``words``: the axis of each joint (``transX``,
+    ``bodies``: the carriers of each joint but the last, then the body itself; ``words``: the axis of each joint (``transX``,
     ``rotZ``; "rot" for a ball); ``turn``: the axes X, Y, Z in the body's frame.
     """
 
@@ -52,7 +52,7 @@ class Several:
 
 
 def several(world: World) -> dict[str, Several]:
-    """The bodies whose joints are one joint in the file, by their names. Those of other bodies stay apart."""
+    """The bodies whose joints are one joint in the file, by their names. Those of other bodies stay separate."""
     by_name = {body.name: body for body in world.bodies}
     found = {}
     for body in world.bodies:
@@ -177,7 +177,7 @@ EVERY_AXIS: Final = tuple(f"{kind}{axis}" for kind in ("trans", "rot") for axis 
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """What a joint joins: paths of prims (``first`` None: the world). ``loop``: it is outside the tree."""
+    """The paths of the prims that a joint joins (``first`` None: the world). ``loop``: it is outside the tree."""
 
     first: str | None
     second: str
@@ -233,7 +233,7 @@ def axes(prim: UsdPrim, chain: Several, joined: Joined, names: Sequence[str], dr
 
 
 def stand(prim: UsdPrim, joined: Joined, in_first: Pose, in_second: Pose) -> None:
-    """What every joint has: its bodies, its frames in theirs, and how it is taken."""
+    """The attributes of every joint: its bodies, its frames in theirs, and how it is taken."""
     if joined.first is not None:
         prim.relate("physics:body0", [joined.first])
     prim.relate("physics:body1", [joined.second])
@@ -274,7 +274,7 @@ def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, prefix: str) -> No
 
 
 def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive | None) -> None:
-    """The spring and the damper of a hinge or a slide, and the gains of its controller, as one drive: what springs and dampers
+    """The spring and the damper of a hinge or a slide, and the gains of its controller, as one drive: springs and dampers
     add up to. Its targets are those at time 0, its largest effort the controller's."""
     if control is not None and (control.effort_limit == 0 or not (control.kp or control.kd)):
         control = None
@@ -313,7 +313,7 @@ def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive |
 
 
 def _ratings(prim: UsdPrim, joint: Joint, prefix: str) -> None:
-    """What the schemas do not have of a hinge or a slide."""
+    """The numbers of a hinge or a slide that the schemas lack."""
     for word, said in (("velocity_limit", joint.velocity_limit), ("effort_limit", joint.effort_limit)):
         prim.own("double", f"{prefix}{word}", said)
     for word, value in (("dry_friction", joint.dry_friction), ("armature", joint.armature)):

@@ -92,7 +92,7 @@ def places(world: World, nested: bool) -> PrimPaths:
             chain = chains.get(body.name)
             parent = body.joint.parent if chain is None else chain.parent
             if nested and parent is not None:
-                # shapes of the parent stand beside: they are numbered after the bodies
+                # shapes of the parent are siblings: they are numbered after the bodies
                 values = inside.setdefault(parent, PrimNames(RESERVED))
                 found.bodies[body.name] = f"{found.bodies[parent]}/{values.give(local(body.name, model))}"
             else:
@@ -208,7 +208,7 @@ SMALLEST_MOMENT: Final = 1e-12
 
 
 def stage_of(world: World, nested: bool = False) -> UsdStage:
-    """The file of a world. ``nested``: bodies stand within their parents, else beside each other."""
+    """The file of a world. ``nested``: bodies stand within their parents, else as siblings."""
     return _Writer(world, nested).stage()
 
 

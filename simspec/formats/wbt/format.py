@@ -229,7 +229,7 @@ NODES: Final[Mapping[str, Mapping[str, FieldDefault]]] = {
 
 WORLD: Final = "world.wbt"
 DEEPEST: Final = 40
-"""Levels that lines are indented by; what is deeper stands under them, since a chain of bodies is nested body in body."""
+"""Levels that lines are indented by; deeper lines are indented no further, since a chain of bodies is nested body in body."""
 
 
 class Wbt(Format):

@@ -1,5 +1,5 @@
 """From a .wbt file to a document: VRML97 as far as worlds without PROTO use it, by a reader that follows nothing out of a file
-and ends in bounded time, memory and nesting. It knows no node and no field: what these mean is for others to say.
+and ends in bounded time, memory and nesting. It knows no node and no field: callers interpret them.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class WbtNode:
         return ValueError(f"{self.file}:{self.line if line is None else line}: {named[:200]}: {why}")
 
     def field(self, name: str) -> WbtField:
-        """A field. Raises ValueError where it is missing: what the file does not say, a program would choose."""
+        """A field. Raises ValueError where it is missing: a program would choose a default."""
         for item in self.fields:
             if item.name == name:
                 return item
