@@ -143,7 +143,7 @@ class JsonBody:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class Excluded:
     """Pairs of bodies, and of collision groups, that do not touch."""
 
     bodies: NamePairs
@@ -162,7 +162,7 @@ class JsonWorld:
     """Every parent before its children."""
     meets: tuple[tuple[str, str, int], ...]
     """Two materials, and the one layer in which copies of both touch."""
-    apart: Apart
+    apart: Excluded
 
 
 def parent_of(joint: Joint) -> str | None:

@@ -93,9 +93,9 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
             raise PermissionError("no file is opened here")
 
 
-def _answer(answers: IO[bytes], suffix: str, content: bytes, beside: Mapping[str, bytes]) -> None:
+def _answer(answers: IO[bytes], suffix: str, content: bytes, buffers: Mapping[str, bytes]) -> None:
     try:
-        vertices, faces, said = READERS[suffix](content, beside)
+        vertices, faces, said = READERS[suffix](content, buffers)
         _check(vertices, faces)
         head: dict[str, Any] = {"vertices": len(vertices), "faces": len(faces), **said}
         body = np.ascontiguousarray(vertices, "<f8").tobytes() + np.ascontiguousarray(faces, "<i8").tobytes()
@@ -161,7 +161,7 @@ class Sidecars(Mapping[str, bytes]):
 # --- readers --------------------------------------------------------------------------------------------------------
 
 
-def _stl(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _stl(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     from trimesh.exchange import stl
 
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
@@ -182,7 +182,7 @@ def _stl(content: bytes, beside: Mapping[str, bytes]) -> Read:
     return read
 
 
-def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _obj(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     from trimesh import load_scene
 
     joined = content.replace(b"\\\r\n", b" \v").replace(b"\\\n", b" \v")  # \v: a blank that keeps the count of lines
@@ -236,7 +236,7 @@ def _corner(word: bytes, counts: tuple[int, ...], line: int) -> bytes:
     return b"/".join(parts)
 
 
-def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _ply(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     from trimesh.exchange import ply
 
     read = _of_mesh(ply.load_ply(io.BytesIO(content), skip_materials=True))
@@ -247,7 +247,7 @@ def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
     return read
 
 
-def _msh(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _msh(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     """The binary form: numbers of vertices, normals, places in a texture and faces, then these."""
     counts = struct.unpack("<4i", content[:16]) if len(content) >= 16 else (-1,) * 4
     points, normals, places, faces = counts
@@ -260,7 +260,7 @@ def _msh(content: bytes, beside: Mapping[str, bytes]) -> Read:
     return vertices.astype(np.float64), corners.astype(np.int64), {}
 
 
-def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _gltf(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     from trimesh import load_scene
 
     header = gltf_header(content)
@@ -269,7 +269,7 @@ def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
         raise RefusedError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
     _demand_trees(header.get("nodes", []))
     kind = "glb" if content[:4] == b"glTF" else "gltf"
-    scene = load_scene(io.BytesIO(content), kind, Sidecars(beside), skip_materials=True, process=False)
+    scene = load_scene(io.BytesIO(content), kind, Sidecars(buffers), skip_materials=True, process=False)
     vertices, faces, _ = _of_scene(scene)
     return vertices, faces, {"unit": 1.0, "up": "y"}
 
@@ -304,7 +304,7 @@ HARMLESS = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_
 """Extensions of glTF that change no place of a vertex, or that the reader has."""
 
 
-def _dae(content: bytes, beside: Mapping[str, bytes]) -> Read:
+def _dae(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     import collada
 
     for word in (b"<!DOCTYPE", b"<!ENTITY"):

@@ -45,7 +45,7 @@ class MeshFile:
 
     path: Path
     content: bytes
-    beside: Mapping[str, bytes] = field(default_factory=dict)
+    buffers: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def suffix(self) -> str:
@@ -55,7 +55,7 @@ class MeshFile:
     def digest(self) -> str:
         """SHA-256 of all of it."""
         digest = hashlib.sha256(f"{self.suffix} {len(self.content)}\0".encode() + self.content)
-        for name, content in sorted(self.beside.items()):
+        for name, content in sorted(self.buffers.items()):
             digest.update(f"{len(name)} {name} {len(content)}\0".encode() + content)
         return digest.hexdigest()
 
@@ -96,7 +96,7 @@ def open_mesh(path: Path) -> MeshFile:
     alongside: dict[str, bytes] = {}
     left = LARGEST_FILE - len(content)
     for name in _needed(content):
-        target = _beside(path, name)
+        target = _buffer_path(path, name)
         if not target.is_relative_to(path.parent):
             raise MeshError(f"it needs {name[:80]!r}, which leaves its folder")
         alongside[name] = _bytes(target, left)
@@ -113,7 +113,7 @@ def _bytes(path: Path, most: int) -> bytes:
         raise MeshError(f"{path.name} cannot be read: {error.strerror}") from None
 
 
-def _beside(path: Path, name: str) -> Path:
+def _buffer_path(path: Path, name: str) -> Path:
     try:
         return (path.parent / urllib.parse.unquote(name)).resolve()
     except (OSError, RuntimeError, ValueError):  # links that lead to themselves, a NUL
@@ -193,7 +193,7 @@ def read_surfaces(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
 def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
     total = 0
     for count, file in enumerate(files[:BATCH]):
-        total += len(file.content) + sum(map(len, file.beside.values()))
+        total += len(file.content) + sum(map(len, file.buffers.values()))
         if count and total > BATCH_BYTES:
             return files[:count]
     return files[:BATCH]
@@ -211,7 +211,7 @@ def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
     return answers
 
 
-def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes, str]:
+def _process(request: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes, str]:
     """The answer of a process within a deadline, and how it ended, as part of a message. ``needed``:
     packages that it imports before it reads anything."""
     environment = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME", "SYSTEMROOT")}
@@ -227,7 +227,7 @@ def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes
         env={**environment, **single_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
         start_new_session=True,
     )
-    output, why = exchange(process, asked, seconds, LARGEST_ANSWER)
+    output, why = exchange(process, request, seconds, LARGEST_ANSWER)
     if why == "large":
         return b"", "gives more than there can be in it"
     late = why == "late" or process.returncode == -signal.SIGXCPU
@@ -257,9 +257,9 @@ def _request(file: MeshFile) -> bytes:
     head = {
         "suffix": file.suffix,
         "size": len(file.content),
-        "beside": {name: len(content) for name, content in file.beside.items()},
+        "beside": {name: len(content) for name, content in file.buffers.items()},
     }
-    return json.dumps(head).encode() + b"\n" + file.content + b"".join(file.beside.values())
+    return json.dumps(head).encode() + b"\n" + file.content + b"".join(file.buffers.values())
 
 
 def _answers(output: bytes, most: int) -> list[Surface | MeshError]:

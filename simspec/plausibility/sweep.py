@@ -77,7 +77,6 @@ class Met:
     positions: dict[str, float] = field(default_factory=dict)
     moved: str = ""
     count: int = 0
-    apart_at_start: bool = True
 
 
 def sweep(world: World) -> tuple[list[Finding], Sampling]:
@@ -373,41 +372,41 @@ class Tree:
             if body.name in names and body.joint.kind in (*SCALAR_JOINTS, "ball")
         ]
 
-    def _depths(self, one: Lump, other: Lump, centre: Floats, axes: Floats, limit: float) -> Floats:
+    def _depths(self, lump: Lump, other: Lump, centre: Floats, axes: Floats, limit: float) -> Floats:
         """Depths (n,) of two shapes, the second at ``centre`` (n, 3) with ``axes`` (n, 3, 3; rows) in the first body's axes;
         0 or less where they are proved not to be deeper than ``limit`` (m)."""
         count = len(centre)
         away = np.linalg.norm(centre, axis=1, keepdims=True)
         line = np.where(away > 0.0, centre / np.where(away > 0.0, away, 1.0), np.array([1.0, 0.0, 0.0]))
-        local_axes = np.repeat(np.concatenate([one.axes, -one.axes])[None], count, axis=0)
+        local_axes = np.repeat(np.concatenate([lump.axes, -lump.axes])[None], count, axis=0)
         likely = np.concatenate([local_axes, axes, -axes, line[:, None]], axis=1)
-        boxed, _ = self._along(one, other, centre, axes, likely, boxed=True)
+        boxed, _ = self._along(lump, other, centre, axes, likely, boxed=True)
         depth, best = np.zeros(count), np.zeros((count, 3))
         left = np.flatnonzero(boxed > limit)
         if len(left):
-            depth[left], best[left] = self._along(one, other, centre[left], axes[left], likely[left])
+            depth[left], best[left] = self._along(lump, other, centre[left], axes[left], likely[left])
             left = left[depth[left] > limit]
         if len(left):
-            edges = np.cross(one.axes[None, :, None], axes[left][:, None]).reshape(len(left), 9, 3)
+            edges = np.cross(lump.axes[None, :, None], axes[left][:, None]).reshape(len(left), 9, 3)
             size = np.linalg.norm(edges, axis=2, keepdims=True)
             edges = np.where(size > 1e-6, edges / np.where(size > 1e-6, size, 1.0), np.array([1.0, 0.0, 0.0]))
             spread = np.repeat(DIRECTIONS[None], len(left), axis=0)
             tried = np.concatenate([edges, -edges, spread], axis=1)
-            self._improve(one, other, centre, axes, depth, best, left, tried)
+            self._improve(lump, other, centre, axes, depth, best, left, tried)
             left = left[depth[left] > limit]
         if len(left):
             reach = 0.25
             for _ in range(ROUNDS):
                 around = best[left][:, None] + reach * SPREAD[None, ::AROUND]
                 around /= np.linalg.norm(around, axis=2, keepdims=True)
-                self._improve(one, other, centre, axes, depth, best, left, around)
+                self._improve(lump, other, centre, axes, depth, best, left, around)
                 left = left[depth[left] > limit]
                 reach *= 0.5
         return np.where(depth > limit, depth, 0.0)
 
     def _improve(
         self,
-        one: Lump,
+        lump: Lump,
         other: Lump,
         centre: Floats,
         axes: Floats,
@@ -417,24 +416,24 @@ class Tree:
         tried: Floats,
     ) -> None:
         """Replace ``depth`` and ``best`` at ``rows`` where the directions that are tried give less."""
-        less, along = self._along(one, other, centre[rows], axes[rows], tried)
+        less, along = self._along(lump, other, centre[rows], axes[rows], tried)
         better = less < depth[rows]
         depth[rows] = np.where(better, less, depth[rows])
         best[rows] = np.where(better[:, None], along, best[rows])
 
     def _along(
-        self, one: Lump, other: Lump, centre: Floats, axes: Floats, directions: Floats, boxed: bool = False
+        self, lump: Lump, other: Lump, centre: Floats, axes: Floats, directions: Floats, boxed: bool = False
     ) -> tuple[Floats, Floats]:
         """The least overlap (n,) along some directions (n, k, 3), and the direction; of bounding boxes where ``boxed``."""
         count, many, _ = directions.shape
         here = directions.reshape(-1, 3)
         there = -(directions @ np.swapaxes(axes, 1, 2)).reshape(-1, 3)
         if boxed:
-            reach = one.boxed(here @ one.axes.T) + other.boxed(there)
+            reach = lump.boxed(here @ lump.axes.T) + other.boxed(there)
             self.work += 2 * EACH * len(here)
         else:
-            reach = one.reach(here) + other.local(there)
-            self.work += len(here) * (_cost(one) + _cost(other))
+            reach = lump.reach(here) + other.local(there)
+            self.work += len(here) * (_cost(lump) + _cost(other))
         overlap = reach.reshape(count, many) - np.einsum("nki,ni->nk", directions, centre)
         best = overlap.argmin(axis=1)
         rows = np.arange(count)

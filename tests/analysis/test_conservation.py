@@ -47,13 +47,13 @@ def test_spontaneous_changes_are_found():
     assert given.linear.size == pytest.approx(0.5)
     assert given.linear.whose == "ball"
     assert given.energy.size == pytest.approx(0.4375)
-    assert given.energy.relative == pytest.approx(0.4375 / told_scale())
+    assert given.energy.relative == pytest.approx(0.4375 / given_scale())
     turned = conservation(thrown(spun=late(0.5)))
     assert turned.angular.size == pytest.approx(0.2)
     assert turned.linear.size < 1e-12
 
 
-def told_scale():
+def given_scale():
     """The larger of the largest kinetic energy and the swing of the potential one."""
     t = np.linspace(0.0, 1.0, 11)
     kinetic = (5.0 - 10.0 * t) ** 2 + np.where(t > 0.45, 0.75, 1.0) ** 2 + 0.5 * 100.0 * t**2

@@ -28,7 +28,7 @@ def _fall(t, error):
 
 def test_free_fall_departs_by_the_drift():
     given = consistency(falling(0.004), falling(0.002))
-    assert len(given.time) == 26  # 40 ms apart in one, 20 ms in the other
+    assert len(given.time) == 26  # in steps of 40 ms in one, of 20 ms in the other
     assert given.drift == pytest.approx(5.0 * given.time * 0.002)
     assert given.rms == pytest.approx(given.drift)
     assert given.largest == pytest.approx(given.drift)
@@ -44,9 +44,9 @@ def test_the_order_is_observed(order):
     assert given.error[1:] == pytest.approx(5.0 * given.time[1:] * 0.001**order)
 
 
-def recorded_at(one, times):
+def recorded_at(first, times):
     """A run whose rows, but the first, are said to be of other times."""
-    return dataclasses.replace(one, arrays={**one.arrays, "time": np.concatenate([one.time[:1], times])})
+    return dataclasses.replace(first, arrays={**first.arrays, "time": np.concatenate([first.time[:1], times])})
 
 
 def test_records_that_never_meet_are_no_consistency():

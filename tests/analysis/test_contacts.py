@@ -18,7 +18,7 @@ from simspec.world.types import Shape
 from tests.runner.synthetic import free_body, run, world
 
 WORLD = world(free_body("floor"), free_body("ball"), free_body("cube"))
-"""11 records, 0.1 s apart."""
+"""11 records, one each 0.1 s."""
 FLOOR, BALL, CUBE = range(3)
 
 
@@ -131,10 +131,10 @@ def of_shapes(*contacts, groups=(), engine="first"):
     return dataclasses.replace(given, arrays={**given.arrays, "contact.shape": sides})
 
 
-def without_shapes(one):
-    arrays = {name: values for name, values in one.arrays.items() if name != "contact.shape"}
-    facts = {name: value for name, value in one.provenance.items() if name != "contact_groups"}
-    return dataclasses.replace(one, arrays=arrays, provenance=facts)
+def without_shapes(first):
+    arrays = {name: values for name, values in first.arrays.items() if name != "contact.shape"}
+    facts = {name: value for name, value in first.provenance.items() if name != "contact_groups"}
+    return dataclasses.replace(first, arrays=arrays, provenance=facts)
 
 
 def test_contacts_are_matched_by_shape():
@@ -156,7 +156,7 @@ def test_contacts_are_matched_by_shape():
 
 
 def test_shapes_that_a_run_does_not_distinguish_are_matched_together():
-    """The second engine tells top and side as a group, the first tells them apart; the foot both tell."""
+    """The second engine reports top and side as a group, the first distinguishes them; both report the foot."""
     shapes = of_shapes((2, TOP, ROUND, 10.0), (3, SIDE, ROUND, 10.0), (4, FOOT, ROUND, 10.0))
     rows = [(2, GROUP, ROUND, 10.0), (3, GROUP, ROUND, 10.0), (4, ROUND, FOOT, 10.0)]
     other = of_shapes(*rows, groups=[("top", "side")], engine="second")
@@ -198,5 +198,5 @@ def test_the_first_contact_that_differs_names_shapes():
     assert first_difference(*_common(shapes, other), by="body").second_only == (("cube", "floor"),)
 
 
-def _common(one, other):
-    return Common(one, other, ["ball"], []), one, other
+def _common(first, other):
+    return Common(first, other, ["ball"], []), first, other

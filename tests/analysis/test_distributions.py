@@ -36,7 +36,7 @@ def test_the_energy_distance_of_points():
 
 
 def test_mmd_of_points():
-    """2 − 2 exp(−d²/2h²) of two points d apart."""
+    """2 − 2 exp(−d²/2h²) of two points at the distance d."""
     assert mmd(column_of(0.0), column_of(3.0), 1.5) == pytest.approx(2.0 - 2.0 * math.exp(-2.0))
     assert median_distance(column_of(0.0, 1.0), column_of(3.0)) == 2.0
     with pytest.raises(ValueError, match="positive"):
@@ -62,7 +62,7 @@ def test_all_permutations_at_once_are_each_alone(bandwidth):
 
 
 def test_few_runs_cannot_reject():
-    """3 and 3 runs as far apart as one likes: p = 2/20."""
+    """3 and 3 runs at any distance: p = 2/20."""
     test = permutation_test(column_of(0.0, 0.1, 0.2), column_of(1e6, 1e6 + 1, 1e6 + 2))
     assert (test.p, test.smallest) == (0.1, 0.1)
     assert not test.can_reject
@@ -96,7 +96,7 @@ def test_the_smallest_p_of_pairs(pairs, smallest):
 
 
 def test_sign_flips_have_the_p_of_the_sums():
-    """Of ±1 ±2 ±4 the sums are all odd numbers from −7 to 7: |1 + 2 − 4| = 1 is reached by all 8."""
+    """Of ±1 ±2 ±4 the sums are −7, −5, ..., 7: |1 + 2 − 4| = 1 is reached by all 8."""
     assert sign_flip_test(np.array([1.0, 2.0, -4.0])).p == 1.0
     assert sign_flip_test(np.array([1.0, -2.0, 4.0])).p == 0.75
     two = sign_flip_test(np.array([[1.0, 0.0], [2.0, 0.0], [4.0, 100.0]]))

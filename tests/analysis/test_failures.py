@@ -1,4 +1,4 @@
-"""What happened first, of motions that were made up: each kind is told from the others."""
+"""The first event of synthetic motions: each kind is distinguished from the others."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def carried(height, x=None, expect=None, other=None, contacts=None, **facts):
     return run(of, path, contacts=contacts, **facts)
 
 
-def told(made):
+def event(made):
     return first_failure(made, evaluate(made))
 
 
@@ -43,7 +43,7 @@ LIFTED = ([0, 0.3, 0.7, 1.0], [0, 0.3, 0.3, 0.1])
 
 
 def test_nothing_failed():
-    assert told(carried(LIFTED)) is None
+    assert event(carried(LIFTED)) is None
 
 
 @pytest.mark.parametrize(
@@ -58,12 +58,12 @@ def test_nothing_failed():
         (([0, 1], [0, 0]), ([0, 1], [0, 0]), "not-moved", 1.0),
         # is carried to another place
         (LIFTED, ([0, 1], [0, 0.4]), "missed", 1.0),
-        # is carried over its place and comes down to it, but beside: it did not fall
+        # is carried over its place and comes down next to it: it did not fall
         (([0, 0.3, 0.7, 1.0], [0, 0.5, 0.5, 0.09]), ([0, 1], [0, 0.47]), "missed", 1.0),
     ],
 )
 def test_the_event_of_a_body(height, x, kind, time):
-    failure = told(carried(height, x))
+    failure = event(carried(height, x))
     assert (failure.kind, failure.time) == (kind, pytest.approx(time))
     assert (failure.expected, failure.body, failure.at) == (0, "cup", None)
     last = np.array([np.interp(1.0, *(x or ([0, 1], [0, 0.5]))), 0, np.interp(1.0, *height)])
@@ -76,7 +76,7 @@ def test_without_gravity_nothing_falls():
     weightless = dataclasses.replace(
         made.world, physics=dataclasses.replace(made.world.physics, gravity=(0.0, 0.0, 0.0))
     )
-    assert told(dataclasses.replace(made, world=weightless)).kind == "missed"
+    assert event(dataclasses.replace(made, world=weightless)).kind == "missed"
 
 
 def test_the_body_that_is_farthest_and_the_first_expectation_that_fails():
@@ -86,7 +86,7 @@ def test_the_body_that_is_farthest_and_the_first_expectation_that_fails():
         Expectation("at_target", (("at", 0.5), ("targets", both), ("tolerance", 0.01))),
         place("cup", (0.15, 0.0, 0.3), at=0.3),
     )
-    failure = told(carried(([0, 0.3, 1], [0, 0.3, 0.3]), expect=expect))
+    failure = event(carried(([0, 0.3, 1], [0, 0.3, 0.3]), expect=expect))
     assert (failure.expected, failure.at, failure.body, failure.away) == (1, 0.5, "saucer", 1.0)
     assert failure.kind == "not-moved"
 
@@ -96,19 +96,19 @@ def test_a_deep_overlap_comes_first_where_it_did():
     dropped = ([0, 0.3, 0.4, 0.45, 1.0], [0, 0.3, 0.3, 0, 0])
 
     def kind(*contacts):
-        return told(carried(dropped, contacts=list(contacts)))
+        return event(carried(dropped, contacts=list(contacts)))
 
     assert kind((4, 0, 1, -0.0099, 1.0)).kind == "dropped"
     deep = kind((2, 0, 1, -0.0099, 1.0), (4, 1, 0, -0.02, 1.0), (6, 0, 1, -0.03, 1.0))
     assert (deep.kind, deep.time, deep.what) == ("overlap", 0.4, "20 mm with saucer")
     assert kind((4, 0, 1, float("nan"), 1.0)).kind == "overlap"
     assert kind((6, 0, 1, -0.03, 1.0)).kind == "dropped", "it had fallen before"
-    # what was before an expectation that held has nothing to do with it
+    # events before an expectation that was met have nothing to do with it
     actual = (place("cup", (0.15, 0, 0.3), at=0.3), place("cup", (0.5, 0, 0.1)))
     before = (2, 0, 1, -0.03, 1.0)
-    assert told(carried(dropped, contacts=[before], expect=actual)).kind == "dropped"
-    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.03, 1.0)], expect=actual)).kind == "dropped"
-    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.04, 1.0)], expect=actual)).kind == "overlap"
+    assert event(carried(dropped, contacts=[before], expect=actual)).kind == "dropped"
+    assert event(carried(dropped, contacts=[before, (4, 0, 1, -0.03, 1.0)], expect=actual)).kind == "dropped"
+    assert event(carried(dropped, contacts=[before, (4, 0, 1, -0.04, 1.0)], expect=actual)).kind == "overlap"
 
 
 def test_a_joint_that_is_off_its_trajectory():
@@ -124,7 +124,7 @@ def test_a_joint_that_is_off_its_trajectory():
         arrays["control.target"] = np.interp(made.time, *targets)[:, None]
         facts = {**made.provenance, "control": {"joints": ["elbow"], "error": [error], "clipped": [0]}}
         of = dataclasses.replace(made.world, bodies=bodies)
-        return told(dataclasses.replace(made, world=of, arrays=arrays, provenance=facts, failed=why))
+        return event(dataclasses.replace(made, world=of, arrays=arrays, provenance=facts, failed=why))
 
     first = driven(0.5, ([0, 0.25, 0.3, 1], [0, 0, 0.4, 0.4]))
     assert (first.kind, first.time, first.what) == ("off-trajectory", 0.3, "elbow by 0.4")
@@ -148,13 +148,13 @@ def test_expectations_without_a_place_and_runs_without_a_result():
         Expectation("no_penetration_deeper_than", (("depth", 0.0),)),
     )
     made = carried(LIFTED, expect=expect, contacts=[(3, 0, 1, -0.02, 1.0)])
-    failure = told(made)
+    failure = event(made)
     assert (failure.kind, failure.time, failure.body) == ("other", None, "")
     assert failure.what.startswith("no penetration deeper than: ")
     stopped = dataclasses.replace(made, failed="velocity is not finite after step 7")
-    assert told(stopped).kind == "no-result"
-    assert "velocity is not finite" in str(told(stopped))
+    assert event(stopped).kind == "no-result"
+    assert "velocity is not finite" in str(event(stopped))
     unknown = dataclasses.replace(
         made, world=dataclasses.replace(made.world, expectations=(place("nobody", (0, 0, 0)),))
     )
-    assert told(unknown).kind == "not-recorded"
+    assert event(unknown).kind == "not-recorded"

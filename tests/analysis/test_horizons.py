@@ -14,7 +14,7 @@ from simspec.world.types import Joint
 from tests.runner.synthetic import column, free_body, run, world
 
 WORLD = world(free_body("ball"), free_body("cube"), steps=1000)
-"""101 records, 0.1 s apart: 10 s."""
+"""101 records, one each 0.1 s: 10 s."""
 
 
 def moved(size: float, rate: float, since: float = 0.0, body: str = "ball", **facts):

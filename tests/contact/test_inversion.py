@@ -1,4 +1,4 @@
-"""Numbers that give the pairs, where there are such numbers; what comes out where there are none."""
+"""Numbers that give the pairs, where there are such numbers, and other numbers where there are none."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def test_a_number_above_an_engines_bound_is_none_and_is_not_needed_where_others_
 
 
 def test_laws_that_no_numbers_within_the_bound_give_are_in_layers():
-    """What hardly bounces off itself would need a number of 5 to bounce off another."""
+    """A material that hardly bounces off itself would need a number of 5 to bounce off another."""
     laws = {("a", "a"): 0.01, ("a", "b"): 0.5, ("b", "b"): 0.9}
     world = table_world({pair: PairContact(*pair, 0.5, value) for pair, value in laws.items()})
     check(world, ENGINE_RULES["bounded"])

@@ -19,7 +19,7 @@ from tests import worlds
 DT = 0.001
 
 
-class Still:
+class AtRest:
     """Joints that stay where they are, and note what they are given."""
 
     def __init__(self, q: np.ndarray, v: np.ndarray):
@@ -38,7 +38,7 @@ class Still:
 def effort_at(world, q, v, steps: int = 1) -> dict[str, np.ndarray]:
     """The efforts of the first steps at a held state (q, v of the whole world), by joint."""
     control = Control(world, reference(world))
-    joints = Still(q[control.q_places], v[control.v_places])
+    joints = AtRest(q[control.q_places], v[control.v_places])
     control.advance(joints, 0, steps)
     return {name: np.array(joints.given)[:, k] for k, name in enumerate(control.joints)}
 
@@ -87,13 +87,13 @@ def test_implicit_computed_torque_is_the_law_at_the_step_s_end(moving):
     np.testing.assert_allclose(a, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_explicit_pd_is_its_formula(moving, held):
+@pytest.mark.parametrize("kept", [False, True])
+def test_explicit_pd_is_its_formula(moving, kept):
     world, oracle, q, v = moving
-    world = driven(world, "pd", gravity_compensation=held)
+    world = driven(world, "pd", gravity_compensation=kept)
     want_q, want_v, _, feed = targets(world, 0.0)
     expected = 40.0 * (want_q - q) + 3.0 * (want_v - v) + feed
-    if held:
+    if kept:
         expected += oracle.bias_force(q, np.zeros_like(v))
     np.testing.assert_allclose(together(effort_at(world, q, v), world), expected, rtol=1e-12)
 
@@ -192,7 +192,7 @@ def test_efforts_are_clipped_and_counted():
     found = effort_at(world, np.zeros(1), np.zeros(1), steps=3)["wheel_joint"]
     assert found.tolist() == [0.5] * 3
     control = Control(world, reference(world))
-    control.advance(Still(np.zeros(1), np.zeros(1)), 0, 3)
+    control.advance(AtRest(np.zeros(1), np.zeros(1)), 0, 3)
     assert control.clipped.tolist() == [3]
     assert control.applied.tolist() == [0.5]
     assert control.error.tolist() == [1.0]
@@ -225,7 +225,7 @@ def test_a_request_carries_all_of_it(moving):
     again = from_request(parameters, arrays)
     direct = Control(world, reference(world))
     for control in (again, direct):
-        joints = Still(q[control.q_places], v[control.v_places])
+        joints = AtRest(q[control.q_places], v[control.v_places])
         control.advance(joints, 0, 5)
         control.seen = np.array(joints.given)
     np.testing.assert_array_equal(again.seen, direct.seen)

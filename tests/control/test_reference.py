@@ -1,4 +1,4 @@
-"""Trajectories as polynomials: what each interpolation promises, and that derivatives are derivatives."""
+"""Trajectories as polynomials: the promises of each interpolation, and derivatives that are derivatives."""
 
 from __future__ import annotations
 

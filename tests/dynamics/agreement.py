@@ -29,7 +29,7 @@ QUANTITIES = {
     "constraints": "φ, and J of joints, points and turns, where there are any",
     "motion": "q and v after some steps under a random effort, of the largest in each",
 }
-"""What is compared, and what a difference is a share of."""
+"""The compared quantities, and the scales of their differences."""
 
 
 def _share(found: np.ndarray, expected: np.ndarray, least: float = 0.0) -> float:
@@ -41,8 +41,9 @@ def _share(found: np.ndarray, expected: np.ndarray, least: float = 0.0) -> float
 
 def deviations(world: World, states: int = 3, steps: int = 0, told: World | None = None) -> dict[str, float]:
     """The largest difference in each quantity between the oracle and Simbody, at the initial state of a world and at
-    ``states`` seeded ones, settled on its constraints, and between motions of ``steps``. What was not compared is not in it:
-    of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test sees what is found."""
+    ``states`` seeded ones, settled on its constraints, and between motions of ``steps``. Quantities that were not compared
+    are left out: of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test sees
+    what is found."""
     oracle, other = Oracle(world), Simbody(told or world)
     seeded = random_states(world, states)
     start = initial_state(world)
@@ -117,7 +118,7 @@ KINDS = ("fixed", "hinge", "slide", "ball", "hinge")
 
 
 def random_tree(seed: int) -> World:
-    """One to three trees of up to eight bodies, told in any order that has parents first, with joints of every kind, full
+    """One to three trees of up to eight bodies, in any order that has parents first, with joints of every kind, full
     tensors, skew axes and gravity, damping, springs, armature and partial weights in some."""
     generator = random.Random(f"simspec second oracle {seed}")
     bodies: list = []

@@ -25,11 +25,11 @@ from simspec.world.types import Connect, Follow, Weld
 from tests.dynamics.simbody_model import Model, opensim, turned, vector
 
 
-def _ends(held: Connect | Weld) -> tuple[np.ndarray, np.ndarray]:
+def _ends(violation: Connect | Weld) -> tuple[np.ndarray, np.ndarray]:
     """The points of the first and of the second body that are held together, in their frames."""
-    if isinstance(held, Weld):
-        return np.array(held.pose.position), np.zeros(3)
-    return np.array(held.first_point), np.array(held.second_point)
+    if isinstance(violation, Weld):
+        return np.array(violation.pose.position), np.zeros(3)
+    return np.array(violation.first_point), np.array(violation.second_point)
 
 
 class Simbody(Model):
@@ -82,7 +82,7 @@ class Simbody(Model):
                 (body.gravity_scale - 1.0) * body.inertial.mass * self.gravity,
             )
             for body in self.world.bodies
-            if body.gravity_scale != 1.0 and body.name not in self.still
+            if body.gravity_scale != 1.0 and body.name not in self.at_rest
         }
 
     def _wrenches(self, given: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Any:
@@ -90,7 +90,7 @@ class Simbody(Model):
         osim = opensim()
         count = 1 + max(self.mobilized.values())
         none = osim.SpatialVec()
-        none.setToZero()  # what is new holds anything
+        none.setToZero()  # new memory has any content
         wrenches = osim.VectorOfSpatialVec(count, none)
         for name, (place, force, torque) in given.items():
             vec = osim.SpatialVec()
@@ -114,7 +114,7 @@ class Simbody(Model):
         return turn.T @ self._generalised({force.body: (at, along, torque)})
 
     def _lifts(self) -> np.ndarray:
-        """What weights that differ do (nv,), in Simbody's speeds, at the state that it is in."""
+        """The forces of differing weights (nv,), in Simbody's speeds, at the state that it is in."""
         return self._generalised({name: (at, force, np.zeros(3)) for name, (at, force) in self._weights().items()})
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -163,12 +163,12 @@ class Simbody(Model):
         return effort
 
     def _fluid(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """What the fluid does to each body at the state that Simbody is in (``world/actions.py``)."""
+        """The forces of the fluid on each body at the state of Simbody (``world/actions.py``)."""
         fluid, found = self.world.physics.fluid, {}
         if fluid is None:
             return found
         for body in self.world.bodies:
-            if body.box is None or body.name in self.still:
+            if body.box is None or body.name in self.at_rest:
                 continue
             edges, centre = np.array(body.box.edges), np.array(lumped_inertial(self.world, body).centre_of_mass)
             turn = self._turn(body.name)
@@ -252,7 +252,7 @@ class Simbody(Model):
                 found.extend(Rotation.from_matrix(wanted @ array.T).as_rotvec())
         return np.array(found)
 
-    def _held(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _constraint_of(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocity (nv,) after the impulses of the constraints: J v⁺ = −φ/dt."""
         jacobian = self.jacobian(q)
         across = np.linalg.solve(self.mass_matrix(q), jacobian.T)
@@ -266,7 +266,7 @@ class Simbody(Model):
         for _ in range(steps):
             v += dt * self.acceleration(q, v, effort)
             if self.world.constraints:
-                v = self._held(q, v)
+                v = self._constraint_of(q, v)
             for body, in_q, in_v in zip(self.world.bodies, self.layout.position, self.layout.velocity, strict=True):
                 kind = body.joint.kind
                 if kind in ("hinge", "slide"):

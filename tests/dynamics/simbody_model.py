@@ -61,8 +61,8 @@ def _angles(turn: Rotation) -> tuple[float, float, float]:
 
 
 def _onto(axis: np.ndarray, first: np.ndarray) -> Rotation:
-    """A rotation that takes the unit vector ``first`` to ``axis``: half a turn about the middle of both. Where they point apart
-    ``first`` is turned over before, so that the middle is never short."""
+    """A rotation that takes the unit vector ``first`` to ``axis``: half a turn about the middle of both. Where they are
+    opposite ``first`` is turned over before, so that the middle is never short."""
     over = Rotation.identity()
     if first @ axis < 0.0:
         across = np.cross(first, np.eye(3)[int(np.argmin(np.abs(first)))])
@@ -91,7 +91,7 @@ class Model:
         self.model = osim.Model()
         self.model.setGravity(vector(world.physics.gravity))
         self.bodies: dict[str, Any] = {}
-        self.still: set[str] = set()
+        self.at_rest: set[str] = set()
         """Names of the bodies that are fixed to the world."""
         joints = [self._add(index, body) for index, body in enumerate(world.bodies)]
         for body, made in zip(world.bodies, joints, strict=True):
@@ -109,9 +109,9 @@ class Model:
         """The body and its joint."""
         osim, joint = opensim(), body.joint
         above = self.model.getGround() if joint.parent is None else self.bodies[joint.parent]
-        if joint.kind == "fixed" and (joint.parent is None or joint.parent in self.still):
-            self.still.add(body.name)
-        mine = body.inertial if body.name not in self.still else Inertial(0.0)  # so that its weight has no energy
+        if joint.kind == "fixed" and (joint.parent is None or joint.parent in self.at_rest):
+            self.at_rest.add(body.name)
+        mine = body.inertial if body.name not in self.at_rest else Inertial(0.0)  # so that its weight has no energy
         centre, inertia = vector(mine.centre_of_mass), osim.Inertia(*mine.inertia)
         local = osim.Body(f"b{index}", mine.mass or NO_MASS, centre, inertia)
         self.model.addBody(local)
@@ -177,7 +177,7 @@ class Model:
     # --- states ---------------------------------------------------------------------------------------------------
 
     def put(self, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
-        """Put Simbody into a state; returns T (nv, nv), orthogonal, by which its speeds are u = T v. What is linear in
+        """Put Simbody into a state; returns T (nv, nv), orthogonal, by which its speeds are u = T v. Quantities linear in
         accelerations goes through T as well: Ṫ v = R (ω × ω) = 0."""
         osim = opensim()
         values, turn = np.zeros(self.state.getNQ()), np.zeros((self.nv, self.nv))

@@ -225,7 +225,7 @@ def test_bodies_listed_breadth_first_keep_their_order():
     ids=["every joint", "springs", "armature", "lifted", "immersed", "held", "sums", "without sums"],
 )
 @pytest.mark.parametrize("run", [None, 0], ids=["as they are", "rounded"])
-@pytest.mark.filterwarnings("ignore:invalid value")  # what is held together does not stand rounding
+@pytest.mark.filterwarnings("ignore:invalid value")  # closed loops do not tolerate rounding
 def test_steps_on_end_are_single_steps_to_the_last_bit(world, run):
     """Between single steps the state goes through the world's own order; steps on end may stay in Pinocchio's."""
     rounded = None if run is None else PRECISIONS[SINGLE].rounding(run, np.random.default_rng(7))

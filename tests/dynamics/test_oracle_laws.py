@@ -20,7 +20,7 @@ ROUND_OFF = 1e-12
 
 
 def branching() -> World:
-    """Bodies whose order is not depth first: two trees and their branches, told in turns."""
+    """Bodies whose order is not depth first: two trees and their branches, interleaved."""
     bodies = worlds.tree(["free", "hinge", "hinge", "ball", "slide", "hinge", "hinge"], 15, [-1, 0, 0, 1, 2, 3, 4])
     other = worlds.tree(["fixed", "ball", "hinge", "slide"], 16, [-1, 0, 0, 1], prefix="other_")
     mixed = [body for pair in zip(bodies, (*other, None, None, None), strict=True) for body in pair if body is not None]
@@ -180,7 +180,7 @@ def test_a_step_is_semi_implicit_euler():
 
 
 def test_motion_is_made_of_steps():
-    """Trees are integrated apart; their states land in the world's order, every so many steps and at the end."""
+    """Trees are integrated separately; their states land in the world's order, every so many steps and at the end."""
     world = branching()
     oracle = Oracle(world)
     q, v = random_state(world, 8)

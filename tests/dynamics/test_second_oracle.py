@@ -1,4 +1,4 @@
-"""The oracle against Simbody, a second and independent implementation of multibody dynamics: the same world, told to both, must
+"""The oracle against Simbody, a second and independent implementation of multibody dynamics: the same world, in both, must
 have the same poses, M, bias forces, energies, accelerations and motion, to round-off. ``tools/second_oracle.py`` does so for
 hundreds of worlds."""
 
@@ -23,8 +23,8 @@ pytestmark = pytest.mark.skipif(MISSING is not None, reason=MISSING or "")
 SPECS = Path(__file__).resolve().parents[2] / "specs"
 ROUND_OFF = 1e-12
 """The largest of 510 worlds is 2.5e-13 (docs/concepts/proof.md)."""
-HELD_MOTION = 1e-11
-"""Of motion with constraints: what round-off leaves of φ, 1e-16 m, is 1e-13 m/s at 1 ms (measured here: 8e-13)."""
+CONSTRAINED_MOTION = 1e-11
+"""Of motion with constraints: the round-off of φ, 1e-16 m, is 1e-13 m/s at 1 ms (measured here: 8e-13)."""
 
 SHIPPED = {
     "every joint": worlds.every_joint,
@@ -45,7 +45,7 @@ SHIPPED = {
 def agree(world, states=2, steps=20):
     found = deviations(world, states, steps)
     assert set(found) == set(QUANTITIES) - (set() if world.constraints else {"constraints"})
-    allowed = dict.fromkeys(found, ROUND_OFF) | ({"motion": HELD_MOTION} if world.constraints else {})
+    allowed = dict.fromkeys(found, ROUND_OFF) | ({"motion": CONSTRAINED_MOTION} if world.constraints else {})
     assert {name: share for name, share in found.items() if not share < allowed[name]} == {}
 
 

@@ -14,17 +14,17 @@ from simspec.errors import SpecError
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 from tests import worlds
 
-STILL = (0.0, 0.0, 0.0)
+AT_REST = (0.0, 0.0, 0.0)
 
 
 def wheel(timestep: float, inertia: float = 0.02, kind: str = "hinge", **joint: float) -> World:
     """One body on a joint through its centre of mass."""
     size = {"hinge": 1, "slide": 1, "ball": 4}[kind]
     position = (1.0, 0.0, 0.0, 0.0) if kind == "ball" else (0.0,) * size
-    axis = (0.0, 0.0, 1.0) if kind != "ball" else STILL
+    axis = (0.0, 0.0, 1.0) if kind != "ball" else AT_REST
     entry = Joint("j", kind, axis=axis, position=position, velocity=(0.0,) * (3 if kind == "ball" else 1), **joint)
-    body = Body("wheel", "wheel", Inertial(0.7, inertia=(inertia,) * 3 + STILL), entry)
-    return World("wheel", (body,), physics=Physics(STILL, timestep, 100))
+    body = Body("wheel", "wheel", Inertial(0.7, inertia=(inertia,) * 3 + AT_REST), entry)
+    return World("wheel", (body,), physics=Physics(AT_REST, timestep, 100))
 
 
 @pytest.mark.parametrize("kind", ["hinge", "slide", "ball"])
@@ -74,7 +74,7 @@ def test_the_prediction_for_a_coupled_arm_happens(damping):
     )
 
     def at(timestep: float) -> World:
-        return worlds.world(bodies, physics=Physics(STILL, timestep, 100))
+        return worlds.world(bodies, physics=Physics(AT_REST, timestep, 100))
 
     # of this posture alone: M, and with it the limit, changes with the others
     world = at(1.0)
@@ -115,8 +115,8 @@ def test_a_posture_other_than_the_initial_counts_and_is_reported():
         "reach", "slide", "arm", axis=(1.0, 0.0, 0.0), position_limits=(-1.0, 1.0), position=(1.0,), velocity=(0.0,)
     )
     bodies = (Body("arm", "arm", light, hinge), Body("weight", "arm", flat, slide))
-    assert unstable(worlds.world(bodies, physics=Physics(STILL, 0.1, 10))) == []
-    (found,) = unstable(worlds.world(bodies, physics=Physics(STILL, 0.5, 10)))
+    assert unstable(worlds.world(bodies, physics=Physics(AT_REST, 0.1, 10))) == []
+    (found,) = unstable(worlds.world(bodies, physics=Physics(AT_REST, 0.5, 10)))
     assert not found.initially
     assert "at some postures within its limits" in str(found)
 

@@ -1,4 +1,4 @@
-"""What a world takes from triangles: hulls, what their surface encloses, fewer vertices, pieces; and what is remembered."""
+"""Geometry from triangles: hulls, the solid that their surface encloses, fewer vertices, pieces; and the cache."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def test_a_hull_of_too_many_vertices_needs_fewer():
 
 
 def test_a_hull_of_too_many_vertices_is_refused_before_its_parts_are_made(monkeypatch):
-    """Also where fewer are asked for: choosing them takes long."""
+    """Also where fewer are requested: choosing them takes long."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
     monkeypatch.setattr("simspec.meshes.load._convex", None)
@@ -206,7 +206,7 @@ def test_cached_meshes_are_bounded_like_computed_meshes(tmp_path, monkeypatch):
 
 
 def test_a_corner_that_the_rotation_puts_into_a_plane_is_left_out(monkeypatch):
-    """Whoever computes the faces from the vertices of a world would miss it, and no surface would be closed. Rounding stands
+    """Faces computed from the vertices of a world would lack it, and no surface would be closed. Rounding stands
     for the rotation, whose own round-off decides over one corner of thousands."""
     monkeypatch.setattr("simspec.meshes.load.centred", lambda points: (Pose(), np.round(points, 1)))
     ball = trimesh.creation.icosphere(subdivisions=3)

@@ -20,7 +20,7 @@ FACES = 20
 
 
 def read(*paths):
-    """What the files hold, or the texts of their errors; those that are not even opened among them."""
+    """The content of the files, or the texts of their errors; those that are not even opened among them."""
     opened, results = {}, {}
     for path in paths:
         try:
@@ -40,7 +40,7 @@ def test_every_language_has_the_same_triangles(tmp_path):
         assert (surface.unit, surface.up) == {"glb": (1.0, "y"), "gltf": (1.0, "y"), "dae": (1.0, "y")}.get(
             kind, (None, None)
         )
-        # what is up in a file of the last three is y: as it stands when that is not turned
+        # up is y in a file of the last three: as it stands when that is not turned
         mesh = made(surface, MeshOptions(up="z"))
         assert mesh.hull_volume == pytest.approx(3.5, rel=1e-15), kind
         assert mesh.enclosed.volume == pytest.approx(3.0, rel=1e-15), kind
@@ -210,7 +210,7 @@ def hostile(folder):
 
 
 def test_hostile_files_are_refused_by_what_is_wrong_with_them(tmp_path):
-    """An empty text: it must be refused, for whatever reason; None: what is hostile in it is not read."""
+    """An empty text: it must be refused, for any reason; None: its hostile part is not read."""
     files = hostile(tmp_path)
     for name, (content, _) in files.items():
         (tmp_path / name).write_bytes(content)
@@ -245,7 +245,7 @@ def test_corners_that_are_counted_from_the_end_are_those_that_stand_before(data)
 
 
 def test_a_file_that_ends_the_process_is_reported_and_the_others_are_read(tmp_path, monkeypatch):
-    """Whatever a library does: here it is told of more bytes than there are, and so waits for the next file in vain."""
+    """A library may do anything: here it gets a length of more bytes than there are, and so waits for the next file in vain."""
     genuine = reading._request
 
     def lying(file):
@@ -280,7 +280,7 @@ def test_files_that_are_no_files(tmp_path):
 
 
 def test_the_process_opens_nothing_and_connects_nowhere():
-    """Its guard, asked here: Python's own modules may be opened, nothing else."""
+    """Its guard, called here: Python's own modules may be opened, nothing else."""
     from simspec.meshes import child
 
     child._watch("open", (np.__file__, "r", 0))

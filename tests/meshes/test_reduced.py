@@ -1,4 +1,4 @@
-"""Hulls of fewer vertices: which are kept, and how far the two hulls are apart."""
+"""Hulls of fewer vertices: which are kept, and the distance of the two hulls."""
 
 import numpy as np
 import pytest

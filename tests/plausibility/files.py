@@ -200,7 +200,7 @@ LANGUAGES = {"urdf": urdf, "xml": mjcf, "sdf": sdf, "yaml": yaml}
 
 
 def examined(text: str, suffix: str, folder: Path) -> Plausibility:
-    """What is implausible about a file of this content."""
+    """The findings about a file of this content."""
     path = folder / f"model.{suffix}"
     path.write_text(text, encoding="utf-8")
     spec = load(path, allow_outside=True)

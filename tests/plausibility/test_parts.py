@@ -88,7 +88,7 @@ MASSES = arrays(float, (5, 3), elements=st.floats(-1.0, 1.0))
 @given(MASSES, arrays(float, 5, elements=st.floats(0.01, 10.0)))
 @settings(max_examples=100, deadline=None)
 def test_no_masses_within_the_shapes_exceed_the_bound(places, masses):
-    """Points of mass anywhere in a cube: whatever they are, the inertia is one that the cube can have."""
+    """Points of mass anywhere in a cube: their inertia is always possible for the cube."""
     total = float(masses.sum())
     centre = (masses @ places) / total
     arms = places - centre

@@ -49,7 +49,7 @@ def test_bodies_that_meet_when_all_joints_turn():
     findings, sampling = sweep(world)
     found = [finding for finding in findings if finding.rule == "self-collision"]
     assert [finding.element for finding in found] == ["a and c"]
-    # the closest sample of b alone: 16 positions over 130°, 8.67° apart, of which 121.3° is nearest to 120°
+    # the closest sample of b alone: 16 positions over 130°, in steps of 8.67°, of which 121.3° is nearest to 120°
     angles = np.linspace(0.0, math.radians(130.0), module.ALONE)
     depth = max(2.0 * RADIUS - distance(angle) for angle in angles)
     assert found[0].value == pytest.approx(depth, abs=2e-4)

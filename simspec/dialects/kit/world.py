@@ -116,7 +116,7 @@ def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mappin
             for pair, layer in sorted(plan.layer_of.items())
             if {(material, layer) for material in pair} <= copies
         ),
-        apart=tree.Apart(
+        apart=tree.Excluded(
             excluded_pairs(world), tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used)
         ),
     )

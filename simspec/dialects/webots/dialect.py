@@ -112,7 +112,7 @@ SUPERVISOR: Final = "simspec supervisor"
 """The name of the Robot that simspec controls; no body has a blank in its name."""
 
 _SIDECAR = "in the sidecar, given as forces and torques before every step"
-_HELD = "in the sidecar: no motion depends on it"
+_NO_MOTION = "in the sidecar: no motion depends on it"
 
 
 def _whole_milliseconds(world: World) -> Refinement | None:
@@ -152,7 +152,7 @@ class WebotsDialect(Dialect):
         Feature.GRAVITY: exact("along -z, with a Pose around all Solids that turns other directions there"),
         Feature.TIMESTEP: exact("whole milliseconds alone", refine=_whole_milliseconds),
         Feature.LIMIT_POSITION: exact("minStop and maxStop within ±π; others in the sidecar"),
-        **for_each(via_api(_HELD), *features.LIMIT_RATINGS),
+        **for_each(via_api(_NO_MOTION), *features.LIMIT_RATINGS),
         **for_each(via_api(_SIDECAR), *features.DAMPERS_AND_SPRINGS),
         **for_each(never("no node of a .wbt has an armature"), *features.ARMATURES),
         Feature.JOINT_SEVERAL: never(
@@ -209,7 +209,9 @@ class WebotsDialect(Dialect):
             *turned_all(_Nest(given, turned).roots(), turned),
             WbtNodeTree("Robot", robot, "simspec"),
         )
-        sidecar = WebotsSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets), **_beside_file(world))
+        sidecar = WebotsSidecar(
+            **common_fields(self.NAME, self.FORMAT, world, target, offsets), **_sidecar_fields(world)
+        )
         return Lowered(WbtWorld(nodes), sidecar)
 
     def raise_(self, document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
@@ -301,7 +303,7 @@ def _physics(inertial: Inertial) -> WbtNodeTree:
     return WbtNodeTree("Physics", fields)
 
 
-def _beside_file(world: World) -> dict[str, Any]:
+def _sidecar_fields(world: World) -> dict[str, Any]:
     def values(field: str) -> tuple[JointValue, ...]:
         # forces that act on free bodies at all times are among the common fields
         found = ((body.name, getattr(body.joint, field)) for body in world.bodies if body.joint.kind != "free")

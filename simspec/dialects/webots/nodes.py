@@ -390,7 +390,7 @@ def check_neutral(nodes: Iterable[WbtNode]) -> None:
         for field in node.fields:
             if field.name in neutral:
                 if not _is(field, neutral[field.name]):
-                    text = _told(neutral[field.name])
+                    text = _text_of(neutral[field.name])
                     raise node.refused(f"{field.name} should be {text}", field.line)
             elif field.name not in model:
                 raise node.refused(f"the field {field.name[:60]} is not one that simspec writes", field.line)
@@ -405,7 +405,7 @@ def _is(field: WbtField, wanted: Values) -> bool:
     return same and field.listed is listed
 
 
-def _told(values: Values) -> str:
+def _text_of(values: Values) -> str:
     words = {None: "NULL", True: "TRUE", False: "FALSE", LIST: ""}
     text = " ".join(f"{value:g}" if type(value) is float else words.get(value, repr(value)) for value in values)  # type: ignore[call-overload]
     return text.strip() or "empty"

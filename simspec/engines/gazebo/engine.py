@@ -123,7 +123,7 @@ class Gazebo(WorldEngine[Simulation]):
         **COUPLED,
         **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
-            "e (1 + g dt / v): up to 0.009 above the requested ratio at 1 ms from 1 m/s on; none at all where the body would "
+            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would "
             "leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
             short="nothing bounces that would leave at less than 0.1 m/s; else e is up to 0.009 too large",
         ),

@@ -138,13 +138,13 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return sim.model(bodies, _vector(world[:3]), world[3], unreadable, sim.cone)
 
 
-def _joint(sim: Simulation, row: int, body: JsonBody, held: ReadBody, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, body: JsonBody, data: ReadBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = body.joint
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
         return free_joint(joint.name, position, velocity)
-    parent = sim.names[held.parent] if held.parent >= 0 else None
-    found = Joint(joint.name, joint.kind, parent, held.place, position=tuple(position), velocity=tuple(velocity))
+    parent = sim.names[data.parent] if data.parent >= 0 else None
+    found = Joint(joint.name, joint.kind, parent, data.place, position=tuple(position), velocity=tuple(velocity))
     if isinstance(joint, FixedJoint):
         return found
     damping, stiffness, rest, armature = effort_parts_of(sim, row)
@@ -152,44 +152,44 @@ def _joint(sim: Simulation, row: int, body: JsonBody, held: ReadBody, q: np.ndar
     found = dataclasses.replace(
         found,
         # DART's damping stands for the armature; the rest of it damps
-        damping=damping + (held.damping - implicit),
-        spring_stiffness=stiffness + held.stiffness,
+        damping=damping + (data.damping - implicit),
+        spring_stiffness=stiffness + data.stiffness,
     )
     if not isinstance(joint, AxisJoint):
         return found
-    limited = held.enforced and any(abs(value) < UNLIMITED for value in held.position)
+    limited = data.enforced and any(abs(value) < UNLIMITED for value in data.position)
     return dataclasses.replace(
         found,
-        axis=held.axis,
-        position_limits=held.position if limited else None,
+        axis=data.axis,
+        position_limits=data.position if limited else None,
         velocity_limit=joint.velocity_limit,
-        effort_limit=held.force[1] if abs(held.force[1]) < UNLIMITED else None,
-        dry_friction=held.dry_friction,
+        effort_limit=data.force[1] if abs(data.force[1]) < UNLIMITED else None,
+        dry_friction=data.dry_friction,
         armature=armature,
         spring_rest=rest,
     )
 
 
-def _shape(sim: Simulation, told: JsonShape, copies: Sequence[int]) -> Shape:
+def _shape(sim: Simulation, shape: JsonShape, copies: Sequence[int]) -> Shape:
     """A collision shape as DART has it, and what is only seen, which it does not have."""
-    seen = visual_shape(told)
+    seen = visual_shape(shape)
     if not copies:
         return seen
     actual = [read_unit(sim, number) for number in copies]
     if any(
         (entry.kind, entry.size, entry.pose) != (actual[0].kind, actual[0].size, actual[0].pose) for entry in actual
     ):
-        raise EngineError(NAME, f"holds copies of {told.name!r} that differ")
+        raise EngineError(NAME, f"holds copies of {shape.name!r} that differ")
     kind, size, pose = as_written(actual[0])
     surfaces = tuple(Surface(entry.friction[0], restitution=entry.restitution) for entry in actual)
     return dataclasses.replace(seen, kind=kind, size=size, pose=pose, collision=True, surfaces=surfaces)
 
 
-def as_written(held: ReadUnit) -> tuple[str, tuple[float, ...], Pose]:
+def as_written(data: ReadUnit) -> tuple[str, tuple[float, ...], Pose]:
     """Kind, size and pose as the world has them: a plane is the top of a box of its size."""
-    if held.kind == "box" and held.size == (PLANE, PLANE, PLANE):
-        return "plane", (), frames.compose(held.pose, Pose((0.0, 0.0, 0.5 * PLANE)))
-    return held.kind, held.size, held.pose
+    if data.kind == "box" and data.size == (PLANE, PLANE, PLANE):
+        return "plane", (), frames.compose(data.pose, Pose((0.0, 0.0, 0.5 * PLANE)))
+    return data.kind, data.size, data.pose
 
 
 def unit_name(unit: Unit) -> str:

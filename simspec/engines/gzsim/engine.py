@@ -124,9 +124,9 @@ def _inertial(server: Server, components: Any, row: int) -> Inertial:
     )
 
 
-def _seen(told: JsonBody) -> tuple[Shape, ...]:
+def _seen(body: JsonBody) -> tuple[Shape, ...]:
     return tuple(
-        Shape(shape.name, shape.kind, shape.size, shape.pose, collision=False, visual=True) for shape in told.shapes
+        Shape(shape.name, shape.kind, shape.size, shape.pose, collision=False, visual=True) for shape in body.shapes
     )
 
 
@@ -134,13 +134,13 @@ def _place(server: Server, components: Any, row: int) -> Pose:
     return _pose(server.links[row].world_pose(components))
 
 
-def _pose(told: Any) -> Pose:
-    turn: Quaternion = (told.rot().w(), told.rot().x(), told.rot().y(), told.rot().z())
-    return Pose(_vector(told.pos()), frames.normalise(turn))
+def _pose(pose: Any) -> Pose:
+    turn: Quaternion = (pose.rot().w(), pose.rot().x(), pose.rot().y(), pose.rot().z())
+    return Pose(_vector(pose.pos()), frames.normalise(turn))
 
 
-def _vector(told: Any) -> Vector3:
-    return (told.x() + 0.0, told.y() + 0.0, told.z() + 0.0)
+def _vector(vector: Any) -> Vector3:
+    return (vector.x() + 0.0, vector.y() + 0.0, vector.z() + 0.0)
 
 
 _NO_CONTACT = (

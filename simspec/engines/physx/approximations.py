@@ -21,7 +21,7 @@ from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_
 from simspec.world.types import World
 
 _ANCHORS = (
-    "friction holds the two anchors of a pair, by a spring to where they lay: leaning or piled bodies do not slip near their "
+    "friction holds the two anchors of a pair, by a spring to where they lay: what leans or is piled does not slip near its "
     "threshold, and what spins is braked aside of its slip (accepted by name: contact.cone.elliptic)"
 )
 _FEW = "steps of some ms are few for boxes that lie on crossing edges"

@@ -44,7 +44,7 @@ _DRIFT = (
 _COPIES = (
     "as copies of shapes with materials of their own, where one number for each material does not do: PhysX takes means"
 )
-_ONE_HARDNESS = "PhysX's contacts are rigid, and SAPIEN gives no access to compliant ones"
+_COMMON_HARDNESS = "PhysX's contacts are rigid, and SAPIEN gives no access to compliant ones"
 
 
 def _bits_do(world: World) -> Refinement | None:
@@ -118,13 +118,13 @@ class PhysX(WorldEngine[Simulation]):
         Feature.HARDNESS_COMMON: via_api(
             "before each step every body's largest speed of depenetration is set to β depth/dt of its deepest contact"
         ),
-        **for_each(never(_ONE_HARDNESS), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
+        **for_each(never(_COMMON_HARDNESS), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
         **for_each(never("PhysX's friction is bound by a circle"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
             "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
             "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
             "surface slips aside at 3 m/s is up to 7 % off, a tripod that spins at 10 rad/s stops 10 % short), and cards that "
-            "slide away from each other on their edges go a quarter of their way and aside; what leans or is piled holds "
+            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds "
             "below its threshold, and slips too little at 0.6 of it",
             no_friction,
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
@@ -155,7 +155,7 @@ class PhysX(WorldEngine[Simulation]):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "bits decide which shapes touch in PhysX, which has no groups of that name",
+        "collision_group": "PhysX is told by bits what touches, and has no groups of that name",
         "static.inertial": "PhysX's static actors have no mass",
     }
 

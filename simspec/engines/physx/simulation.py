@@ -116,10 +116,10 @@ def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     return Depths(pairs[begins], -np.minimum.reduceat(separations, begins) / SCALE)
 
 
-def pressed(contacts: Sequence[Any], rows: Mapping[Any, int], asked: Collection[int]) -> set[int]:
+def pressed(contacts: Sequence[Any], rows: Mapping[Any, int], requested: Collection[int]) -> set[int]:
     """Those of the ``asked`` rows on which some contact acts."""
     found: set[int] = set()
-    open_rows = set(asked)
+    open_rows = set(requested)
     for contact in contacts:
         mine = [row for body in contact.bodies if (row := rows.get(body, -1)) in open_rows]
         if mine and any(any(point.impulse.tolist()) for point in contact.points):

@@ -116,7 +116,7 @@ class Rapier(WorldEngine[Simulation]):
         Deviation("stop-oblong", 0.027, _ASIDE),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "a hook decides which shapes touch in Rapier, which has no groups of that name"
+        "collision_group": "Rapier is told by a hook what touches, and has no groups of that name"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

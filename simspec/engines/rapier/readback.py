@@ -125,7 +125,7 @@ def laws(sim: Simulation) -> tuple[PairContact, ...]:
 # ``expected`` runs without Rapier; it repeats the numbers of ``building.py`` on purpose.
 
 Settings = Mapping[str, bool | int | float | str]
-APART = ("dt", "soft_bodies")
+SEPARATE = ("dt", "soft_bodies")
 """Parameters of the integration that are a field of the read-back, or counted."""
 
 

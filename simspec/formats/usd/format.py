@@ -31,7 +31,7 @@ from simspec.world.types import World
 
 KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 """Kinds of shapes that the schemas have."""
-_OWN: Final = "in an attribute of simspec's own, which no other tool reads"
+_CUSTOM: Final = "in an attribute of simspec's own, which no other tool reads"
 _SOLVER: Final = "UsdPhysics leaves it to the solver"
 _COMBINED: Final = "each shape has its own material's number; UsdPhysics does not say how two are combined"
 
@@ -57,7 +57,7 @@ SUPPORT: Final[Table] = {
     Feature.DAMPING: exact("as the damping of a drive"),
     Feature.SPRING: exact("as the stiffness of a drive"),
     **for_each(
-        via_api(_OWN),
+        via_api(_CUSTOM),
         *(*features.LIMIT_RATINGS, Feature.BALL_DAMPING, Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_SPRING),
         Feature.TIMESTEP,
     ),
@@ -68,7 +68,7 @@ SUPPORT: Final[Table] = {
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into USD"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into USD"),
     Feature.INITIAL_POSITION: exact("by the places of the bodies"),
-    Feature.INITIAL_VELOCITY: via_api("bodies that move freely have theirs; those of joints are " + _OWN),
+    Feature.INITIAL_VELOCITY: via_api("bodies that move freely have theirs; those of joints are " + _CUSTOM),
     **for_each(approximate(_COMBINED), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
     **for_each(
         never(_SOLVER),

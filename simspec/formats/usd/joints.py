@@ -195,11 +195,11 @@ def single(prim: UsdPrim, joint: Joint, joined: Joined, drives: Mapping[str, Dri
     if joint.kind == "ball":
         prim.say("float", "physics:coneAngle0Limit", -1.0)
         prim.say("float", "physics:coneAngle1Limit", -1.0)
-        prim.own("double", "spring_stiffness", joint.spring_stiffness or None)
-        prim.own("double", "damping", joint.damping or None)
+        prim.custom("double", "spring_stiffness", joint.spring_stiffness or None)
+        prim.custom("double", "damping", joint.damping or None)
     _origin(prim, joint.origin)
     if any(joint.axis):
-        prim.own("double3", "axis", readable(joint.axis))
+        prim.custom("double3", "axis", readable(joint.axis))
     if joint.kind in SCALAR_JOINTS:
         _limits(prim, joint, "physics:lowerLimit", "physics:upperLimit", "")
         _drive(prim, joint, "angular" if joint.kind == "hinge" else "linear", "", drives.get(joint.name))
@@ -222,9 +222,9 @@ def axes(prim: UsdPrim, chain: Several, joined: Joined, names: Sequence[str], dr
         for end, value in zip(("low", "high"), UNLIMITED if word in free else LOCKED, strict=True):
             prim.say("float", f"limit:{word}:physics:{end}", value)
     for word, joint, name in zip(chain.words, chain.joints, names, strict=True):
-        prim.own("string", f"{word}:name", name)
+        prim.custom("string", f"{word}:name", name)
         if joint.kind in SCALAR_JOINTS:
-            prim.own("double3", f"{word}:axis", readable(joint.axis))
+            prim.custom("double3", f"{word}:axis", readable(joint.axis))
             if joint.position_limits is not None:
                 _limits(prim, joint, f"limit:{word}:physics:low", f"limit:{word}:physics:high", f"{word}:")
             _drive(prim, joint, word, f"{word}:", drives.get(joint.name))
@@ -260,8 +260,8 @@ def _towards(axis: Vector3) -> tuple[str, Quaternion]:
 
 
 def _origin(prim: UsdPrim, origin: Pose) -> None:
-    prim.own("double3", "origin", origin.position)
-    prim.own("quatd", "orientation", origin.quaternion)
+    prim.custom("double3", "origin", origin.position)
+    prim.custom("quatd", "orientation", origin.quaternion)
 
 
 def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, prefix: str) -> None:
@@ -270,7 +270,7 @@ def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, prefix: str) -> No
     prim.say("float", low, turns * lower)
     prim.say("float", high, turns * upper)
     if joint.position_limits is not None:
-        prim.own("double2", f"{prefix}limits", joint.position_limits)
+        prim.custom("double2", f"{prefix}limits", joint.position_limits)
 
 
 def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive | None) -> None:
@@ -307,22 +307,22 @@ def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive |
         ("damping", joint.damping),
         ("spring_rest", joint.spring_rest),
     ):
-        prim.own("double", f"{prefix}{word}", value)
+        prim.custom("double", f"{prefix}{word}", value)
     if control is not None:
-        prim.own("double2", f"{prefix}gains", (control.kp, control.kd))
+        prim.custom("double2", f"{prefix}gains", (control.kp, control.kd))
 
 
 def _ratings(prim: UsdPrim, joint: Joint, prefix: str) -> None:
     """The numbers of a hinge or a slide that the schemas lack."""
     for word, said in (("velocity_limit", joint.velocity_limit), ("effort_limit", joint.effort_limit)):
-        prim.own("double", f"{prefix}{word}", said)
+        prim.custom("double", f"{prefix}{word}", said)
     for word, value in (("dry_friction", joint.dry_friction), ("armature", joint.armature)):
-        prim.own("double", f"{prefix}{word}", value or None)
+        prim.custom("double", f"{prefix}{word}", value or None)
 
 
 def _state(prim: UsdPrim, joint: Joint, prefix: str) -> None:
     """Where a joint stands and how fast it moves, but at zero."""
     if joint.kind != "fixed" and (any(joint.position[1:]) if joint.kind == "ball" else any(joint.position)):
-        prim.own("double[]", f"{prefix}position", list(joint.position))
+        prim.custom("double[]", f"{prefix}position", list(joint.position))
     if any(joint.velocity):
-        prim.own("double[]", f"{prefix}velocity", list(joint.velocity))
+        prim.custom("double[]", f"{prefix}velocity", list(joint.velocity))

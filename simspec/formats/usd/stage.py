@@ -167,7 +167,7 @@ def shape_prim(shape: Shape, material: str) -> UsdPrim | None:
     red, green, blue, opacity = shape.colour
     prim.say("color3f[]", "primvars:displayColor", [(red, green, blue)])
     prim.say("float[]", "primvars:displayOpacity", [opacity])
-    prim.own("double4", "colour", shape.colour)
+    prim.custom("double4", "colour", shape.colour)
     prim.uniform("purpose", "default" if shape.visual else "guide")
     if shape.collision:
         prim.apply("PhysicsCollisionAPI", "MaterialBindingAPI")
@@ -196,7 +196,7 @@ def _mesh(prim: UsdPrim, size: Sequence[float]) -> None:
     prim.say("int[]", "faceVertexCounts", [3] * len(triangles))
     prim.say("int[]", "faceVertexIndices", [index for triangle in triangles for index in triangle])
     prim.uniform("subdivisionScheme", "none")
-    prim.own("double3[]", "points", points)
+    prim.custom("double3[]", "points", points)
 
 
 # --- the stage ---
@@ -238,7 +238,7 @@ class _Writer:
 
     def stage(self) -> UsdStage:
         root = UsdPrim(ROOT, "Xform")
-        root.own("string", "world", self.world.name)
+        root.custom("string", "world", self.world.name)
         root.children.append(self._scene())
         if self.world.contact.materials:
             root.children.append(
@@ -264,8 +264,8 @@ class _Writer:
         along = (gravity[0] / size, gravity[1] / size, gravity[2] / size) if size else (0.0, 0.0, -1.0)
         scene.say("vector3f", "physics:gravityDirection", along)
         scene.say("float", "physics:gravityMagnitude", size)
-        scene.own("double3", "gravity", gravity)
-        scene.own("double", "timestep", self.world.physics.timestep)
+        scene.custom("double3", "gravity", gravity)
+        scene.custom("double", "timestep", self.world.physics.timestep)
         return scene
 
     def _material(self, material: Material) -> UsdPrim:
@@ -279,15 +279,15 @@ class _Writer:
         ):
             prim.say("float", f"physics:{name}", value)
         prim.say("float", "physics:density", 0.0)
-        prim.own("double", "friction", law.friction)
-        prim.own("double", "restitution", law.restitution)
+        prim.custom("double", "friction", law.friction)
+        prim.custom("double", "restitution", law.restitution)
         return prim
 
     def _named(self, path: str, kind: str, name: str) -> UsdPrim:
         """A prim for something of a name, which it says where the path cannot."""
         prim = UsdPrim(path.rpartition("/")[2], kind)
         if prim.name != name:
-            prim.own("string", "name", name)
+            prim.custom("string", "name", name)
         return prim
 
     # --- trees --------------------------------------------------------------------------------------------------
@@ -330,10 +330,10 @@ class _Writer:
             prim.say("vector3f", "physics:velocity", linear)
             prim.say("vector3f", "physics:angularVelocity", tuple(DEGREES * value for value in angular))
             if free and any(joint.velocity):
-                prim.own("double3", "velocity", linear)
-                prim.own("double3", "angular_velocity", angular)
+                prim.custom("double3", "velocity", linear)
+                prim.custom("double3", "angular_velocity", angular)
             if free and joint.name != f"{body.name}_joint":
-                prim.own("string", "joint_name", local(joint.name, model))
+                prim.custom("string", "joint_name", local(joint.name, model))
             _mass(prim, body.inertial, alone=not is_carrier(body.name))
         _place(prim, self.poses[body.name], reset=self.nested and self._above(body) is not None)
         return prim
@@ -350,7 +350,7 @@ class _Writer:
             plain = shape.name.removeprefix(base)
             made.name = taken.give(plain)
             if made.name != plain:
-                made.own("string", "name", plain)
+                made.custom("string", "name", plain)
             prim.children.append(made)
             if shape.collision:
                 paths.append(f"{self.places.bodies[body.name]}/{made.name}")
@@ -358,8 +358,8 @@ class _Writer:
             plain = frame.name.removeprefix(base)
             made = UsdPrim(taken.give(plain), "Xform")
             if made.name != plain:
-                made.own("string", "name", plain)
-            made.own("bool", "frame", True)
+                made.custom("string", "name", plain)
+            made.custom("bool", "frame", True)
             place(made, frame.pose, [])
             prim.children.append(made)
 
@@ -399,9 +399,9 @@ class _Writer:
             prim.uniform("physics:axis", "X")
             prim.say("float", "physics:coneAngle0Limit", -1.0)
             prim.say("float", "physics:coneAngle1Limit", -1.0)
-            prim.own("double3", "second_point", constraint.second_point)
-        prim.own("double3", "origin", first.position)
-        prim.own("quatd", "orientation", first.quaternion)
+            prim.custom("double3", "second_point", constraint.second_point)
+        prim.custom("double3", "origin", first.position)
+        prim.custom("quatd", "orientation", first.quaternion)
         return prim
 
     def _filters(self) -> None:
@@ -482,6 +482,6 @@ def _mass(prim: UsdPrim, inertial: Inertial, alone: bool) -> None:
     prim.say("quatf", "physics:principalAxes", turn)
     if not alone and not inertial.mass:
         return
-    prim.own("double", "mass", inertial.mass)
-    prim.own("double3", "centre_of_mass", inertial.centre_of_mass)
-    prim.own("double[]", "inertia", list(inertial.inertia))
+    prim.custom("double", "mass", inertial.mass)
+    prim.custom("double3", "centre_of_mass", inertial.centre_of_mass)
+    prim.custom("double[]", "inertia", list(inertial.inertia))

@@ -52,7 +52,7 @@ class UsdPrim:
         """Give a relationship its targets."""
         self.properties.append(UsdProperty("rel", name, targets))
 
-    def own(self, type: str, name: str, value: Any) -> None:
+    def custom(self, type: str, name: str, value: Any) -> None:
         """Say in an attribute of simspec's own what the schemas' attributes say in single precision, or not at all."""
         self.properties.append(UsdProperty(type, f"simspec:{name}", value, custom=True))
 

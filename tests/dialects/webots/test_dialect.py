@@ -1,4 +1,4 @@
-"""How a world is told to Webots, and understood again: nothing is lost, and whatever is changed in the files is seen."""
+"""A world written for Webots and read again: nothing is lost, and any change in the files is found."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def compiled(world):
 
 
 def failures(world, files, folder):
-    """What the independent reader, and the comparison with the world, have against the files; [] where they hold the world."""
+    """The failures of the independent reader, and of the comparison with the world; [] for files of the world."""
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
     try:
@@ -122,7 +122,7 @@ def test_gravity_has_any_direction_by_a_pose_around_all_solids(gravity, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("limits", "told"),
+    ("limits", "written"),
     [
         ((-1.0, 2.0), True),
         ((-math.pi, math.pi), True),
@@ -131,13 +131,13 @@ def test_gravity_has_any_direction_by_a_pose_around_all_solids(gravity, tmp_path
         ((0.0, 0.0), False),
     ],
 )
-def test_stops_that_webots_does_not_have_stay_in_the_sidecar(limits, told, tmp_path):
+def test_stops_that_webots_does_not_have_stay_in_the_sidecar(limits, written, tmp_path):
     world = bare(shipped.jointed("hinge", position_limits=limits, position=(limits[1],)))
     files = compiled(world)
     assert failures(world, files, tmp_path) == []
-    stop = number(limits[1]) if told else "0"
+    stop = number(limits[1]) if written else "0"
     assert f"maxStop {stop}\n" in files[WORLD]
-    assert ('"untold_limits": []' in files[SIDECAR]) is told
+    assert ('"untold_limits": []' in files[SIDECAR]) is written
 
 
 @pytest.mark.parametrize("timestep", [0.0005, 0.0015, 1e-6])

@@ -12,7 +12,7 @@ from simspec.world.types import World
 
 
 def bare(world: World) -> World:
-    """A world without filters but for joints and with one material on each body; what Webots has approximately is accepted."""
+    """A world without filters but for joints and with one material on each body; Webots' approximations are accepted."""
     law = world.contact
     passing = {pair.first if pair.first != "ice" else pair.second for pair in law.pairs if not pair.collide}
     bodies = tuple(

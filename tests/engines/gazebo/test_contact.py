@@ -1,4 +1,4 @@
-"""Contact under the one cone that Gazebo has: every probe of sliding and impacts measures the law that was asked for."""
+"""Contact under the one cone that Gazebo has: every probe of sliding and impacts measures the requested law."""
 
 from __future__ import annotations
 

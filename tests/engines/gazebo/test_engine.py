@@ -1,4 +1,4 @@
-"""What is Gazebo's own: what it holds, the SDF of a world, what it refuses, joints, contact, states that would end it."""
+"""Gazebo: its read-back, the SDF of a world, refusals, joints, contact, states that would end it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""gz sim's runner on a stand-in of its Python bindings. No real gz sim was ever asked: what these tests show is that simspec
+"""gz sim's runner on a stand-in of its Python bindings. It is no real gz sim: these tests show that simspec
 calls the documented functions as they are documented, with the right numbers, and names what is wrong."""
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def looked_anew():
 
 @pytest.fixture
 def stand_in(monkeypatch):
-    """The stand-in, found as a gz sim that is installed; ``fault``: what is wrong with it."""
+    """The stand-in, found as a gz sim that is installed; ``fault``: its fault."""
 
     def install(fault: str = "", folder: Path = STAND_IN) -> None:
         monkeypatch.setenv(bindings.FOLDER, str(folder))
@@ -60,13 +60,13 @@ def load(world: World, folder: Path) -> GzSim:
 
 
 def failures(world: World) -> list[str]:
-    """What a proof on the stand-in finds wrong."""
+    """The failed checks of a proof on the stand-in."""
     (proof,) = verify(world, ["gzsim"], deadline=30.0).engines.values()
     return [f"{check.level} {check.name}: {check.detail}" for check in proof.checks if not check.passed]
 
 
 def test_every_level_that_can_be_queried_is_valid_on_the_stand_in(stand_in):
-    """Frames, orders, signs, initial velocities, poses told twice and forces for one step: by L1, L2 and L6."""
+    """Frames, orders, signs, initial velocities, poses commanded twice and forces for one step: by L1, L2 and L6."""
     stand_in()
     world = world_of(ARMS)
     certificate = verify(world, ["gzsim"])
@@ -101,7 +101,7 @@ def test_efforts_act_the_same_in_a_single_call_and_in_many(stand_in, tmp_path):
 
 
 def test_a_state_that_was_set_before_is_written_again(stand_in, tmp_path):
-    """gz sim tells only of what has moved by 1e-6 since it last told it."""
+    """gz sim updates only links that have moved by 1e-6 since the last update."""
     stand_in()
     engine = load(world_of(ARMS), tmp_path)
     q, v = engine.get_state()

@@ -1,4 +1,4 @@
-"""Worlds that gz sim is told: an arm on a base, beside a free body that carries another, and a pendulum."""
+"""Worlds for gz sim: an arm on a base, next to a free body that carries another, and a pendulum."""
 
 from __future__ import annotations
 

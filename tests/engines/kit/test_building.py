@@ -7,8 +7,8 @@ import pytest
 from simspec.engines.kit.building import STATIC, Walk, refuse
 from simspec.errors import EngineError
 from simspec.formats.world import (
-    Apart,
     AxisJoint,
+    Excluded,
     FixedJoint,
     FreeJoint,
     Joint,
@@ -52,7 +52,7 @@ def _document(*bodies: JsonBody) -> JsonWorld:
         friction_cone="elliptic",
         bodies=bodies,
         meets=(("m", "m", 0), ("m", "n", 1)),
-        apart=Apart((("c", "a"),), (("g", "ignored"),)),
+        apart=Excluded((("c", "a"),), (("g", "ignored"),)),
     )
 
 

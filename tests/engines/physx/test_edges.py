@@ -1,4 +1,4 @@
-"""What PhysX has of boxes that meet: corners in faces are exact, edges across edges are not, and are accepted by name."""
+"""Boxes that meet in PhysX: corners in faces are exact, edges across edges are not, and are accepted by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is PhysX's own: everything that it holds, its filter, its unit of length, how bodies turn, what it refuses."""
+"""PhysX: its read-back, its filter, its unit of length, how bodies turn, refusals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from simspec.proof.checks import PRECISIONS, inventory_checks
 from tests.engines.free_bodies import (
     DT,
     GRAVITY,
-    NOT_TOLD,
+    NOT_WRITTEN,
     ball,
     check_inventory,
     check_parts,
@@ -297,7 +297,7 @@ def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
 # --- what is refused --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("change", "why"), [*NOT_TOLD, (cylinder, "is a prism")])
+@pytest.mark.parametrize(("change", "why"), [*NOT_WRITTEN, (cylinder, "is a prism")])
 def test_features_not_written_for_physx_are_refused_by_name(change, why):
     check_refused(change, why, "physx")
 

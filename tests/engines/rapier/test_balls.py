@@ -28,7 +28,7 @@ def load(load_files):
 
 
 def table(radius: float, height: float = 0.1, inertia: float = CUBE):
-    """A body whose centre of mass is so high above the floor, on four balls, 0.2 m apart."""
+    """A body whose centre of mass is so high above the floor, on four balls at distances of 0.2 m."""
     corners = [(x, y, radius - height) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
     feet = tuple(Shape(f"foot {k}", "sphere", (radius,), Pose(at), "m") for k, at in enumerate(corners))
     body = ball("table", (0.0, 0.0, height))

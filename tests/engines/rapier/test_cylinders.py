@@ -1,4 +1,4 @@
-"""What Rapier has of cylinders: exact on planes, balls and flat on each other, nearly right aslant, and accepted by name."""
+"""Cylinders in Rapier: exact on planes, balls and flat on each other, nearly right at an angle, and accepted by name."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_cylinders_and_balls_are_exact(load_files):
 @pytest.mark.parametrize("kind", ["box", "capsule", "cylinder"])
 def test_oblique_normals_are_off_as_is_declared(load_files, kind):
     depths, turned, missed = seen(load_files, kind)
-    assert missed == 0, "what is missed is less deep than these are"
+    assert missed == 0, "missed overlaps are less deep than these"
     assert max(depths) < 1e-4
     assert max(turned) > 1e-3, "were these exact, nothing had to be accepted"
     assert np.quantile(turned, 0.95) < 0.03
@@ -63,7 +63,7 @@ def test_cylinders_that_stand_on_each_other_feel_it_to_the_round_off(load_files)
     engine.set_state(np.concatenate([body.joint.position for body in stack]), np.zeros(18))
     engine.step(1)
     contacts = engine.contacts()
-    # the step's own fall, g·dt², beside single precision
+    # the step's own fall, g·dt², next to single precision
     assert contacts["distance"] == pytest.approx(np.full(len(contacts["distance"]), -1e-4), abs=1.2e-5)
     assert np.abs(np.abs(contacts["normal"][:, 2]) - 1.0).max() < 1e-6
     assert len(np.unique(contacts["position"][:, 2].round(2))) == 3, "each on what is below it"

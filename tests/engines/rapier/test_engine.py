@@ -1,4 +1,4 @@
-"""What is Rapier's own: everything that it holds, its laws by a hook, numbers of single precision, what it refuses."""
+"""Rapier: its read-back, its laws by a hook, numbers of single precision, refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from simspec.world.types import Inertial, Joint, Pose
 from tests.engines.free_bodies import (
     DT,
     GRAVITY,
-    NOT_TOLD,
+    NOT_WRITTEN,
     ball,
     check_inventory,
     check_parts,
@@ -53,7 +53,7 @@ def test_the_inventory_has_every_field_of_the_installed_version():
     world = rapier3d.PhysicsWorld()
     body = world.rigid_bodies[world.add_body(rapier3d.RigidBody.dynamic())]
     collider = world.colliders[world.add_collider(rapier3d.Collider.ball(1.0))]
-    assert fields(world.integration_parameters) == {*inventory.PARAMETERS.table, *inventory.APART}
+    assert fields(world.integration_parameters) == {*inventory.PARAMETERS.table, *inventory.SEPARATE}
     elsewhere = (
         "activation angvel body_type center_of_mass colliders enabled_rotations enabled_translations inv_mass linvel "
     )
@@ -189,7 +189,7 @@ def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
     check_parts(load)
 
 
-@pytest.mark.parametrize(("change", "why"), [*NOT_TOLD])
+@pytest.mark.parametrize(("change", "why"), [*NOT_WRITTEN])
 def test_features_not_written_for_rapier_are_refused_by_name(change, why):
     check_refused(change, why, "rapier")
 
@@ -240,8 +240,8 @@ ALONE = {"max_examples": 60, "deadline": None, "suppress_health_check": [HealthC
     size=st.sampled_from((1e-5, 1e-2, 4.0)),
 )
 def test_inertias_are_stored_for_all_shapes(edges, axes, kinds, size, load):
-    """Rapier adds the masses of colliders, none here, and finds axes of the sum anew, by a formula that loses digits. What it
-    holds is what it was told, also after steps, in a state that is set, and where nothing touches."""
+    """Rapier adds the masses of colliders, none here, and finds axes of the sum anew, by a formula that loses digits. The
+    masses remain those of the bodies, also after steps, in a state that is set, and where nothing touches."""
     moments = tuple(
         size * (0.1 + of_edges) for of_edges in (edges[1] + edges[2], edges[0] + edges[2], edges[0] + edges[1])
     )

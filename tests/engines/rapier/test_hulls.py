@@ -124,7 +124,7 @@ def test_faces_as_rapier_merges_them():
 
 @installed
 def test_a_corner_that_is_said_to_be_unfelt_is(load):
-    """Were Rapier to feel it, hulls need not be refused on planes: the same hull, told where the refusal is not asked."""
+    """Were Rapier to feel it, hulls need not be refused on planes: the same hull, written without the check."""
     size = random_hull(1)
     world = scene(solid("hull", cube(0.2), (0.0, 0.0, 1.0)))
     engine = load(world, lambda content, _: of("hull")(content)["shapes"][0].update(size=list(size)))

@@ -140,7 +140,7 @@ def solid(name, kind, parent, at, material="rubber"):
 
 
 def arm(*kinds, steps=None, excluded=()):
-    """A chain over a floor, whose parents and children keep apart."""
+    """A chain over a floor, with parents and children that do not touch."""
     floor, ball = WORLD.bodies
     bodies, parent = [], None
     for index, kind in enumerate(kinds):

@@ -1,5 +1,5 @@
 """Webots at work, as far as that can be tested without one: a program and a library that have its interface stand for it, and
-step a world by the Open Dynamics Engine as Webots does (``stand_in/``). No real Webots was ever asked."""
+step a world by the Open Dynamics Engine as Webots does (``stand_in/``). It is no real Webots."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ def test_a_failed_start_is_an_error_with_the_reason(begun, monkeypatch, fault, w
     monkeypatch.setenv("STAND_IN", fault)
     monkeypatch.setattr(live, "READY", 2.0)
     with pytest.raises(EngineError, match=why):
-        begun(WORLDS["lifted"])  # whose weights are told by what Webots holds
+        begun(WORLDS["lifted"])  # its weights follow from the nodes of Webots
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 """Plain SDF for any tool: Drake's parser, which shares nothing with the writer, finds the same model; simspec reads the same
-world back, and writes the same bytes again; what is lost is listed."""
+world back, and writes the same bytes again; losses are listed."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def again(path):
 
 
 def said(world):
-    """What a file of SDF says of a world, as plain data: names of materials and the words for filters are its own."""
+    """The data of a world in a file of SDF: names of materials and the words for filters are those of SDF."""
     allowed = CollisionFilter(world)
     laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
     static = {name for name, group in rigid_groups(world).items() if group == "world"}
@@ -301,7 +301,7 @@ def test_who_touches_whom_in_a_tree_is_said_by_self_collide_where_it_can_be(tmp_
     data["contact"]["exclude"] = [
         ["a", "c"],
         ["b", "d"],
-    ]  # a and d touch, though both are told to keep apart from others
+    ]  # a and d touch, though both exclude others
     assert Feature.EXCLUDED_PAIRS.value in assert_round_trip(simspec.Spec.from_data(data).resolve(), tmp_path)
 
 

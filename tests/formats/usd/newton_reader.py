@@ -1,5 +1,5 @@
-"""What the package newton holds of files of USD: a program for an interpreter that has it. Told paths as arguments, it answers
-with JSON: a list, for each file bodies, joints and shapes by the paths of their prims."""
+"""The models of files of USD in the package newton: a program for an interpreter that has it. For paths as arguments, it
+answers with JSON: a list, for each file bodies, joints and shapes by the paths of their prims."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Single files of USD: text, binary and packages hold the same world; what others wrote is not replaced; packages of strangers
-are unpacked within bounds."""
+"""Single files of USD: text, binary and packages hold the same world; files of others are not replaced; packages of unknown
+authors are unpacked within bounds."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Plain USD for any tool: the validators of usd-core and checks of what they miss find nothing, its own reader of physics finds
-the same bodies and joints; simspec reads the same world back, and writes the same bytes again; what is lost is listed."""
+the same bodies and joints; simspec reads the same world back, and writes the same bytes again; losses are listed."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def again(path):
 
 
 def said(world):
-    """What a file of USD says of a world, as plain data: names of materials' rules and the words for filters are its own."""
+    """The data of a world in a file of USD: names of materials' rules and the words for filters are those of USD."""
     allowed = CollisionFilter(world)
     laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
     bodies = {}
@@ -86,7 +86,7 @@ def said(world):
 
 
 CHANGED = {Feature.JOINT_SEVERAL.value, Feature.MASSLESS.value, Feature.INERTIA_SINGULAR.value, "body.name"}
-"""What is another world when it is read back."""
+"""The differences of the world that is read back."""
 
 
 def assert_round_trip(world, folder, profile):
@@ -124,7 +124,7 @@ def test_reads_back_to_the_same_world_and_writes_the_same_bytes(tmp_path, name, 
 
 
 def problems_of(path, places=True):
-    """What the validators of usd-core find, and what they miss: frames of joints that are apart, limits that are turned,
+    """The errors that the validators of usd-core find and miss: frames of joints that are separated, limits that are turned,
     rotations that are none, moments that no body has, bodies with factors."""
     from pxr import Gf, UsdGeom, UsdPhysics, UsdValidation
     from pxr import Usd as Core
@@ -163,7 +163,7 @@ def problems_of(path, places=True):
             and not prim.IsA(UsdPhysics.PrismaticJoint)
             and gap.GetLength() > 2e-6 * (1.0 + ends[0].ExtractTranslation().GetLength())
         ):
-            problems.append(f"{prim.GetPath()}: frames apart by {gap}")
+            problems.append(f"{prim.GetPath()}: frames separated by {gap}")
     return problems
 
 
@@ -178,7 +178,7 @@ def test_validators_find_nothing(tmp_path, name, profile):
     [
         ("physics:upperLimit = ", "physics:upperLimit = -1e6 #", "turned limits"),
         ("quatf physics:localRot0 = (", "quatf physics:localRot0 = (3, 0, 0, 0) # (", "no rotation"),
-        ("point3f physics:localPos0 = (", "point3f physics:localPos0 = (3, 4, 5) # (", "frames apart"),
+        ("point3f physics:localPos0 = (", "point3f physics:localPos0 = (3, 4, 5) # (", "frames separated"),
         ("physics:diagonalInertia = (", "physics:diagonalInertia = (9, 1, 1) # (", "triangle inequality"),
         ('"xformOp:orient"]', '"xformOp:orient", "xformOp:scale"]\n double3 xformOp:scale = (2, 2, 2)', "factors"),
         ("physics:mass = ", "physics:mass = -1 # ", "mass"),

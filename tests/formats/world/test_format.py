@@ -10,9 +10,9 @@ import pytest
 
 from simspec.formats.world import (
     WORLD,
-    Apart,
     AxisJoint,
     BallJoint,
+    Excluded,
     FixedJoint,
     FreeJoint,
     JsonBody,
@@ -92,7 +92,7 @@ DOCUMENT = JsonWorld(
         ),
     ),
     meets=(("ice", "ice", 0),),
-    apart=Apart((("arm", "base"),), (("default", "stones"),)),
+    apart=Excluded((("arm", "base"),), (("default", "stones"),)),
 )
 
 

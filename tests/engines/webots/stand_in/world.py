@@ -156,7 +156,7 @@ class World:
             set_single(made, number, value)
         set_single(made, F_MAX, given.number("staticFriction"))
 
-    # --- what is asked ------------------------------------------------------------------------------------------------
+    # --- requests -----------------------------------------------------------------------------------------------------
 
     def frame(self, solid):
         """Where a Solid is now, and how it is turned."""
@@ -268,7 +268,7 @@ def main(words):
         return 2
     world = World(words[-1])
     with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]  # another than it was told, as where that is taken
+        port = server.getsockname()[1]  # another than the requested one, as where that is taken
         print(f"WARNING: could not listen on port {options['port']}. Using port {port} instead.", flush=True)
         if FAULT == "hangs":
             time.sleep(600)

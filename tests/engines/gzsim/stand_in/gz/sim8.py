@@ -2,8 +2,8 @@
 
 It does in each step what gz sim's physics system does, in its order: joints are reset, forces taken, poses commanded (in this
 step and the next), velocities commanded (in the axes that the link had in the components before), all stepped; then what has
-moved by 1e-6 is told, and forces are cleared. It has no contact and no limits, and dry friction
-of one joint alone. What it does wrong for a test says the environment variable GZ_STAND_IN.
+moved by 1e-6 is updated, and forces are cleared. It has no contact and no limits, and dry friction
+of one joint alone. The environment variable GZ_STAND_IN selects a fault for a test.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ from simspec.world.types import Joint as WorldJoint
 from simspec.world.types import World as Scenario
 
 K_NULL_ENTITY = 0
-TOLD = 1e-6
+REPORTED = 1e-6
 KINDS = {"fixed": "fixed", "revolute": "hinge", "prismatic": "slide"}
 FAULT = os.environ.get("GZ_STAND_IN", "")
 if FAULT == "no library":
@@ -47,7 +47,7 @@ def _pose(element):
 
 
 class _Components:
-    """A world as it was read: what the server's components hold, and its physics."""
+    """A world as it was read: the server's components, and its physics."""
 
     def __init__(self, path):
         world = ET.parse(path).getroot().find("world")
@@ -122,7 +122,7 @@ class _Components:
             self.q = before + self.timestep * self.v
 
     def update(self, paused):
-        """What the physics system does in an update."""
+        """An update of the physics system."""
         for name, (place, rate) in self.resets.items():
             self.q[self.q_of[name]] = place if place is not None else self.q[self.q_of[name]]
             self.v[self.v_of[name]] = rate if rate is not None else self.v[self.v_of[name]]
@@ -141,7 +141,7 @@ class _Components:
         if not paused and FAULT != "still":
             self._step()
         poses, velocities = self._frames()
-        moved = np.abs(poses - self.poses).max(axis=1) > TOLD
+        moved = np.abs(poses - self.poses).max(axis=1) > REPORTED
         moved |= np.array([name not in self.tells for _, name in enumerate(body.name for body in self.bodies)])
         for row in np.nonzero(moved)[0]:
             self.poses[row], self.velocities[row] = poses[row], velocities[row]
@@ -151,7 +151,7 @@ class _Components:
 
 
 class _Entity:
-    """What an entity's class has: its number, which is 1 + its place among the names."""
+    """The base of the classes of entities: its number, which is 1 + its place among the names."""
 
     kind = ""
 
@@ -207,14 +207,14 @@ class Link(_Entity):
         x, y, z, *turn = ecm.poses[self._row(ecm)]
         return Pose3d(Vector3d(x, y, z), Quaterniond(*turn))
 
-    def _told(self, ecm, part):
+    def _reported(self, ecm, part):
         return Vector3d(*ecm.velocities[self._row(ecm)][part]) if self._name(ecm) in ecm.watched else None
 
     def world_linear_velocity(self, ecm):
-        return self._told(ecm, slice(0, 3))
+        return self._reported(ecm, slice(0, 3))
 
     def world_angular_velocity(self, ecm):
-        return self._told(ecm, slice(3, 6))
+        return self._reported(ecm, slice(3, 6))
 
     def set_linear_velocity(self, ecm, velocity):
         ecm.twists.setdefault(self._name(ecm), [np.zeros(3), np.zeros(3)])[0] = velocity.values
