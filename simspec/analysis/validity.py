@@ -223,7 +223,7 @@ def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
     if expectation.kind not in PLACES:
         detail = f": {outcome.detail}" if outcome.detail else ""
         return Failure("other", None, f"{expectation.kind.replace('_', ' ')}{detail}", index, at)
-    targets = {name: place for name, place in _targets(expectation).items() if name in run.index}
+    targets = {name: np.array(place) for name, place in _places(_given(expectation)) if name in run.index}
     if not run.recorded or not targets:
         return Failure("not-recorded", None, outcome.detail, index, at)
     begun = max(
@@ -364,10 +364,6 @@ def _time(expectation: Expectation, end: float) -> float:
     """When an expectation can be seen to fail: at its time, else at the end."""
     parameters = _given(expectation)
     return float(next((parameters[name] for name in ("at", "until") if name in parameters), end))
-
-
-def _targets(expectation: Expectation) -> dict[str, NDArray[np.float64]]:
-    return {name: np.array(place) for name, place in _places(_given(expectation))}
 
 
 def _places(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

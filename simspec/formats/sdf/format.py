@@ -10,14 +10,14 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from simspec.formats.kit.contract import Format, Plain, losses
 from simspec.formats.kit.text import environment, mesh_file, mesh_files, number
 from simspec.formats.kit.xml_elements import XmlElement, read_xml
 from simspec.formats.sdf import tree
 from simspec.formats.sdf.plain import SIZES, SUPPORT, loops_within, more_losses, plain_tree
-from simspec.formats.sdf.tree import SdfJoint, SdfLink, SdfShape, SdfWorld
+from simspec.formats.sdf.tree import SdfJoint, SdfShape, SdfWorld
 from simspec.support.declarations import Support, Table, approximate, never
 from simspec.support.features import Feature
 from simspec.world import frames, types
@@ -118,27 +118,12 @@ class Sdf(Format):
         content = {
             "version": tree.version or needed,
             "rotation": "" if older else ' rotation_format="quat_xyzw"',
-            "name": tree.name,
-            "timestep": tree.timestep,
-            "rate": 1.0 / tree.timestep,
-            "real_time_factor": tree.real_time_factor,
-            "systems": tree.systems,
-            "gravity": tree.gravity,
-            "models": [
-                {
-                    "name": model.name,
-                    "pose": _pose(model.pose, older),
-                    "static": _flag(model.static),
-                    "self_collide": _flag(model.self_collide),
-                    "links": [_link(link, older) for link in model.links],
-                    "joints": [_joint(joint, older) for joint in model.joints],
-                    "frames": [
-                        {"name": frame.name, "attached_to": frame.attached_to, "pose": _pose(frame.pose, older)}
-                        for frame in model.frames
-                    ],
-                }
-                for model in tree.models
-            ],
+            "world": tree,
+            "type_of": JOINT_TYPES.__getitem__,
+            "pose": lambda pose: _pose(pose, older),
+            "sizes": _sizes,
+            "limits": lambda joint: _limits(joint, math.inf if older else UNLIMITED),
+            "patch": PATCH,
         }
         shapes = (shape for model in tree.models for link in model.links for shape in link.shapes)
         meshes = mesh_files(shape.size for shape in shapes if shape.kind == "mesh")
@@ -170,10 +155,6 @@ class Sdf(Format):
         return root
 
 
-def _flag(value: bool) -> str:
-    return "true" if value else "false"
-
-
 def _pose(pose: Pose, older: bool) -> tuple[float, ...]:
     """Position and quaternion, or angles about fixed axes."""
     w, x, y, z = pose.quaternion
@@ -182,59 +163,15 @@ def _pose(pose: Pose, older: bool) -> tuple[float, ...]:
     return (*pose.position, x, y, z, w)
 
 
-def _link(link: SdfLink, older: bool) -> dict[str, Any]:
-    return {
-        "name": link.name,
-        "relative_to": link.relative_to,
-        "pose": _pose(link.pose, older),
-        "inertial": link.inertial,
-        "self_collide": _flag(link.self_collide),
-        "gravity": link.gravity,
-        "shapes": [_shape(shape, older) for shape in link.shapes],
-    }
-
-
-def _shape(shape: SdfShape, older: bool) -> dict[str, Any]:
-    sizes: list[tuple[str, tuple[float, ...] | str]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
+def _sizes(shape: SdfShape) -> list[tuple[str, tuple[float, ...] | str]]:
+    """The elements of a shape's geometry."""
+    if shape.kind == "plane":
+        return [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
     if shape.kind == "mesh":
-        sizes = [("uri", mesh_file(shape.size))]
-    elif shape.kind != "plane":
-        sizes = [(name, shape.size[part]) for name, part in SIZES[shape.kind]]
-    surface = None
-    if shape.surface is not None:
-        surface = {
-            "friction": shape.surface.friction,
-            "torsional": shape.surface.torsional_friction / PATCH,
-            "restitution": shape.surface.restitution,
-            "threshold": shape.surface.restitution_threshold,
-        }
-    return {
-        "name": shape.name,
-        "kind": shape.kind,
-        "pose": _pose(shape.pose, older),
-        "sizes": sizes,
-        "surface": surface,
-        "colour": shape.colour,
-    }
+        return [("uri", mesh_file(shape.size))]
+    return [(name, shape.size[part]) for name, part in SIZES[shape.kind]]
 
 
-def _joint(joint: SdfJoint, older: bool) -> dict[str, Any]:
-    none = math.inf if older else UNLIMITED
+def _limits(joint: SdfJoint, none: float) -> tuple[str, str]:
     lower, upper = joint.position_limits or (-none, none)
-    return {
-        "name": joint.name,
-        "type": JOINT_TYPES[joint.kind],
-        "parent": "world" if joint.parent is None else joint.parent,
-        "child": joint.child,
-        "axis": joint.axis,
-        "lower": number(lower) if math.isfinite(lower) else "-inf",
-        "upper": number(upper) if math.isfinite(upper) else "inf",
-        "effort": joint.effort_limit,
-        "velocity": joint.velocity_limit,
-        "damping": joint.damping,
-        "friction": joint.dry_friction,
-        "rest": joint.spring_rest,
-        "stiffness": joint.spring_stiffness,
-        "mimic": joint.mimic,
-        "place": joint.place,
-    }
+    return number(lower) if math.isfinite(lower) else "-inf", number(upper) if math.isfinite(upper) else "inf"

@@ -41,10 +41,6 @@ CLOSED: Final = 1e-12
 Names = Mapping[tuple[str, str], str]
 
 
-def _roots(world: World) -> dict[str, str]:
-    return {body.name: root for root, bodies in trees(world).items() for body in bodies}
-
-
 def couplings_in_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which is another model."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
@@ -58,7 +54,7 @@ def couplings_in_trees(world: World) -> Refinement | None:
 
 def loops_in_trees(world: World) -> Refinement | None:
     """Not supported where a loop joins two trees, or is open where all joints are at zero."""
-    root = _roots(world)
+    root = {body.name: root for root, bodies in trees(world).items() for body in bodies}
     for loop in _loops(world):
         if root[loop.first] != root[loop.second]:
             return unsupported_if(f"{loop.name!r} holds bodies of two models, which do not know each other's")
@@ -373,7 +369,8 @@ def _model(
             *(
                 _joint(body, names, following)
                 for body in bodies
-                if body.joint.kind != "free" and not (immovable and body is root and _is_default(body))
+                if body.joint.kind != "free"
+                and not (immovable and body is root and (body.joint.name == f"{body.name}_joint"))
             ),
             *closing_joints(world, bodies, names),
         ),
@@ -383,10 +380,6 @@ def _model(
             if any(body.name == frame.body for body in bodies)
         ),
     )
-
-
-def _is_default(body: Body) -> bool:
-    return body.joint.name == f"{body.name}_joint"
 
 
 def _link(

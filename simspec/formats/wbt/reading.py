@@ -242,7 +242,7 @@ class _Parser:
         elif token.text == "]" and top.listed:
             self._end_field(top)
         elif token.kind == "text":
-            self._value(top, token, _unquoted(token.text))
+            self._value(top, token, re.sub(r"\\(.)", r"\1", token.text[1:-1], flags=re.DOTALL))
         elif token.text in CONSTANTS:
             self._value(top, token, CONSTANTS[token.text])
         else:
@@ -321,7 +321,3 @@ class _Parser:
         above.values.append(node)
         if not above.listed:
             self._end_field(above)
-
-
-def _unquoted(text: str) -> str:
-    return re.sub(r"\\(.)", r"\1", text[1:-1], flags=re.DOTALL)
