@@ -10,7 +10,7 @@ import numpy as np
 
 from simspec.audit import Finding, Severity, What
 from simspec.audit.meaning import WORLD, Meaning, folded, full, groups_of, match, parents_first, plain_text, zero_poses
-from simspec.engines.kit.foreign import AXES, MESH, Own, directions
+from simspec.engines.kit.foreign import AXES, MESH, Addition, directions
 from simspec.imports.draft import NOT_POSITIVE
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.language.moments import principal_moments
@@ -114,7 +114,7 @@ SCALARS: Final = {
 class Comparison:
     """Collects findings of one engine about one file; ``compared`` counts values that were actual against each other."""
 
-    def __init__(self, engine: str, meaning: Meaning, actual: ReadBack, extras: Mapping[str, Own]):
+    def __init__(self, engine: str, meaning: Meaning, actual: ReadBack, extras: Mapping[str, Addition]):
         self.engine, self._meaning, self._actual, self._extras = engine, meaning, actual, extras
         self.findings: list[Finding] = []
         self.compared = 0
@@ -396,7 +396,9 @@ def _same(said: EngineValue | None, engine_value: EngineValue) -> bool:
     return said == engine_value
 
 
-def compare(engine: str, meaning: Meaning, back: ReadBack, extras: Mapping[str, Own]) -> tuple[Sequence[Finding], int]:
+def compare(
+    engine: str, meaning: Meaning, back: ReadBack, extras: Mapping[str, Addition]
+) -> tuple[Sequence[Finding], int]:
     """Findings of what an engine holds of a file, and how many values were compared."""
     done = Comparison(engine, meaning, back, extras).run()
     return done.findings, done.compared

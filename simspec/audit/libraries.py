@@ -12,7 +12,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.engines.kit.foreign import MESH, REFUSED, Effect, HeldLink, Reads, bodies_of_links, support, told_apart
+from simspec.engines.kit.foreign import (
+    MESH,
+    REFUSED,
+    Effect,
+    EngineLink,
+    Reads,
+    bodies_of_links,
+    distinct_names,
+    support,
+)
 from simspec.formats.kit.contract import tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -233,7 +242,9 @@ def _usd(file: Path, language: str) -> ReadBack:
         for path, stored in groups.get(f"{kind}Shape", ()):
             shapes.setdefault(str(stored.rigidBody), []).append(_usd_shape(kind, stored, stage.GetPrimAtPath(path)))
     rigid = [(str(path), actual) for path, actual in groups.get("RigidBody", ())]
-    named = dict(zip((path for path, _ in rigid), told_apart([_called(stage, path) for path, _ in rigid]), strict=True))
+    named = dict(
+        zip((path for path, _ in rigid), distinct_names([_called(stage, path) for path, _ in rigid]), strict=True)
+    )
     links = []
     placed: dict[str, Pose] = {}
     waiting = list(rigid)
@@ -253,10 +264,10 @@ def _usd(file: Path, language: str) -> ReadBack:
         joint, anchor = _usd_joint(stage, word, described)
         inertial = _usd_inertial(UsdPhysics.MassAPI(stage.GetPrimAtPath(path)))
         links.append(
-            HeldLink(named[path], named.get(above), pose, inertial, joint, anchor, tuple(shapes.get(path, ())))
+            EngineLink(named[path], named.get(above), pose, inertial, joint, anchor, tuple(shapes.get(path, ())))
         )
     if "" in shapes:
-        static = replace(HeldLink(WORLD, None, Pose(), Inertial(0.0), Joint("", "fixed")), shapes=tuple(shapes[""]))
+        static = replace(EngineLink(WORLD, None, Pose(), Inertial(0.0), Joint("", "fixed")), shapes=tuple(shapes[""]))
         links.insert(0, static)
     (scene,) = (actual for _, actual in groups["Scene"])
     gravity = _vector(np.array(scene.gravityDirection) * scene.gravityMagnitude)

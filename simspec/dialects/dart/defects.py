@@ -16,9 +16,9 @@ from simspec.dialects.kit.defects import (
     PASSIVE,
     SUMS,
     Plant,
+    element_at,
     floats,
     nudged,
-    one,
     reordered,
     scaled,
     sidecar,
@@ -37,31 +37,31 @@ HINGE = ".//joint[@name='upper_joint']"
 
 def _text(path: str, change: Callable[[str | None], str]) -> Plant:
     def edit(root: Element) -> None:
-        element = one(root, path)
+        element = element_at(root, path)
         element.text = change(element.text)
 
     return xml(WORLD, edit)
 
 
 def _drop_cube(root: Element) -> None:
-    world = one(root, "world")
-    world.remove(one(world, "skeleton[@name='cube']"))
+    world = element_at(root, "world")
+    world.remove(element_at(world, "skeleton[@name='cube']"))
 
 
 def _slide_for_hinge(root: Element) -> None:
-    joint = one(root, HINGE)
+    joint = element_at(root, HINGE)
     joint.set("type", "prismatic")
 
 
 def _not_limited(root: Element) -> None:
-    axis = one(root, f"{HINGE}/axis")
-    axis.remove(one(axis, "limit"))
+    axis = element_at(root, f"{HINGE}/axis")
+    axis.remove(element_at(axis, "limit"))
 
 
 def _sphere_for_box(root: Element) -> None:
     for kind in ("visualization_shape", "collision_shape"):
-        geometry = one(root, f".//body[@name='cube']/{kind}/geometry")
-        geometry.remove(one(geometry, "box"))
+        geometry = element_at(root, f".//body[@name='cube']/{kind}/geometry")
+        geometry.remove(element_at(geometry, "box"))
         SubElement(SubElement(geometry, "sphere"), "radius").text = "0.05"
 
 
@@ -94,7 +94,7 @@ def _cone(content: dict[str, Any]) -> None:
 
 def _copy_filter(content: dict[str, Any]) -> None:
     """Ice and rubber meet in each other's wrong layer."""
-    layer = next(layer for one, other, layer in content["filter"]["layers"] if (one, other) == ("ice", "rubber"))
+    layer = next(layer for first, other, layer in content["filter"]["layers"] if (first, other) == ("ice", "rubber"))
     wrong = 1 - layer
     content["filter"]["apart"].remove([f"ice.{wrong}", f"rubber.{wrong}"])
     content["filter"]["apart"].append([f"ice.{layer}", f"rubber.{layer}"])

@@ -43,7 +43,7 @@ class NeededSetting:
         return type(value) is self.kind and (not self.words or value in self.words)
 
     @property
-    def told(self) -> str:
+    def expected(self) -> str:
         """What a value must be, in words."""
         return f"one of {', '.join(self.words)}" if self.words else KINDS[self.kind]
 
@@ -76,7 +76,7 @@ def check_settings(dialect: str, needed: Mapping[str, NeededSetting], target: Ta
             else f"the dialect {dialect!r} does not read this value of the setting",
             f"engines.{target.engine}.settings.{name}",
             found=repr(target.settings[name]) if name in target.settings else None,
-            allowed=needed[name].told,
+            allowed=needed[name].expected,
         )
         for name in wrong_settings(needed, target.settings)
     ]

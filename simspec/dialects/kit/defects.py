@@ -254,7 +254,7 @@ PASSIVE: Mapping[str, Plant] = {
 """For dialects whose sidecar has what acts on bodies at all times."""
 
 
-def one(root: ElementTree.Element, path: str) -> ElementTree.Element:
+def element_at(root: ElementTree.Element, path: str) -> ElementTree.Element:
     """The one element at ``path``. Raises LookupError when there is none."""
     found = root.find(path)
     if found is None:

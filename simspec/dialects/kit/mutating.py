@@ -83,7 +83,7 @@ class Together:
         groups: list[list[Edit]] = []
         for mutation in mutations:
             edit = self._edit(mutation)
-            fitting = (group for group in groups if all(_apart(edit, other) for other in group))
+            fitting = (group for group in groups if all(_are_disjoint(edit, other) for other in group))
             group = next(fitting, None)
             if group is None:
                 groups.append(group := [])
@@ -130,7 +130,7 @@ def _outwards(text: str, way: range, closing: str, opening: str, end: int) -> in
     return end
 
 
-def _apart(edit: Edit, other: Edit) -> bool:
+def _are_disjoint(edit: Edit, other: Edit) -> bool:
     return edit.mutation.file != other.mutation.file or edit.high < other.low or other.high < edit.low
 
 

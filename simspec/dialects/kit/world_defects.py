@@ -148,7 +148,7 @@ def _passing_pair(content: dict[str, Any]) -> None:
     content["meets"].append(["ghost", "ice", 0])
 
 
-def _apart(*, drop: tuple[str, str] | None = None, add: tuple[str, str] | None = None) -> Plant:
+def _exclusions(*, drop: tuple[str, str] | None = None, add: tuple[str, str] | None = None) -> Plant:
     def edit(content: dict[str, Any]) -> None:
         if drop:
             content["apart"]["bodies"].remove(list(drop))
@@ -226,11 +226,11 @@ DEFECTS: Mapping[str, Plant | str] = {
     "passing pair": world(_passing_pair),
     "torsional friction": number("ball", "shapes", 0, "copies", 0, "torsional_friction", times=0.5),
     "rolling friction": number("ball", "shapes", 0, "copies", 0, "rolling_friction", times=0.5),
-    "excluded pair dropped": _apart(drop=("ball", "cube")),
-    "excluded pair too many": _apart(add=("ball", "floor")),
+    "excluded pair dropped": _exclusions(drop=("ball", "cube")),
+    "excluded pair too many": _exclusions(add=("ball", "floor")),
     "collision group": world(_group),
-    "excluded pair of a mechanism dropped": _apart(drop=("lower", "upper")),
-    "excluded pair of a mechanism too many": _apart(add=("ball", "lower")),
+    "excluded pair of a mechanism dropped": _exclusions(drop=("lower", "upper")),
+    "excluded pair of a mechanism too many": _exclusions(add=("ball", "lower")),
     "group filter dropped": world(_no_groups),
     "gravity": world(_gravity),
     "timestep": world(_timestep),

@@ -8,10 +8,10 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     FILES,
     Plant,
+    element_at,
     flipped_product,
     floats,
     nudged,
-    one,
     reordered,
     scaled,
     turned_axis,
@@ -31,57 +31,57 @@ TIP = ".//site[@name='tip']"
 
 def _attribute(path: str, name: str, change: Callable[[str], str]) -> Plant:
     def edit(root: Element) -> None:
-        element = one(root, path)
+        element = element_at(root, path)
         element.set(name, change(element.attrib[name]))
 
     return xml(MODEL, edit)
 
 
 def _flip(root: Element) -> None:
-    element = one(root, INERTIAL)
+    element = element_at(root, INERTIAL)
     moments, turn = floats(element.attrib.pop("diaginertia")), floats(element.attrib.pop("quat"))
     element.set("fullinertia", numbers(flipped_product(tuple(moments), tuple(turn))))
 
 
 def _drop_cube(root: Element) -> None:
-    one(root, "worldbody").remove(one(root, BODY.format("cube")))
-    contact = one(root, "contact")
+    element_at(root, "worldbody").remove(element_at(root, BODY.format("cube")))
+    contact = element_at(root, "contact")
     for element in list(contact):
         if "cube" in " ".join(element.attrib.values()):
             contact.remove(element)
-    key = one(root, KEY)
+    key = element_at(root, KEY)
     qpos, qvel = floats(key.attrib["qpos"]), floats(key.attrib["qvel"])
     key.set("qpos", numbers(qpos[:9] + qpos[16:]))
     key.set("qvel", numbers(qvel[:8] + qvel[14:]))
 
 
 def _not_limited(root: Element) -> None:
-    joint = one(root, HINGE)
+    joint = element_at(root, HINGE)
     joint.set("limited", "false")
 
 
 def _sphere_for_box(root: Element) -> None:
-    geom = one(root, ".//geom[@name='cube_0']")
+    geom = element_at(root, ".//geom[@name='cube_0']")
     geom.set("type", "sphere")
 
 
 def _not_solid(root: Element) -> None:
-    geom = one(root, ".//geom[@name='cube_0']")
+    geom = element_at(root, ".//geom[@name='cube_0']")
     geom.set("contype", "0")
     geom.set("conaffinity", "0")
-    contact = one(root, "contact")
+    contact = element_at(root, "contact")
     for pair in contact.findall("pair"):
         if "cube_0" in pair.attrib.values():
             contact.remove(pair)
 
 
 def _drop_exclude(root: Element) -> None:
-    contact = one(root, "contact")
-    contact.remove(one(contact, "exclude[@body1='ball']"))
+    contact = element_at(root, "contact")
+    contact.remove(element_at(contact, "exclude[@body1='ball']"))
 
 
 def _exclude_too_many(root: Element) -> None:
-    contact = one(root, "contact")
+    contact = element_at(root, "contact")
     for pair in contact.findall("pair"):
         if set(pair.attrib.values()) >= {"floor_0", "ball_0"}:
             contact.remove(pair)
@@ -89,19 +89,19 @@ def _exclude_too_many(root: Element) -> None:
 
 
 def _moved_frame(root: Element) -> None:
-    site = one(root, TIP)
-    one(root, BODY.format("tail")).remove(site)
-    one(root, BODY.format("kite")).append(site)
+    site = element_at(root, TIP)
+    element_at(root, BODY.format("tail")).remove(site)
+    element_at(root, BODY.format("kite")).append(site)
 
 
 def _drop_linked(root: Element) -> None:
-    contact = one(root, "contact")
-    contact.remove(one(contact, "exclude[@body1='lower']"))
+    contact = element_at(root, "contact")
+    contact.remove(element_at(contact, "exclude[@body1='lower']"))
 
 
 def _linked_too_many(root: Element) -> None:
     """An explicit pair passes by exclusions."""
-    contact = one(root, "contact")
+    contact = element_at(root, "contact")
     for pair in contact.findall("pair"):
         if {pair.get("geom1"), pair.get("geom2")} == {"lower_0", "ball_0"}:
             contact.remove(pair)
@@ -116,8 +116,8 @@ def _no_groups(root: Element) -> None:
 
 
 def _group(root: Element) -> None:
-    geom = one(root, ".//geom[@name='quiet_0']")
-    same = one(root, ".//geom[@name='cube_0']")
+    geom = element_at(root, ".//geom[@name='quiet_0']")
+    same = element_at(root, ".//geom[@name='cube_0']")
     geom.set("contype", same.attrib["contype"])
     geom.set("conaffinity", same.attrib["conaffinity"])
 
@@ -131,7 +131,9 @@ def _pair_value(root: Element) -> None:
 
 def _explicit(root: Element, *pairs: set[str]) -> list[Element]:
     found = [
-        pair for pair in one(root, "contact").findall("pair") if {pair.attrib["geom1"], pair.attrib["geom2"]} in pairs
+        pair
+        for pair in element_at(root, "contact").findall("pair")
+        if {pair.attrib["geom1"], pair.attrib["geom2"]} in pairs
     ]
     if len(found) != len(pairs):
         raise LookupError(f"{len(found)} explicit pairs of {pairs}")
@@ -140,7 +142,7 @@ def _explicit(root: Element, *pairs: set[str]) -> list[Element]:
 
 def _soft(root: Element) -> None:
     """All contact takes back a tenth of what it should: pairs and classes of materials."""
-    for element in one(root, "default").iter():
+    for element in element_at(root, "default").iter():
         if "solref" in element.attrib:
             element.set("solref", scaled(element.attrib["solref"], 0, 0.1))
 
@@ -153,7 +155,10 @@ def _wrong_pair(root: Element) -> None:
 
 def _ghost_touches(root: Element) -> None:
     """The ghost has the masks of rubber."""
-    ghost, rubber = one(root, ".//geom[@name='ghost_cube_0']"), one(root, ".//geom[@name='rubber_cube_0']")
+    ghost, rubber = (
+        element_at(root, ".//geom[@name='ghost_cube_0']"),
+        element_at(root, ".//geom[@name='rubber_cube_0']"),
+    )
     for name in ("contype", "conaffinity"):
         ghost.set(name, rubber.attrib[name])
 
@@ -166,22 +171,22 @@ def _height(text: str) -> str:
 
 
 def _mirrored(root: Element) -> None:
-    field = one(root, "asset/hfield")
+    field = element_at(root, "asset/hfield")
     columns, values = int(field.attrib["ncol"]), floats(field.get("elevation"))
     rows = [values[start : start + columns][::-1] for start in range(0, len(values), columns)]
     field.set("elevation", numbers(value for row in rows for value in row))
 
 
 def _no_field(root: Element) -> None:
-    assets = one(root, "asset")
-    assets.remove(one(assets, "hfield"))
+    assets = element_at(root, "asset")
+    assets.remove(element_at(assets, "hfield"))
 
 
 def _mesh_margin(root: Element) -> None:
     for geom in root.iter("geom"):
         if geom.get("type") == "mesh":
             geom.set("margin", "0.001")
-    for pair in one(root, "contact").findall("pair"):
+    for pair in element_at(root, "contact").findall("pair"):
         pair.set("margin", "0.001")
 
 
@@ -203,7 +208,7 @@ def _no_margin(root: Element) -> None:
 
 
 def _whole_weight(root: Element) -> None:
-    del one(root, BODY.format("tail")).attrib["gravcomp"]
+    del element_at(root, BODY.format("tail")).attrib["gravcomp"]
 
 
 def _equality(name: str, key: str, change: Callable[[str], str]) -> Plant:
@@ -214,8 +219,8 @@ def _no_equality(name: str) -> Plant:
     """Without an equality, and without the sites that it is of."""
 
     def edit(root: Element) -> None:
-        equality = one(root, "equality")
-        equality.remove(one(equality, f"*[@name='{name}']"))
+        equality = element_at(root, "equality")
+        equality.remove(element_at(equality, f"*[@name='{name}']"))
         for parent in root.iter():
             for site in [child for child in parent if child.tag == "site" and f"/{name}/" in child.attrib["name"]]:
                 parent.remove(site)
@@ -224,7 +229,7 @@ def _no_equality(name: str) -> Plant:
 
 
 def _vacuum(root: Element) -> None:
-    option = one(root, "option")
+    option = element_at(root, "option")
     for name in ("density", "viscosity", "wind"):
         del option.attrib[name]
 
@@ -241,7 +246,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "sum, stiffness": _attribute("tendon/fixed", "stiffness", scaled),
     "sum, rest": _attribute("tendon/fixed", "springlength", nudged),
     "sum, damping": _attribute("tendon/fixed", "damping", scaled),
-    "sum dropped": xml(MODEL, lambda root: root.remove(one(root, "tendon"))),
+    "sum dropped": xml(MODEL, lambda root: root.remove(element_at(root, "tendon"))),
     "sum, dry friction": _attribute("tendon/fixed", "frictionloss", scaled),
     "sum, limit": _attribute("tendon/fixed", "range", lambda text: nudged(text, 1)),
     "sum, limits dropped": _attribute("tendon/fixed", "limited", lambda _: "false"),
@@ -321,7 +326,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "frame, position": _attribute(TIP, "pos", nudged),
     "frame, orientation": _attribute(TIP, "quat", lambda text: nudged(text, 1)),
     "frame on another body": xml(MODEL, _moved_frame),
-    "frame dropped": xml(MODEL, lambda root: one(root, BODY.format("tail")).remove(one(root, TIP))),
+    "frame dropped": xml(MODEL, lambda root: element_at(root, BODY.format("tail")).remove(element_at(root, TIP))),
     "gravity": _attribute("option", "gravity", lambda text: nudged(text, 2)),
     "timestep": _attribute("option", "timestep", scaled),
 }

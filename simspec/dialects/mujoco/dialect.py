@@ -47,7 +47,7 @@ from simspec.formats.mjcf.bodies import (
     DEFAULT_COLOUR,
     GROUPS,
     KINDS,
-    ONE_NUMBER,
+    SINGLE_NUMBER,
     BodyRow,
     body_of,
     carrier_frames,
@@ -62,7 +62,7 @@ from simspec.formats.mjcf.bodies import (
     keyframe,
     meshes_of,
     no_more_than_its_weight,
-    one_number,
+    single_number,
     sites_of,
     tendons,
 )
@@ -121,7 +121,7 @@ TURNS: Final[Mapping[str, tuple[Quaternion, ...]]] = {
 """Turns about its own axes that leave a geom as it is, by its type; a mesh has none."""
 
 
-def taken_for_one(frame: Pose, other: Pose) -> bool:
+def are_confused(frame: Pose, other: Pose) -> bool:
     """Whether MuJoCo takes two frames, or their axes, for one though they are two."""
     axes = min(
         max(abs(a - sign * b) for a, b in zip(frame.quaternion, other.quaternion, strict=True)) for sign in (1.0, -1.0)
@@ -139,7 +139,7 @@ def apart(body: MjcfBody) -> MjcfBody:
 
 
 def _inertial(inertial: MjcfInertial) -> MjcfInertial:
-    if not taken_for_one(Pose(inertial.position, inertial.orientation), Pose()):
+    if not are_confused(Pose(inertial.position, inertial.orientation), Pose()):
         return inertial
     x, y, z = inertial.moments
     turn = frames.multiply(inertial.orientation, CYCLE)
@@ -150,19 +150,19 @@ def _geom(geom: MjcfGeom, others: Sequence[Pose]) -> MjcfGeom:
     orientations = [geom.orientation]
     orientations += [frames.multiply(geom.orientation, turn) for turn in TURNS.get(geom.type, ())]
     for orientation in orientations:
-        if not any(taken_for_one(Pose(geom.position, orientation), other) for other in others):
+        if not any(are_confused(Pose(geom.position, orientation), other) for other in others):
             return dataclasses.replace(geom, orientation=orientation)
     return geom
 
 
-def sites_apart(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[MjcfSite, ...]]:
+def distinct_sites(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[MjcfSite, ...]]:
     """The sites of bodies, in pairs of which each constraint holds the frames together."""
     pair = {site.name: site.name.rpartition("/")[0] for actual in sites.values() for site in actual}
     turned = {
         pair[site.name]
         for actual in sites.values()
         for site in actual
-        if taken_for_one(Pose(site.position, site.orientation), Pose())
+        if are_confused(Pose(site.position, site.orientation), Pose())
     }
     return {
         body: tuple(
@@ -299,8 +299,8 @@ class MujocoDialect(Dialect):
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
         Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
-        Feature.FREE_DAMPING: exact(ONE_NUMBER, refine=functools.partial(one_number, "damping")),
-        Feature.FREE_ARMATURE: exact(ONE_NUMBER, refine=functools.partial(one_number, "armature")),
+        Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
+        Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **classes.LUMPED,
         Feature.JOINT_SEVERAL: exact("several joints of one MuJoCo body, which act one after the other"),
@@ -319,7 +319,7 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
-        sites, named = sites_apart(sites_of(world, offsets, anchors(world))), frame_sites(world, offsets)
+        sites, named = distinct_sites(sites_of(world, offsets, anchors(world))), frame_sites(world, offsets)
         model = MjcfModel(
             world.name,
             COMPILER,

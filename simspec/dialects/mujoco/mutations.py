@@ -17,12 +17,12 @@ NORMALISED = ("scaled", "moved", "sign", "swapped")
 _SAME_ROTATION = "a quaternion is normalised, and its negative is the same rotation"
 ROUND_OFF = 1e-11
 """Of a tensor or a mass matrix: a ball on rough ground makes up to 7e-12 of it (measured)."""
-OWN_DEFAULT = "MuJoCo's default, stated explicitly"
+MUJOCO_DEFAULT = "MuJoCo's default, stated explicitly"
 INERT: tuple[Inert, ...] = (
     *OF_MESHES,
     Inert("mujoco@model", "a name"),
     Inert("compiler*", "how the file is compiled into a model, all of whose active parts are compared"),
-    *(Inert(f"{tag}@*", OWN_DEFAULT, ("attribute removed",)) for tag in ("option", "flag", "size")),
+    *(Inert(f"{tag}@*", MUJOCO_DEFAULT, ("attribute removed",)) for tag in ("option", "flag", "size")),
     *(
         Inert(f"size@{name}", "the memory of a state: too little is an error of the run")
         for name in ("memory", "nstack")
@@ -31,7 +31,7 @@ INERT: tuple[Inert, ...] = (
     *(Inert(f"mujoco/{tag}", "for viewers only") for tag in ("visual", "statistic")),
     *(Inert(f"{tag}@name", "a name that nothing refers to") for tag in ("pair", "exclude")),
     # tendons
-    Inert("fixed@*", OWN_DEFAULT, ("attribute removed",)),
+    Inert("fixed@*", MUJOCO_DEFAULT, ("attribute removed",)),
     Inert("fixed@range", "no tendon has limits", without=".//fixed[@limited='true']"),
     Inert("fixed@springlength", "the tendon has no spring", without=".//fixed[@stiffness!='0']"),
     *(Inert(f"fixed@{name}", "tendons are told apart by their names alone") for name in ("class", "group")),
@@ -44,12 +44,12 @@ INERT: tuple[Inert, ...] = (
         for name in ("solref", "solimp")
     ),
     # the last of five, the power of the curve
-    *(Inert(f"fixed@solimp{of}", OWN_DEFAULT, ("number dropped",)) for of in ("friction", "limit")),
+    *(Inert(f"fixed@solimp{of}", MUJOCO_DEFAULT, ("number dropped",)) for of in ("friction", "limit")),
     # defaults
     Inert("geom@*", "each class, or each shape, states its own value", place="mujoco/default/geom@*"),
-    Inert("joint@*", OWN_DEFAULT, ("attribute removed",), place="mujoco/default/joint@*"),
+    Inert("joint@*", MUJOCO_DEFAULT, ("attribute removed",), place="mujoco/default/joint@*"),
     Inert("joint@*", "each joint that uses it states its own value", place="mujoco/default/joint@*"),
-    Inert("pair@*", OWN_DEFAULT, ("attribute removed",), place="mujoco/default/pair@*"),
+    Inert("pair@*", MUJOCO_DEFAULT, ("attribute removed",), place="mujoco/default/pair@*"),
     Inert("pair@*", "each explicit pair states its own value", place="mujoco/default/pair@*"),
     Inert("*", "no shape uses the class", place="*/default(visual)*", without=".//worldbody//geom[@class='visual']"),
     Inert("*", "there are no shapes", place="mujoco/default*geom*", without=".//worldbody//geom"),
@@ -118,7 +118,7 @@ INERT: tuple[Inert, ...] = (
         for name in ("contype", "conaffinity")
     ),
     *(
-        Inert(site, OWN_DEFAULT, ("attribute removed",))
+        Inert(site, MUJOCO_DEFAULT, ("attribute removed",))
         for site in (
             "body@pos",
             "body@quat",
@@ -170,7 +170,7 @@ INERT: tuple[Inert, ...] = (
     ),
     # actuators
     *(
-        Inert(f"{tag}@{name}", OWN_DEFAULT, ("attribute removed", "number dropped", "word"))
+        Inert(f"{tag}@{name}", MUJOCO_DEFAULT, ("attribute removed", "number dropped", "word"))
         for tag in ("position", "velocity")
         for name in ("ctrllimited", "forcelimited", "gear")
     ),

@@ -157,7 +157,7 @@ class MujocoSidecar(Sidecar):
     def check(self) -> None:
         """Raise ValueError where a setting is missing or of another kind, or names are not those of the bodies."""
         for name in wrong_settings(SETTINGS, self.settings):
-            raise ValueError(f"sidecar.settings.{name} should be {SETTINGS[name].told}")
+            raise ValueError(f"sidecar.settings.{name} should be {SETTINGS[name].expected}")
         for index, pair in enumerate(self.pair_settings or ()):
             for name in wrong_pair_settings(SETTINGS, pair.settings):
                 raise ValueError(f"sidecar.pair_settings.{index}.settings.{name} is no setting of a pair of materials")

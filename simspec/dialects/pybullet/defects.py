@@ -16,9 +16,9 @@ from simspec.dialects.kit.defects import (
     SUMS,
     Files,
     Plant,
+    element_at,
     flipped_product,
     floats,
-    one,
     scaled,
     sidecar,
     text_of,
@@ -96,7 +96,7 @@ BOB = "bob.urdf"
 
 
 def _flip(root: Element) -> None:
-    origin, inertia = one(root, f"{INERTIAL}/origin"), one(root, f"{INERTIAL}/inertia")
+    origin, inertia = element_at(root, f"{INERTIAL}/origin"), element_at(root, f"{INERTIAL}/inertia")
     turn = frames.from_rpy(*floats(origin.attrib["rpy"]))
     moments = tuple(float(inertia.attrib[name]) for name in ("ixx", "iyy", "izz"))
     origin.set("rpy", "0 0 0")
@@ -105,10 +105,10 @@ def _flip(root: Element) -> None:
 
 
 def _not_limited(root: Element) -> None:
-    joint = one(root, HINGE)
+    joint = element_at(root, HINGE)
     joint.set("type", "continuous")
     for name in ("lower", "upper"):  # PyBullet keeps the limits of a continuous joint that has some (measured)
-        del one(joint, "limit").attrib[name]
+        del element_at(joint, "limit").attrib[name]
 
 
 def _drop_exclude(content: dict[str, Any]) -> None:
@@ -149,7 +149,7 @@ def _class_of(content: dict[str, Any], link: str) -> dict[str, Any]:
 
 def _copy_filter(content: dict[str, Any]) -> None:
     """The rubber cube and its copy change places in the filter."""
-    instance = next(one for one in content["instances"] if one["bodies"] == ["rubber_cube"])
+    instance = next(instance for instance in content["instances"] if instance["bodies"] == ["rubber_cube"])
     own, copy = "rubber_cube", instance["copies"][0]["link"]
     for one_class in content["collision_filter"]["classes"]:
         one_class["links"] = [{own: copy, copy: own}.get(link, link) for link in one_class["links"]]

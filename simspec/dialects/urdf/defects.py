@@ -16,9 +16,9 @@ from simspec.dialects.kit.defects import (
     PASSIVE,
     SUMS,
     Plant,
+    element_at,
     floats,
     nudged,
-    one,
     reordered,
     scaled,
     sidecar,
@@ -54,22 +54,22 @@ def attribute(path: str, name: str, change: Callable[[str], str], file: str = AR
 
 def drop_lower(root: Element) -> None:
     """Drop the last body of the arm."""
-    root.remove(one(root, "link[@name='lower']"))
-    root.remove(one(root, "joint[@name='lower_joint']"))
+    root.remove(element_at(root, "link[@name='lower']"))
+    root.remove(element_at(root, "joint[@name='lower_joint']"))
 
 
 def sphere_for_box(root: Element) -> None:
     """A sphere instead of the cube's box."""
     for kind in ("visual", "collision"):
-        geometry = one(root, f"link/{kind}/geometry")
-        geometry.remove(one(geometry, "box"))
+        geometry = element_at(root, f"link/{kind}/geometry")
+        geometry.remove(element_at(geometry, "box"))
         SubElement(geometry, "sphere", {"radius": "0.05"})
 
 
 def not_solid(root: Element) -> None:
     """Drop a collision shape."""
-    link = one(root, "link")
-    link.remove(one(link, "collision"))
+    link = element_at(root, "link")
+    link.remove(element_at(link, "collision"))
 
 
 def sidecar_number(block: str, key: str, by: float = 1e-3) -> Plant:

@@ -38,7 +38,7 @@ from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import BLUNT, NO_FRICTION, blunted, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -128,8 +128,8 @@ def _pyramid(world: World) -> Refinement | None:
         return None
     if DANTZIG in world.options("dart").settings:
         return _FRICTIONLESS_BOUNDS
-    rubs = any(law.friction and reach(world, *pair).ratio for pair, law in meeting_laws(world).items())
-    return _TURNED if rubs else None
+    has_friction = any(law.friction and reach(world, *pair).ratio for pair, law in meeting_laws(world).items())
+    return _TURNED if has_friction else None
 
 
 def _shape(kind: str, how: str = _DETECTORS) -> Support:
@@ -163,7 +163,7 @@ class Dart(SteppedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product", most_restitution=1.0)
     LAYERS: ClassVar[bool] = True
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
+    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("DART"),
@@ -321,7 +321,7 @@ class Dart(SteppedEngine[Simulation]):
             raise EngineError(self.NAME, str(error)) from error
         return Simulation(folder, typed)
 
-    def _held(self) -> ReadBack:
+    def _read_model(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
         return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))

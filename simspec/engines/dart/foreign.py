@@ -18,13 +18,13 @@ from simspec.engines.dart.readback import inertial, shape_size, surfaces_of, tra
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
+    Addition,
     Effect,
-    HeldLink,
-    Own,
+    EngineLink,
     Reads,
     bodies_of_links,
     box_support,
-    told_apart,
+    distinct_names,
 )
 from simspec.engines.kit.messages import captured
 from simspec.engines.kit.readback import bound, range_of, vector
@@ -79,14 +79,18 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     ),
     "skel": Reads("dartpy.utils.SkelParser.readWorld(file)", (".skel",), "skel", defines=True),
 }
-FOREIGN_OWN: Final[Mapping[str, Own]] = {
-    "gravity": Own(
+FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+    "gravity": Addition(
         None, "default", "-9.81 m/s² along z, or along y in files of DART's own, unless the file says another"
     ),
-    "timestep": Own(None, "default", "1 ms, unless the file says another"),
-    "limits_enforced": Own(True, "physics", "joints pass their limits until setLimitEnforcement(True)"),
-    "self_collision": Own(True, "physics", "links of one skeleton touch each other after enableSelfCollisionCheck()"),
-    "mimic_joints": Own(None, "default", "joints that follow others: the follower is driven, and pushes nothing back"),
+    "timestep": Addition(None, "default", "1 ms, unless the file says another"),
+    "limits_enforced": Addition(True, "physics", "joints pass their limits until setLimitEnforcement(True)"),
+    "self_collision": Addition(
+        True, "physics", "links of one skeleton touch each other after enableSelfCollisionCheck()"
+    ),
+    "mimic_joints": Addition(
+        None, "default", "joints that follow others: the follower is driven, and pushes nothing back"
+    ),
 }
 """What DART adds to a file."""
 MOVES: Final = {
@@ -114,7 +118,7 @@ class Foreign:
             raise EngineError(NAME, f"refuses the file: {' '.join(self._log) or 'no reason given'}")
         skeletons = [world.getSkeleton(index) for index in range(world.getNumSkeletons())]
         nodes = [node for skeleton in skeletons for node in skeleton.getBodyNodes()]
-        names = told_apart([node.getName() for node in nodes])
+        names = distinct_names([node.getName() for node in nodes])
         for skeleton in skeletons:
             _to_zero(skeleton)
         placed = {(node.getSkeleton().getName(), node.getName()): name for node, name in zip(nodes, names, strict=True)}
@@ -167,10 +171,10 @@ def _to_zero(skeleton: Any) -> None:
             joint.setPositions(np.zeros(joint.getNumDofs()))
 
 
-def _link(node: Any, name: str, placed: Mapping[tuple[str, str], str]) -> HeldLink:
+def _link(node: Any, name: str, placed: Mapping[tuple[str, str], str]) -> EngineLink:
     above, joint = node.getParentBodyNode(), node.getParentJoint()
     anchor = transform_pose(joint.getTransformFromChildBodyNode())
-    return HeldLink(
+    return EngineLink(
         name,
         None if above is None else placed[above.getSkeleton().getName(), above.getName()],
         transform_pose(node.getWorldTransform()),

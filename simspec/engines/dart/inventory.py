@@ -19,7 +19,7 @@ from simspec.engines.kit.inventory import (
     Carrier,
     Items,
     below,
-    expected_apart,
+    expected_separate,
     listed,
     named_set,
     sidecar_labels,
@@ -395,7 +395,7 @@ def expected(
                 found[f"velocity_limit.{name}"] = body.joint.velocity_limit
     choice, touching = settings["exact_rotation"], any(groups[carrier.body] != "world" for carrier in carriers)
     found |= {"group.shapes": shapes, "exact_rotation": choice == "always" or (choice == "auto" and not touching)}
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)
 
 
 def chosen_solver(world: World, settings: Settings) -> str:

@@ -96,14 +96,14 @@ def approximation(world: World) -> str:
     is exact and its slides do not hop. ``sap`` elsewhere: it has the common law's β, stops joints at their limits, has the
     controllers, converges where hulls of meshes land and where a kinematic body carries joints, and its time grows with the
     number of contacts alone."""
-    rubs = any(law.friction for law in meeting_laws(world).values())
+    has_friction = any(law.friction for law in meeting_laws(world).values())
     groups = rigid_groups(world)
     moving = sum(groups[body.name] != "world" and bool(solid_shapes(body)) for body in world.bodies)
     limited = any(body.joint.position_limits for body in world.bodies)
     crossed = crossing(world) and world.physics.timestep > CROSSED_SECONDS
     few = moving <= 1 or (moving <= MOST_TAMSI and moving * world.physics.timestep <= BODY_SECONDS)
     diverges = carries_joints(world) or moves_hulls(world) or crossed
-    return "tamsi" if rubs and few and not limited and not natives(world) and not diverges else "sap"
+    return "tamsi" if has_friction and few and not limited and not natives(world) and not diverges else "sap"
 
 
 def moves_hulls(world: World) -> bool:

@@ -34,7 +34,7 @@ from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd
 from simspec.engines.kit.capabilities import COMMON, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.settings import Group, Setting, under_weight
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features
@@ -135,7 +135,7 @@ class Drake(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints"}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
+    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("Drake"),

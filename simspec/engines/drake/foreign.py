@@ -17,13 +17,13 @@ from simspec.engines.drake.readback import JOINT_KINDS, SIZES, axis_fields, iner
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
+    Addition,
     Effect,
-    HeldLink,
-    Own,
+    EngineLink,
     Reads,
     bodies_of_links,
+    distinct_names,
     support,
-    told_apart,
 )
 from simspec.engines.kit.readback import vector
 from simspec.errors import EngineError
@@ -76,9 +76,9 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads(HOW, (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF_EFFECTS),
     "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco", version=MEASURED, effects=MJCF_EFFECTS),
 }
-FOREIGN_OWN: Final[Mapping[str, Own]] = {
-    "timestep": Own(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
-    "couplings": Own(None, "default", "joints that follow others, as constraints of the contact solver"),
+FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+    "timestep": Addition(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
+    "couplings": Addition(None, "default", "joints that follow others, as constraints of the contact solver"),
 }
 """What Drake adds to a file."""
 TIMESTEP: Final = 1e-3
@@ -140,12 +140,12 @@ class _Held:
         indices = [BodyIndex(number) for number in range(plant.num_bodies())]
         bodies = [plant.get_body(index) for index in indices if index != world.index()]
         names = dict(
-            zip([int(body.index()) for body in bodies], told_apart([body.name() for body in bodies]), strict=True)
+            zip([int(body.index()) for body in bodies], distinct_names([body.name() for body in bodies]), strict=True)
         )
         links = [self._link(body, names) for body in bodies]
         shapes = self._shapes(world)
         if shapes:
-            links.insert(0, HeldLink("world", None, Pose(), Inertial(0.0), Joint("", "fixed"), shapes=shapes))
+            links.insert(0, EngineLink("world", None, Pose(), Inertial(0.0), Joint("", "fixed"), shapes=shapes))
         inventory: dict[str, EngineValue] = {
             "timestep": float(plant.time_step()),
             "couplings": int(plant.num_constraints()),
@@ -153,12 +153,12 @@ class _Held:
         gravity = vector(plant.gravity_field().gravity_vector())
         return ReadBack(bodies_of_links(links), gravity, float(plant.time_step()), CONE, inventory=inventory)
 
-    def _link(self, body: Any, names: Mapping[int, str]) -> HeldLink:
+    def _link(self, body: Any, names: Mapping[int, str]) -> EngineLink:
         joint = self._inboard[int(body.index())]
         above = joint.parent_body().index()
         anchor = transform_pose(joint.frame_on_child().GetFixedPoseInBodyFrame())
         floating = joint.type_name() in FLOATING
-        return HeldLink(
+        return EngineLink(
             names[int(body.index())],
             names.get(int(above)),
             transform_pose(body.EvalPoseInWorld(self._context)),

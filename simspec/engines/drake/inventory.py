@@ -33,7 +33,7 @@ from simspec.engines.kit.inventory import (
     Items,
     below,
     excluded_carriers,
-    expected_apart,
+    expected_separate,
     finite,
     listed,
     named_set,
@@ -413,7 +413,7 @@ def expected(
                 found |= _pressure(name, shape, len(balls), static, settings, neutral)
                 small += len(balls)
     found |= {"count.geometries": len(carriers) + small, "apart.corners": small, "apart.odd_corners": ""}
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)
 
 
 def _surface_expected(

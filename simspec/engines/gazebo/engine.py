@@ -19,7 +19,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.refinements import implicit_damping_armature, leans, no_friction, planes_still
+from simspec.engines.kit.refinements import implicit_damping_armature, leans, no_friction, only_static_planes
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features
@@ -109,7 +109,7 @@ class Gazebo(WorldEngine[Simulation]):
         Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
         Feature.SHAPE_PLANE: exact(
             "of bodies that cannot move, as the top of gz-physics' box of 2.1 km: beyond that nothing bears",
-            refine=planes_still("planes are boxes here, and {name} would move as one"),
+            refine=only_static_planes("planes are boxes here, and {name} would move as one"),
         ),
         Feature.SHAPE_CYLINDER: exact(
             "the flat faces touch at the corners of the octagon around the circle", refine=cylinders, cases=CASES

@@ -15,7 +15,7 @@ from simspec.engines.gazebo.building import NAME, hull_library, query
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.building import Unit
 from simspec.engines.kit.hulls import vertices_of
-from simspec.engines.kit.inventory import Carrier, Items, expected_apart, named_set, sidecar_labels
+from simspec.engines.kit.inventory import Carrier, Items, expected_separate, named_set, sidecar_labels
 from simspec.engines.kit.world_simulation import free_joint, visual_shape
 from simspec.errors import EngineError
 from simspec.formats.sdf.format import UNLIMITED
@@ -363,4 +363,4 @@ def expected(
             found |= MASS.expect(mass if mass.mass else NO_INERTIA, at)  # as massless fixed bodies are written
     for carrier, (_, part, _) in zip(carriers, units, strict=True):
         found |= UNIT.expect(part.surface, f"unit.{carrier.name}") | {f"unit.{carrier.name}.of": carrier.body}
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)

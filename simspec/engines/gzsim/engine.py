@@ -263,7 +263,7 @@ class GzSim(GivenEngine[Simulation]):
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)
 
-    def _held(self) -> ReadBack:
+    def _read_model(self) -> ReadBack:
         return read_back(self._simulation, dict(self.UNREADABLE))
 
     def contacts(self) -> dict[str, np.ndarray]:

@@ -39,7 +39,7 @@ class CollisionUnit:
     shapes: tuple[str, ...]
 
 
-def told_units(units: Sequence[CollisionUnit]) -> list[dict[str, Any]]:
+def plain_units(units: Sequence[CollisionUnit]) -> list[dict[str, Any]]:
     """Collision units as plain data of an answer."""
     return [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
 
@@ -120,7 +120,7 @@ LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).
 """Numbers of single precision."""
 
 
-def held_by(engine: str, values: Iterable[float], what: str) -> tuple[float, ...]:
+def checked_singles(engine: str, values: Iterable[float], what: str) -> tuple[float, ...]:
     """Numbers that ``engine`` can hold. Raises EngineError for others."""
     found = tuple(values)
     for value in found:
@@ -129,10 +129,10 @@ def held_by(engine: str, values: Iterable[float], what: str) -> tuple[float, ...
     return found
 
 
-def demand_held(engine: str, values: np.ndarray, what: str) -> None:
+def demand_singles(engine: str, values: np.ndarray, what: str) -> None:
     """Raise EngineError for a state or an effort that ``engine`` cannot hold. What is below its smallest number becomes zero
     there, which is right to 1e-38 of its unit: other engines' states have such rests."""
-    held_by(engine, np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
+    checked_singles(engine, np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
 
 
 # Controllers of engines that set velocities: what gains are to them.

@@ -30,7 +30,7 @@ from simspec.engines.kit.capabilities import (
 )
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.settings import Setting, Value
 from simspec.errors import EngineError
 from simspec.support.declarations import Level, Table, check_total
@@ -227,7 +227,7 @@ class Engine(ProvenEngine):
     """What its own controllers do; None where it lacks them."""
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     """The languages of files that it loads by itself, by the names of their importers, and how."""
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
+    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = {}
     """What it adds to such files, by names of the inventory that :meth:`load_foreign` gives."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:

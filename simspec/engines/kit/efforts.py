@@ -63,7 +63,7 @@ def constraints_felt(world: World, title: str) -> Refinement | None:
     """Not supported where something in a held tree would not feel a constraint that is computed outside the engine
     (``title``)."""
     allowed, groups = CollisionFilter(world), rigid_groups(world)
-    for bodies, actual in held_parts(world):
+    for bodies, actual in constrained_parts(world):
         name = actual[0].name
         if served := natively_driven(bodies, world):
             return unsupported_if(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
@@ -76,7 +76,7 @@ def constraints_felt(world: World, title: str) -> Refinement | None:
     return None
 
 
-def held_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
+def constrained_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
     """The bodies of the trees that constraints hold together, and those constraints; trees without any are left out."""
     constraints = {name for constraint in world.constraints for name in members(constraint)}
     for bodies in constrained_trees(world):
@@ -105,9 +105,9 @@ class Outside:
         self._along = JointSums(world.bodies, sums)
         self._engine, self._timestep = engine, back.timestep
         self._nv = layout_of(world).nv
-        self._parts = [_part(world, bodies, local) for bodies, local in held_parts(world)]
+        self._parts = [_part(world, bodies, local) for bodies, local in constrained_parts(world)]
 
-    def told(self, back: ReadBack) -> ReadBack:
+    def completed(self, back: ReadBack) -> ReadBack:
         """What an engine holds, with what is applied here."""
         return dataclasses.replace(back, constraints=self._constraints, sums=self._along.sums)
 
@@ -266,12 +266,12 @@ class BeforeSteps:
     ):
         self._engine, self.passive = engine, passive
         self.given = None if passive is None else GivenForces(engine, passive)
-        self.held = Outside(engine, constraints, sums) if constraints or sums else None
+        self.outside = Outside(engine, constraints, sums) if constraints or sums else None
 
     @property
     def needed(self) -> bool:
         """Whether there is anything to compute."""
-        return self.given is not None or self.held is not None
+        return self.given is not None or self.outside is not None
 
     def effort(self, effort: Array | None) -> Array:
         """The effort (nv,) to apply for one step, for one that the caller gives (None: zero)."""
@@ -279,8 +279,8 @@ class BeforeSteps:
         total = np.zeros(len(self._engine.get_state()[1])) if effort is None else np.asarray(effort, dtype=float)
         if given is not None:
             total = total + given.loss()
-        if self.held is not None:
-            total = self.held.effort(total)
+        if self.outside is not None:
+            total = self.outside.effort(total)
         # the bias force that constraints are computed from has the weights as they are: the difference comes after them
         return total if given is None else total + given.weight()
 
@@ -291,9 +291,9 @@ class BeforeSteps:
     def potential(self) -> float:
         """What the potential energy (J) differs by from the engine's own."""
         differs = 0.0 if self.given is None else self.given.potential()
-        return differs if self.held is None else differs + self.held.energy()
+        return differs if self.outside is None else differs + self.outside.energy()
 
-    def told(self, back: ReadBack) -> ReadBack:
+    def completed(self, back: ReadBack) -> ReadBack:
         """A read-back of what the engine itself holds, completed by what it is given."""
         back = dataclasses.replace(back, bodies=with_passive(back.bodies, self.passive), fluid=fluid_of(self.passive))
-        return back if self.held is None else self.held.told(back)
+        return back if self.outside is None else self.outside.completed(back)

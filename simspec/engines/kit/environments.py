@@ -19,7 +19,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from simspec.distribution import NAME
-from simspec.distribution import requirements as own_requirements
+from simspec.distribution import requirements as simspec_requirements
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import how_to_install, too_old, why_not
@@ -233,7 +233,7 @@ def _installed(name: str) -> str | None:
 
 def requirements(extra: str, environment: Mapping[str, str] | None = None) -> Iterator[Requirement]:
     """The packages that an extra of simspec pulls here, extras of simspec followed, as its own metadata say."""
-    for line in own_requirements():
+    for line in simspec_requirements():
         requirement = Requirement(line)
         marker = requirement.marker
         if marker is None or not marker.evaluate({**(environment or {}), "extra": extra}):

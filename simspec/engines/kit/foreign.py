@@ -90,7 +90,7 @@ class Exported:
         return self.written.SUPPORT[Feature.JOINT_BALL].level is not Level.EXACT
 
     @property
-    def still(self) -> set[str]:
+    def static(self) -> set[str]:
         """The bodies that cannot move."""
         return {name for name, group in rigid_groups(self.world).items() if group == "world"}
 
@@ -152,7 +152,7 @@ def _uniform(body: Body, solids: Sequence[Shape], kinds: tuple[str, ...]) -> boo
 
 
 def _of_mass_that_moves(exported: Exported, body: Body) -> bool:
-    return bool(body.inertial.mass) and body.name not in exported.still
+    return bool(body.inertial.mass) and body.name not in exported.static
 
 
 def _several_links(exported: Exported) -> bool:
@@ -191,12 +191,12 @@ def _static_tree(exported: Exported, body: Body) -> bool:
     """Whether a body is the root of a tree that cannot move, whose joint to the world is not in the file."""
     joint = body.joint
     tree = {entry.name for entry in exported.bodies if entry.model == body.model}
-    return _fixed_root(body) and tree <= exported.still and joint.name == f"{body.name}_joint"
+    return _fixed_root(body) and tree <= exported.static and joint.name == f"{body.name}_joint"
 
 
 def _plane_and_many(exported: Exported) -> bool:
     """Whether a file has a plane, and ``MANY`` shapes or more of bodies that move."""
-    static = exported.still
+    static = exported.static
     moving = sum(len(_solids(body)) for body in exported.bodies if body.name not in static)
     planes = any(shape.kind == "plane" for body in exported.bodies for shape in _solids(body))
     return planes and moving >= MANY
@@ -265,11 +265,11 @@ CASES: Final[Mapping[str, Case]] = {
         lambda _, body: bool(body.inertial.mass) and not _uniform(body, body.shapes, ("sphere", "box", "cylinder"))
     ),
     "no shape": _bodies(
-        lambda exported, body: not body.shapes and body.inertial.mass != 1.0 and body.name not in exported.still
+        lambda exported, body: not body.shapes and body.inertial.mass != 1.0 and body.name not in exported.static
     ),
     "no shape, centre elsewhere": _bodies(
         lambda exported, body: (
-            not body.shapes and any(body.inertial.centre_of_mass) and body.name not in exported.still
+            not body.shapes and any(body.inertial.centre_of_mass) and body.name not in exported.static
         )
     ),
     "gravity other than 9.81 m/s² down": _file(lambda exported: exported.world.physics.gravity != EARTH),
@@ -316,7 +316,7 @@ class Reads:
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class Addition:
     """A number that an engine adds to any file, under a name of the read-back's inventory.
 
     ``meaning``: what it is where nothing is added; None where files do not speak of it. ``changes``: whether the motion of the
@@ -395,7 +395,7 @@ def foreign_answer(session: Any, operation: Mapping[str, Any]) -> ReadBack:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldLink:
+class EngineLink:
     """A body as an engine holds it at the coordinates that the file calls zero: ``pose`` of the engine's own frame in
     the world;
     all else in that frame, ``anchor`` the place of its joint. ``joint`` has everything but ``parent`` and ``origin``."""
@@ -409,13 +409,13 @@ class HeldLink:
     shapes: tuple[Shape, ...] = ()
 
 
-def bodies_of_links(links: Sequence[HeldLink]) -> tuple[Body, ...]:
+def bodies_of_links(links: Sequence[EngineLink]) -> tuple[Body, ...]:
     """Bodies in frames at their joints, from links in whatever frames an engine has."""
     at = {link.name: Pose(_point(link.pose, link.anchor), link.pose.quaternion) for link in links}
     return tuple(_body(link, at) for link in links)
 
 
-def _body(link: HeldLink, at: Mapping[str, Pose]) -> Body:
+def _body(link: EngineLink, at: Mapping[str, Pose]) -> Body:
     inertial, joint, pose = link.inertial, link.joint, at[link.name]
     centre = frames.subtract(inertial.centre_of_mass, link.anchor)
     if joint.kind == "free":
@@ -434,7 +434,7 @@ def _point(pose: Pose, place: Vector3) -> Vector3:
     return frames.add(pose.position, frames.rotate(pose.quaternion, place))
 
 
-def told_apart(names: Sequence[str]) -> list[str]:
+def distinct_names(names: Sequence[str]) -> list[str]:
     """Names that an engine has twice, with a number."""
     counts: dict[str, int] = {}
     separate = []

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import IO
 
-from simspec.distribution import requirements as own_requirements
+from simspec.distribution import requirements as simspec_requirements
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import STATED, engine_name, engines, find_engine, format_of, other_version, program_of
@@ -60,7 +60,7 @@ def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> 
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name
 
-    for line in own_requirements():
+    for line in simspec_requirements():
         requirement = Requirement(line)
         marker = requirement.marker
         if canonicalize_name(requirement.name) != canonicalize_name(engine.DISTRIBUTION) or marker is None:
@@ -140,7 +140,7 @@ def instances(
     ends = time.monotonic() + PATIENCE
     with ExitStack() as stack:
         requested = {
-            label: stack.enter_context(_asked(interpreters[label], find_engine(label)))
+            label: stack.enter_context(_started(interpreters[label], find_engine(label)))
             for label in ordered
             if label in interpreters and label not in not_queried
         }
@@ -158,7 +158,7 @@ def _closed(label: str, why: str) -> Instance:
     return Instance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
 
 
-def _instance(label: str, python: str | None, interpreter: _Asked | None, ends: float) -> Instance:
+def _instance(label: str, python: str | None, interpreter: _Started | None, ends: float) -> Instance:
     engine = find_engine(label)
     version, numpy, problem = None, None, None
     try:
@@ -185,7 +185,7 @@ def version_in(python: str, label: str) -> str:
     """The version of an engine in the interpreter ``python``, which is asked once in the life of this process. Raises
     EngineError where it gives none, or another than the label names."""
     ends = time.monotonic() + PATIENCE
-    with _asked(python, find_engine(label)) as interpreter:
+    with _started(python, find_engine(label)) as interpreter:
         instance = _instance(label, python, interpreter, ends)
     if instance.version is None or instance.problem is not None:
         raise EngineError(label, instance.problem or "gave no version")
@@ -212,12 +212,12 @@ def _how_to_install(engine: type[Engine]) -> str:
     return left_out().get(engine.NAME) or not_installed(engine)
 
 
-_Asked = subprocess.Popen[bytes] | NoVersionError
+_Started = subprocess.Popen[bytes] | NoVersionError
 """An interpreter at work, or why it could not be started."""
 
 
 @contextmanager
-def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
+def _started(python: str, engine: type[Engine]) -> Iterator[_Started]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
@@ -242,7 +242,7 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
             process.stdout.close()
 
 
-def _answer(interpreter: _Asked, ends: float) -> tuple[str | None, str | None]:
+def _answer(interpreter: _Started, ends: float) -> tuple[str | None, str | None]:
     """The versions of the engine and of numpy that an interpreter gives; None: it does not have it. Raises NoVersionError."""
     if isinstance(interpreter, NoVersionError):
         raise interpreter

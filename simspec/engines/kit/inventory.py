@@ -139,7 +139,7 @@ def excluded_carriers(names: Sequence[str], filtered: Callable[[int, int], bool]
     return {f"apart.{name}": named_set(others) for name, others in excluded.items()}
 
 
-def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, EngineValue]:
+def expected_separate(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, EngineValue]:
     """For every carrier, as ``apart.NAME``, the others that must not touch it: of its own rigid group, or both still, of groups
     that ignore each other, of bodies that the world names, of materials that pass through each other, of other layers."""
     carriers = list(carriers)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from simspec.control.request import from_request
-from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of, told_units
+from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of, plain_units
 from simspec.engines.kit.foreign import foreign_answer
 from simspec.engines.kit.recorder import Outer, Stepper, record
 from simspec.engines.kit.session import Condition, Session
@@ -179,7 +179,7 @@ def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result
         known = bodies[(bodies >= 0).all(axis=1)]  # a unit of no body of the world stands in ``units``
         for name, rows in (("units", pairs), ("touching", known)):
             tables[name].append(np.column_stack([np.full(len(rows), index, np.int64), rows.reshape(-1, 2)]))
-    return {"units": told_units(units)}, {name: np.concatenate(rows) for name, rows in tables.items()}
+    return {"units": plain_units(units)}, {name: np.concatenate(rows) for name, rows in tables.items()}
 
 
 def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:
@@ -218,7 +218,7 @@ def _run(session: Session, arrays: Arrays, operation: Parameters) -> Result:
 
 
 OPERATIONS: Mapping[str, Named] = {
-    "read_back": Named(_read_back, Condition.ASKED),
+    "read_back": Named(_read_back, Condition.QUERIED),
     "kinematics": Named(_kinematics, Condition.PLACED),
     "dynamics": Named(_dynamics, Condition.PLACED),
     "touching": Named(_touching, Condition.PLACED),

@@ -294,7 +294,7 @@ class Running:
 
     def _tell(self, progress: Callable[[float], None] | None, doing: Callable[[str], None] | None) -> None:
         """Pass on what is done, and the share of it. It is a courtesy: what says nothing sensible says nothing."""
-        if doing is not None and (text := self._told()) != self._doing:
+        if doing is not None and (text := self._activity()) != self._doing:
             self._doing = text
             doing(text)
         if progress is None:
@@ -306,7 +306,7 @@ class Running:
         if 0.0 <= share <= 1.0:
             progress(share)
 
-    def _told(self) -> str:
+    def _activity(self) -> str:
         """What the engine says that it does, on one line; "" where it says nothing."""
         try:
             said = read_bytes(self._folder / DOING, DOING_BYTES).decode("utf-8", "replace")

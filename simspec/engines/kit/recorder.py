@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simspec.control.law import Control, Joints
 from simspec.control.reference import Servos
 from simspec.control.request import AppliedForces, Prescribed, forces_from_request, from_request, motions_from_request
-from simspec.engines.kit.arrays import CONTACT_FIELDS, CONTACT_UNIT, told_units
+from simspec.engines.kit.arrays import CONTACT_FIELDS, CONTACT_UNIT, plain_units
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
@@ -104,9 +104,9 @@ class Contacts:
         self._place = place
         self._files = self._opened({"row": (), **CONTACT_FIELDS})
         self._units: _Files | None = None
-        self._told: bool | None = None
+        self._given: bool | None = None
         """Whether the engine tells the units, of contacts that there were; None as long as there were none."""
-        self._empty_told = False
+        self._empty_given = False
         self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS, CONTACT_UNIT)}
         self._collected = 0
 
@@ -119,11 +119,11 @@ class Contacts:
         of some rows only."""
         count, given = len(found["distance"]), CONTACT_UNIT in found
         if not count:
-            self._empty_told = given
+            self._empty_given = given
             return 0
-        if self._told is not None and given != self._told:
+        if self._given is not None and given != self._given:
             raise ValueError("the units of contacts are told of some rows only")
-        self._told = given
+        self._given = given
         if given:
             self._blocks[CONTACT_UNIT].append(np.asarray(found[CONTACT_UNIT]).reshape(count, 2))
         self._blocks["row"].append(np.full(count, row, dtype=np.int64))
@@ -153,7 +153,7 @@ class Contacts:
         """Write the rest; returns kind and shape of each array, that of the units where the engine tells them."""
         self.write()
         arrays = self._files.close()
-        if self._told or (self._told is None and self._empty_told):
+        if self._given or (self._given is None and self._empty_given):
             arrays |= self._of(CONTACT_UNIT).close()
         return arrays
 
@@ -320,7 +320,7 @@ class Recording:
         self._energy = "energy" in channels
         self._contacts = Contacts(self._place) if "contacts" in channels else None
         self._columns: Columns | None = None
-        self._own: np.ndarray | None = None
+        self._known: np.ndarray | None = None
         """Columns of efforts that only the engine knows, where it has controllers of its own."""
         self._most, self._bytes = most, 0
         self._row = 0
@@ -356,7 +356,9 @@ class Recording:
         views, at = columns.views, columns.at
         for name, value in row.items():
             views[name][at] = value
-        if not (np.isfinite(columns.row()).all() if self._own is None else np.isfinite(columns.row()[self._own]).all()):
+        if not (
+            np.isfinite(columns.row()).all() if self._known is None else np.isfinite(columns.row()[self._known]).all()
+        ):
             self.failed = self._which(row, done)
         self._bytes += columns.done()
         if self._contacts is not None and done:
@@ -379,7 +381,7 @@ class Recording:
             known = np.ones(len(columns.row()), dtype=bool)
             first = columns.ends["control.effort"] - np.size(row["control.effort"])
             known[first + np.asarray(native)] = False
-            self._own = known
+            self._known = known
         return columns
 
     def _which(self, row: dict[str, Any], done: int) -> dict[str, Any] | None:
@@ -474,5 +476,5 @@ def record(
         }
     written = recording.arrays()
     if "contact.unit" in written:
-        result["contact_units"] = told_units(session.collision_units())
+        result["contact_units"] = plain_units(session.collision_units())
     return result, written

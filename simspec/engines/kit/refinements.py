@@ -72,7 +72,7 @@ def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:
     return round_inertia and centred and all(shape.kind == "sphere" for shape in shapes)
 
 
-def still_or_light(why: str) -> Support:
+def static_or_massless(why: str) -> Support:
     """Of fixed joints: not where a body that has a mass is fixed to one that moves, in an engine whose coordinates are those of
     their common centre of mass. ``why`` names the body as ``{name}``."""
 
@@ -93,10 +93,10 @@ def still_or_light(why: str) -> Support:
 
 def static_planes(why: str) -> Support:
     """Planes of bodies that cannot move alone. ``why`` names a plane that would move as ``{name}``."""
-    return exact("of bodies that cannot move", planes_still(why))
+    return exact("of bodies that cannot move", only_static_planes(why))
 
 
-def planes_still(why: str) -> Refine:
+def only_static_planes(why: str) -> Refine:
     """Not where a plane would move. ``why`` names it as ``{name}``."""
 
     def refine(world: World) -> Refinement | None:

@@ -34,7 +34,7 @@ class Condition(IntEnum):
 
     FRESH = 0
     """Nothing: it is as it was loaded."""
-    ASKED = 1
+    QUERIED = 1
     """Questions only: it is in the initial state, and nothing of it was changed."""
     PLACED = 2
     """It was put into states, and asked there; never stepped."""
@@ -96,7 +96,7 @@ class Session:
     @property
     def clean(self) -> bool:
         """Whether nothing was changed since loading."""
-        return self.condition <= Condition.ASKED
+        return self.condition <= Condition.QUERIED
 
     @property
     def name(self) -> str:
@@ -118,51 +118,51 @@ class Session:
 
     def read_back(self) -> ReadBack:
         """The model as the engine holds it."""
-        return self._at(Condition.ASKED).read_back()
+        return self._at(Condition.QUERIED).read_back()
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """The state (q (nq,), v (nv,))."""
-        return self._at(Condition.ASKED).get_state()
+        return self._at(Condition.QUERIED).get_state()
 
     def body_states(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (bodies, 7) and velocities (bodies, 6) of the world's body frames."""
-        return self._at(Condition.ASKED).body_states()
+        return self._at(Condition.QUERIED).body_states()
 
     def frame_poses(self) -> np.ndarray | None:
         """Poses (frames, 7) of the world's named frames; None of engines that are told none."""
-        return self._at(Condition.ASKED).frame_poses()
+        return self._at(Condition.QUERIED).frame_poses()
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The parts of the mass matrix at the present state, for places in v."""
-        return self._at(Condition.ASKED).mass_blocks(blocks)
+        return self._at(Condition.QUERIED).mass_blocks(blocks)
 
     def mass_matrix(self) -> np.ndarray:
         """M (nv, nv) at the present state, armature included."""
-        return self._at(Condition.ASKED).mass_matrix()
+        return self._at(Condition.QUERIED).mass_matrix()
 
     def bias_force(self) -> np.ndarray:
         """h (nv,) at the present state, in M v̇ + h = τ."""
-        return self._at(Condition.ASKED).bias_force()
+        return self._at(Condition.QUERIED).bias_force()
 
     def energy(self) -> tuple[float, float]:
         """Kinetic and potential energy (J)."""
-        return self._at(Condition.ASKED).energy()
+        return self._at(Condition.QUERIED).energy()
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used, as arrays with ``CONTACT_FIELDS``."""
-        return self._at(Condition.ASKED).contacts()
+        return self._at(Condition.QUERIED).contacts()
 
     def collision_units(self) -> Sequence[CollisionUnit]:
         """What the engine's collision detection tells apart."""
-        return self._at(Condition.ASKED).collision_units()
+        return self._at(Condition.QUERIED).collision_units()
 
     def detect_units(self) -> np.ndarray:
         """Pairs (n, 2) of indices into ``collision_units`` that touch at the present state."""
-        return self._at(Condition.ASKED).detect_units()
+        return self._at(Condition.QUERIED).detect_units()
 
     def detect_contacts(self) -> np.ndarray:
         """Pairs (n, 2) of indices of bodies that touch at the present state."""
-        return self._at(Condition.ASKED).detect_contacts()
+        return self._at(Condition.QUERIED).detect_contacts()
 
     def log(self) -> list[str]:
         """What the engine had to say (warnings) since loading."""
@@ -185,7 +185,7 @@ class Session:
 
     def ready(self) -> None:
         """Do what the first step would do once, so that steps can be timed without it."""
-        self._at(Condition.ASKED).ready()
+        self._at(Condition.QUERIED).ready()
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         """Quick access to some hinges and slides, to read and drive them at every step."""

@@ -242,11 +242,11 @@ def idle_settings(engine: type[HasSettings], settings: Mapping[str, Any]) -> dic
     found = {}
     for name, setting in engine.SETTINGS.items():
         if setting.needs is not None and (value := settings[setting.needs[0]]) not in setting.needs[1]:
-            found[name] = f"with {_told(setting.needs[0], value)}"
+            found[name] = f"with {_written(setting.needs[0], value)}"
     return found
 
 
-def _told(name: str, value: Value) -> str:
+def _written(name: str, value: Value) -> str:
     """A setting as a spec writes it."""
     return f"{name}: {str(value).lower() if isinstance(value, bool) else value}"
 
@@ -277,7 +277,7 @@ def check_bounds(engine: type[HasSettings], world: World) -> list[Problem]:
                     message = (
                         f"{engine.NAME}'s setting {name!r} is too {'large' if sign > 0.0 else 'small'} for this world"
                     )
-                    problems.append(Problem(message, f"{path}.{name}", found=_told(name, value), allowed=allowed))
+                    problems.append(Problem(message, f"{path}.{name}", found=_written(name, value), allowed=allowed))
     return problems
 
 
@@ -359,12 +359,12 @@ def _idle(
     for name, value in given.items():
         if name not in why or (needs := engine.SETTINGS[name].needs) is None:
             continue
-        acts = " or ".join(_told(needs[0], entry) for entry in needs[1])
+        acts = " or ".join(_written(needs[0], entry) for entry in needs[1])
         problems.append(
             Problem(
                 f"{engine.NAME}'s setting {name!r} has no effect {why[name]}",
                 f"{place}.{name}",
-                found=_told(name, value),
+                found=_written(name, value),
                 hint=f"remove it; it has an effect with {acts}",
             )
         )

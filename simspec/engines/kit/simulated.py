@@ -143,13 +143,13 @@ class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
         before = BeforeSteps(self, simulation.passive, simulation.constraints, simulation.sums)
         self._before = before if before.needed else None
 
-    def _held(self) -> ReadBack:
+    def _read_model(self) -> ReadBack:
         """What the engine itself holds, with its inventory and its neutral values."""
         raise NotImplementedError
 
     def read_back(self) -> ReadBack:
-        back = self._held()
-        return back if self._before is None else self._before.told(back)
+        back = self._read_model()
+        return back if self._before is None else self._before.completed(back)
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         if self._before is None:

@@ -93,7 +93,7 @@ class WorldEngine(SteppedEngine[S], Generic[S], abstract=True):
         simulation: S = self.PARTS.simulation(folder, sidecar)
         return simulation
 
-    def _held(self) -> ReadBack:
+    def _read_model(self) -> ReadBack:
         sim = self._simulation
         model = self.PARTS.read_back(sim, dict(self.UNREADABLE))
         return dataclasses.replace(model, inventory=self.PARTS.inventory(sim), neutral=self.PARTS.neutral(sim))

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.dialects.mujoco.contact import moment_hardness
-from simspec.engines.kit.arrays import demand_held
+from simspec.engines.kit.arrays import demand_singles
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation, named_reasons
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
@@ -39,9 +39,9 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.rewritten import (
     EngineModel,
     RewrittenSimulation,
+    has_friction,
     lacks,
     met_exactly,
-    rubs,
     settings,
     support,
 )
@@ -181,7 +181,7 @@ MOST_TORSIONAL_RATIO = 1000.0
 def weightless_rub(world: World) -> Refinement | None:
     """Refused where a body without mass has shapes with friction on what moves."""
     groups = rigid_groups(world)
-    friction = {name for pair, law in meeting_laws(world).items() if rubs(law) for name in pair}
+    friction = {name for pair, law in meeting_laws(world).items() if has_friction(law) for name in pair}
     for body in world.bodies:
         weightless = not body.inertial.mass and groups[body.name] != "world"
         if weightless and any(shape.material in friction for shape in solid_shapes(body)):
@@ -328,7 +328,7 @@ class MjWarp(RewrittenSimulation):
         return super().log() + [f"{SIGNS.get(name, name)}: after {count} calls" for name, count in self._signs.items()]
 
     def _rounded(self, values: np.ndarray) -> np.ndarray:
-        demand_held(self.NAME, values, "a state or an effort")
+        demand_singles(self.NAME, values, "a state or an effort")
         return values.astype(np.float32).astype(float)
 
     def _query(self, program: str) -> Any:

@@ -134,19 +134,19 @@ class Room:
         then there is nothing to solve, and Warp spares it."""
         solid = int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) + int(model.npair)
         contacts = _power_of_two(LEAST_ROOM + OF_EACH * solid) if solid > 1 else 0
-        return cls(contacts, contacts * _rows_of_one(model) + _other_rows(model))
+        return cls(contacts, contacts * _rows_of_contact(model) + _other_rows(model))
 
     def wider(self, model: Any) -> Room:
         """Twice the room."""
         contacts = 2 * max(self.contacts, LEAST_ROOM)
-        return Room(contacts, contacts * _rows_of_one(model) + _other_rows(model))
+        return Room(contacts, contacts * _rows_of_contact(model) + _other_rows(model))
 
 
 def _power_of_two(least: int) -> int:
     return 1 << (least - 1).bit_length()
 
 
-def _rows_of_one(model: Any) -> int:
+def _rows_of_contact(model: Any) -> int:
     """Rows of one contact at most: of a pyramid two for each direction but the normal's."""
     dims: list[int] = [1, *model.geom_condim.tolist(), *model.pair_dim.tolist()]
     return max(1, 2 * (max(dims) - 1))
@@ -232,7 +232,7 @@ class Programs:
 
     def take(self, name: str) -> np.ndarray:
         """A field of the data, as an array of its own."""
-        return _own(self._numbers(name)[0])
+        return _copied(self._numbers(name)[0])
 
     @property
     def out_of_room(self) -> bool:
@@ -253,14 +253,14 @@ class Programs:
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts of the last run that are within their margin, and the force of each row of constraints."""
         actual, count = self._data.contact, int(self._numbers("nacon")[0])
-        found = {name: _own(getattr(actual, name).numpy()[:count]) for name in CONTACTS}
+        found = {name: _copied(getattr(actual, name).numpy()[:count]) for name in CONTACTS}
         there = (found["dist"] <= found["includemargin"]) & (found["type"] & 1 == 1)
         return {name: values[there] for name, values in found.items()} | {
-            "force": _own(self._data.efc.force.numpy()[0])
+            "force": _copied(self._data.efc.force.numpy()[0])
         }
 
 
-def _own(values: np.ndarray) -> np.ndarray:
+def _copied(values: np.ndarray) -> np.ndarray:
     """A copy, of doubles where the numbers are singles: Warp's arrays on a processor are seen, not copied."""
     return np.array(values, dtype=float if values.dtype == np.float32 else values.dtype)
 

@@ -24,9 +24,9 @@ from simspec.engines.mujoco.rewritten import (
     OF_MUJOCO,
     EngineModel,
     RewrittenSimulation,
+    has_friction,
     lacks,
     met_exactly,
-    rubs,
     settings,
     support,
 )
@@ -129,7 +129,7 @@ _TOO_MANY = (
     f"MJX computes every contact there can be in each step, by a dense matrix, here of more than {MOST_NUMBERS:,} numbers: "
     "with 64 balls on a floor, which have 800,000, a step takes 50 ms (measured)"
 )
-FACE, RUBBING = 4, 3
+FACE, FRICTIONAL_ROWS = 4, 3
 """Points of contact of two shapes, neither of which is a sphere, and rows of a point with friction."""
 PYRAMIDAL = 0
 """MuJoCo's number of the cone that frictionless contacts are solved with."""
@@ -145,8 +145,8 @@ _HOPS = (
 
 def _friction_everywhere(world: World) -> Refinement | None:
     """Refused where some contacts have friction and others none."""
-    smooth = next((pair for pair, law in meeting_laws(world).items() if not rubs(law)), None)
-    if smooth is None or not any(map(rubs, meeting_laws(world).values())):
+    smooth = next((pair for pair, law in meeting_laws(world).items() if not has_friction(law)), None)
+    if smooth is None or not any(map(has_friction, meeting_laws(world).values())):
         return None
     return unsupported_if(
         f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have"
@@ -162,7 +162,7 @@ def _small_enough(world: World) -> Refinement | None:
     for pair, law in meeting_laws(world).items():
         for name, other in shape_pairs(world, [pair]):
             points = 1 if "sphere" in (kinds[name], kinds[other]) else FACE
-            rows += points * (RUBBING if rubs(law) else 1)
+            rows += points * (FRICTIONAL_ROWS if has_friction(law) else 1)
             if rows > most:
                 return unsupported_if(_TOO_MANY)
     return None
@@ -226,7 +226,7 @@ class Mjx(RewrittenSimulation):
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         found = super().expected_inventory(world, neutral)
         found[CONE_OF_FILE] = found["opt.cone"]
-        if not any(map(rubs, meeting_laws(world).values())):
+        if not any(map(has_friction, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL
         return found | turns(world.bodies)
 

@@ -260,7 +260,7 @@ class Programs:
     @functools.cached_property
     def _arrays(self) -> tuple[Any, Any]:
         flatten = self._modules.jax.tree_util.tree_flatten
-        actual, self._held_form = flatten(_bare(self._model))
+        actual, self._model_form = flatten(_bare(self._model))
         blank, self._blank_form = flatten(self.blank)
         return actual, blank
 
@@ -268,7 +268,7 @@ class Programs:
         """The arrays of a program (:data:`ANSWERS`), for positions, velocities and, for ``step``, the accelerations of the step
         before, efforts and the number of steps."""
         arrays = self._arrays
-        key = (name, self._held_form, self._blank_form)
+        key = (name, self._model_form, self._blank_form)
         if key not in _COMPILED:
             if len(_COMPILED) >= MOST_COMPILED:
                 _COMPILED.clear()
@@ -282,7 +282,7 @@ class Programs:
         found = loaded(kept, (arrays, *given), dict.fromkeys(ANSWERS[name], 0)) if kept is not None else None
         if found is not None:
             return found
-        work = _Work(jax, self._modules.mjx, self._held_form, self._blank_form)
+        work = _Work(jax, self._modules.mjx, self._model_form, self._blank_form)
         with doing(f"compiling “{name}” for this model"):
             made: Callable[..., Arrays] = jax.jit(getattr(work, name)).lower(arrays, *given).compile()
         if kept is not None:
@@ -317,11 +317,11 @@ class _Work:
 
     def __init__(self, jax: Any, mjx: Any, actual_form: Any, blank_form: Any):
         self.jax, self._mjx = jax, mjx
-        self.held_form, self.blank_form = actual_form, blank_form
+        self.model_form, self.blank_form = actual_form, blank_form
 
     def _begun(self, arrays: Any, q: Any, v: Any) -> tuple[Any, Any]:
         actual, blank = arrays
-        model, data = self.held_form.unflatten(actual), self.blank_form.unflatten(blank)
+        model, data = self.model_form.unflatten(actual), self.blank_form.unflatten(blank)
         return model, data.replace(qpos=q, qvel=v)
 
     def _placed(self, arrays: Any, q: Any, v: Any) -> tuple[Any, Any]:

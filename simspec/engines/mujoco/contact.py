@@ -125,7 +125,7 @@ BY_COULOMB = Refinement(
 )
 
 
-def coulomb_asked(world: World) -> Refinement | None:
+def coulomb_requested(world: World) -> Refinement | None:
     """Friction is computed outside MuJoCo where the spec sets that."""
     return BY_COULOMB if dict(world.options("mujoco").settings).get("friction") == COULOMB else None
 
@@ -141,7 +141,7 @@ UNLISTED = Refinement(
 
 def impact_friction(world: World) -> Refinement | None:
     """Coulomb's law where the spec sets it; otherwise whether all pairs with friction can be listed."""
-    return coulomb_asked(world) or (UNLISTED if _too_many_to_list(world) else None)
+    return coulomb_requested(world) or (UNLISTED if _too_many_to_list(world) else None)
 
 
 def _too_many_to_list(world: World) -> bool:
@@ -177,7 +177,7 @@ COUPLED_SUPPORT: Mapping[Feature, Support] = {
         "by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to "
         "1.6 times the time of a step",
         short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
-        refine=lambda world: _BY_COULOMB_CARRIED if coulomb_asked(world) else None,
+        refine=lambda world: _BY_COULOMB_CARRIED if coulomb_requested(world) else None,
         cases=(_BY_COULOMB_CARRIED,),
     ),
     **coupled(
@@ -228,7 +228,7 @@ FEW: Final = Refinement(
 
 
 @functools.lru_cache(maxsize=8)
-def ground_held(world: World) -> Refinement | None:
+def ground_supported(world: World) -> Refinement | None:
     """What is missing where shapes with faces or edges may meet a height field."""
     allowed = CollisionFilter(world)
     solid = [(body.name, shape) for body in world.bodies for shape in body.shapes if shape.collision]
@@ -261,7 +261,7 @@ HEIGHT_FIELDS: Final = Support(
     Level.EXACT,
     "an hfield, with heights to 3e-8 of their range; one point of contact for each triangle, which is what spheres and "
     "ellipsoids have",
-    refine=ground_held,
+    refine=ground_supported,
     cases=(ROCKS, FEW),
 )
 

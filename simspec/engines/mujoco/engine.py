@@ -9,7 +9,7 @@ from typing import ClassVar
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import NativeLaw, ServoLaw
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT, HEIGHT_FIELDS
 from simspec.engines.mujoco.expectation import Expectation
@@ -52,7 +52,7 @@ class MuJoCo(MujocoSimulation):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
+    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("MuJoCo"),

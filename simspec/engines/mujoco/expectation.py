@@ -262,7 +262,7 @@ class Expectation:
             found[name] = frames.conjugate(turn)
         return found
 
-    def _own_of(self, pair: Pair) -> dict[str, Any]:
+    def _pair_entry(self, pair: Pair) -> dict[str, Any]:
         """What the sidecar says of a pair of materials with settings of its own."""
         named = [[shape.name for shape in self.solid_shapes if shape.material == material] for material in pair]
         return {"between": list(pair), "shapes": named, "settings": self.own[pair]}
@@ -281,7 +281,7 @@ class Expectation:
             body.name: lumped_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"
         }
         return {
-            **({"pair_settings": [self._own_of(pair) for pair in sorted(self.own)]} if self.own else {}),
+            **({"pair_settings": [self._pair_entry(pair) for pair in sorted(self.own)]} if self.own else {}),
             "schema": 2,
             "dialect": "mujoco",
             "format": "mjcf",
@@ -348,7 +348,7 @@ class Touching:
                 else (
                     name
                     for other, name in first.items()
-                    if other is not None and not self._keeps_apart(separate, other, row)
+                    if other is not None and not self._separates(separate, other, row)
                 )
             )
             found[f"masks.{first[passing]}.members"] = tuple(sorted(some))
@@ -356,8 +356,8 @@ class Touching:
         return found
 
     @staticmethod
-    def _keeps_apart(apart: Kinds, other: Kinds, row: Mapping[tuple[str, str], Kinds]) -> bool:
-        return any(kind in apart for kind, passing in row.items() if passing == other)
+    def _separates(separated: Kinds, other: Kinds, row: Mapping[tuple[str, str], Kinds]) -> bool:
+        return any(kind in separated for kind, passing in row.items() if passing == other)
 
     def excluded(self) -> set[tuple[str, str]]:
         """Pairs of solid bodies: named by the world, of one rigid moving group, or kept apart where masks cannot."""

@@ -89,14 +89,14 @@ def lacks(title: str) -> Mapping[Capability, str]:
     }
 
 
-def rubs(law: PairContact) -> bool:
+def has_friction(law: PairContact) -> bool:
     """Whether a contact has friction of any kind."""
     return bool(law.friction or law.torsional_friction or law.rolling_friction)
 
 
 def _no_friction(world: World, why: str) -> Refinement | None:
     """Refused, as ``why`` says, where anything has friction."""
-    return unsupported_if(why) if any(map(rubs, meeting_laws(world).values())) else None
+    return unsupported_if(why) if any(map(has_friction, meeting_laws(world).values())) else None
 
 
 def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:

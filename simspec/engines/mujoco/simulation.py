@@ -140,12 +140,12 @@ class MujocoSimulation(Engine, abstract=True):
         if model.nbody != len(numbers) + 1 or len(positions) != model.nq:
             raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(numbers)}")
         self._between = Between(model, entries, rows, joints) if len(rows) < len(entries) else None
-        self._held = np.array([entry.name in numbers for entry in entries], dtype=bool)
+        self._present = np.array([entry.name in numbers for entry in entries], dtype=bool)
         self._bodies = np.array([numbers[entry.name] for entry in entries if entry.name in numbers], dtype=np.intp)
         self._q = np.array(positions, dtype=np.intp)
         self._v = np.array(velocities, dtype=np.intp)
         self._world_index = np.full(model.nbody, -1, dtype=np.int64)
-        self._world_index[self._bodies] = np.flatnonzero(self._held)
+        self._world_index[self._bodies] = np.flatnonzero(self._present)
         self._offsets = np.array([entry.frame_offset for entry in entries]).reshape(-1, 3)
 
     def read_back(self) -> ReadBack:
@@ -201,7 +201,7 @@ class MujocoSimulation(Engine, abstract=True):
         lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
         velocities = np.concatenate([central + cross(angular, lever), angular], axis=1)
         if self._between is not None:
-            poses, velocities = self._between.add(self._held, poses, velocities, probe.qpos, probe.qvel)
+            poses, velocities = self._between.add(self._present, poses, velocities, probe.qpos, probe.qvel)
         return restore_velocities(poses, velocities, self._offsets)
 
     def frame_poses(self) -> np.ndarray | None:

@@ -305,7 +305,7 @@ class _Pyramid(_Contacts):
         self._minus = np.where(self._live, self._plus + 1, address[:, None])
         self.normal = np.concatenate([self._plus[self._live], self._minus[self._live]])
         values = np.broadcast_to(np.arange(address.size)[:, None], self._live.shape)[self._live]
-        self._own = np.concatenate([values, values])
+        self._contact_of_row = np.concatenate([values, values])
         self.gain, self.most = _gains(friction)
 
     def begin(self, velocity: np.ndarray, reference: np.ndarray, dt: float) -> None:
@@ -325,8 +325,8 @@ class _Pyramid(_Contacts):
         return lifted
 
     def pressed(self, force: np.ndarray) -> np.ndarray:
-        return np.bincount(self._own, force[self.normal], self.gain.size) > 0.0
+        return np.bincount(self._contact_of_row, force[self.normal], self.gain.size) > 0.0
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        spread: np.ndarray = values[self._own]
+        spread: np.ndarray = values[self._contact_of_row]
         return spread

@@ -15,7 +15,7 @@ from simspec.engines.kit.inventory import (
     Items,
     below,
     excluded_carriers,
-    expected_apart,
+    expected_separate,
     finite,
     sidecar_labels,
 )
@@ -218,7 +218,7 @@ def expected(
     for pair in meeting_laws(world):
         if used.issuperset(pair):
             found[f"law.{'.'.join(pair)}.softness"] = (ERROR_REDUCTION, float(settings["softness"]))
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)
 
 
 def _rows(body: Body) -> dict[str, str]:

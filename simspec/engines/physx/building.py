@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from simspec.dialects.physx import PhysxSidecar
-from simspec.engines.kit.arrays import held_by
+from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
 from simspec.errors import EngineError
 from simspec.formats.world import FreeJoint, JsonBody
@@ -150,7 +150,7 @@ def imported() -> Any:
 
 def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
     """Lengths (m, m/s, m/s²) in PhysX's unit."""
-    return held_by(NAME, (SCALE * value for value in values), name)
+    return checked_singles(NAME, (SCALE * value for value in values), name)
 
 
 class Built:
@@ -189,7 +189,7 @@ class Built:
         physx, document = self.physx, self.walk.document
         config = physx.PhysxSceneConfig()
         config.gravity = lengths(document.gravity, "gravity")
-        timestep = held_by(NAME, (document.timestep,), "timestep")[0]
+        timestep = checked_singles(NAME, (document.timestep,), "timestep")[0]
         config.bounce_threshold = lengths((max(threshold, LEAST),), "restitution_threshold")[0]
         config.enable_pcm = False  # it would keep contacts of earlier steps
         config.enable_tgs = False  # with it slow slides stop a quarter too soon, and bodies at rest creep (measured)
@@ -241,8 +241,8 @@ class Built:
         moments, axes = principal_axes(body.inertia)
         if not min(moments) > 0.0:
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
-        actor.mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
-        actor.inertia = held_by(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
+        actor.mass = checked_singles(NAME, (body.mass,), f"mass of {body.name}")[0]
+        actor.inertia = checked_singles(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
         actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
 
     def _shape(self, unit: Unit) -> Any:
@@ -251,7 +251,7 @@ class Built:
         # PhysX would replace such numbers, with a message on the error output alone
         if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):
             raise EngineError(NAME, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
-        friction, restitution = held_by(NAME, (copy.friction, copy.restitution), f"numbers of {shape.name}")
+        friction, restitution = checked_singles(NAME, (copy.friction, copy.restitution), f"numbers of {shape.name}")
         if friction < 0.0 or not 0.0 <= restitution <= 1.0:
             raise EngineError(NAME, f"does not support the numbers of {shape.name!r}: {friction:g} and {restitution:g}")
         if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:

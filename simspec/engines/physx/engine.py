@@ -13,7 +13,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.refinements import no_friction, static_planes, still_or_light
+from simspec.engines.kit.refinements import no_friction, static_or_massless, static_planes
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, COUPLED, DEVIATIONS, MESHES, boxes, meshes
@@ -96,7 +96,7 @@ class PhysX(WorldEngine[Simulation]):
         Feature.SHAPE_BOX: exact(
             "those that may meet other boxes are approximate, and accepted by name", refine=boxes, cases=(BOXES,)
         ),
-        Feature.JOINT_FIXED: still_or_light(
+        Feature.JOINT_FIXED: static_or_massless(
             "PhysX would move the common centre of mass of {name} and what it is fixed to, and coordinates are of one of them"
         ),
         Feature.SHAPE_PLANE: static_planes("PhysX's planes are of what cannot move, and {name} does"),

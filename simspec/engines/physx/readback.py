@@ -15,7 +15,7 @@ import numpy as np
 
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.building import Unit
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set, sidecar_labels
+from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_separate, named_set, sidecar_labels
 from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.physx.building import AXES, NAME, SCALE, inertia_of, pose_of, touches
 from simspec.engines.physx.simulation import Simulation
@@ -249,4 +249,4 @@ def expected(
             found[f"{at}.units"] = named_set(units_of.get(body.name, ()))
         if free:
             found |= BODY.expect(settings, at, below("dynamic", neutral))
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.physx import PhysxSidecar
-from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_held
+from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_singles
 from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.physx.building import (
     FASTEST,
@@ -267,7 +267,7 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
-        demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
+        demand_singles(NAME, SCALE * np.concatenate([q, v]), "state")
         poses, velocities = self.in_world(q, v)
         velocities[:, :3] *= SCALE
         poses[:, :3] *= SCALE
@@ -303,7 +303,7 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         """Step ``count`` times under a constant effort (nv,), None = zero."""
         wrench = None
         if effort is not None:
-            demand_held(NAME, SCALE * SCALE * np.asarray(effort, dtype=float), "effort")
+            demand_singles(NAME, SCALE * SCALE * np.asarray(effort, dtype=float), "effort")
             wrench = np.asarray(effort, dtype=float).reshape(-1, 6)
             wrench = wrench if wrench.any() else None
         touching = self._contact and bool(self.walk.units)

@@ -27,7 +27,7 @@ from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import BeforeSteps
-from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import armature_felt, only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
@@ -52,7 +52,7 @@ from simspec.engines.pybullet.geometry import (
     KEPT,
     LANDING,
     THICK,
-    ground_held,
+    ground_supported,
     meshes_held,
     thick_enough,
     thicker,
@@ -104,7 +104,7 @@ def _not_felt(held: Container[str], armed: str, bodies: Sequence[Body]) -> str |
 
 def _ground_held(world: World) -> Refinement | None:
     base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
-    return ground_held(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
+    return ground_supported(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
 
 
 class PyBullet(SimulatedEngine[Simulation]):
@@ -120,7 +120,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     HULL_PRECISION: ClassVar[float] = KEPT
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
+    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("PyBullet"),
@@ -286,7 +286,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         sim = self._simulation
         held = read_back(sim, self._outside)
         return dataclasses.replace(
-            held if self._before is None else self._before.told(held),
+            held if self._before is None else self._before.completed(held),
             unreadable=dict(self.UNREADABLE),
             inventory=inventory(sim),
             neutral=neutral(sim),

@@ -16,13 +16,13 @@ import numpy as np
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
+    Addition,
     Effect,
-    HeldLink,
-    Own,
+    EngineLink,
     Reads,
     bodies_of_links,
+    distinct_names,
     support,
-    told_apart,
 )
 from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.simulation import GREETING
@@ -108,20 +108,20 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF),
 }
 LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
-FOREIGN_OWN: Final[Mapping[str, Own]] = {
-    "gravity_set": Own(None, "default", "there is no gravity before setGravity"),
-    "timestep": Own(None, "default", "1/240 s, unless told otherwise"),
-    "linear_damping": Own(
+FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+    "gravity_set": Addition(None, "default", "there is no gravity before setGravity"),
+    "timestep": Addition(None, "default", "1/240 s, unless told otherwise"),
+    "linear_damping": Addition(
         0.0,
         "physics",
         "share of its speed that what moves loses each second; set linearDamping and angularDamping to 0",
     ),
-    "joints_held_by_motors": Own(
+    "joints_held_by_motors": Addition(
         0, "physics", "hinges and slides start with a motor that holds them; give VELOCITY_CONTROL with force 0"
     ),
-    "velocity_clamp": Own(None, "physics", "no joint moves faster (rad/s, m/s); set maxJointVelocity"),
-    "self_collision": Own(True, "physics", "links of one body touch each other only with URDF_USE_SELF_COLLISION"),
-    "collision_margin": Own(
+    "velocity_clamp": Addition(None, "physics", "no joint moves faster (rad/s, m/s); set maxJointVelocity"),
+    "self_collision": Addition(True, "physics", "links of one body touch each other only with URDF_USE_SELF_COLLISION"),
+    "collision_margin": Addition(
         0.0, "physics", "largest margin (m) that is added around a shape; set collisionMargin to 0"
     ),
 }
@@ -178,15 +178,17 @@ class Foreign:
 
     # --- the model ----------------------------------------------------------------------------------------------------
 
-    def _links(self, uid: int) -> list[HeldLink]:
+    def _links(self, uid: int) -> list[EngineLink]:
         p = self._p
         count = p.getNumJoints(uid)
         model = p.getBodyInfo(uid)
         infos = [p.getJointInfo(uid, joint) for joint in range(count)]
-        names = told_apart([model[0].decode(errors="replace"), *(info[12].decode(errors="replace") for info in infos)])
+        names = distinct_names(
+            [model[0].decode(errors="replace"), *(info[12].decode(errors="replace") for info in infos)]
+        )
         return [self._link(uid, link, names, infos) for link in range(-1, count)]
 
-    def _link(self, uid: int, link: int, names: list[str], infos: list[Any]) -> HeldLink:
+    def _link(self, uid: int, link: int, names: list[str], infos: list[Any]) -> EngineLink:
         p = self._p
         dynamics = p.getDynamicsInfo(uid, link)
         inertial = pose_at(dynamics, 3)
@@ -197,13 +199,13 @@ class Foreign:
             pose = frames.compose(pose_at(p.getBasePositionAndOrientation(uid), 0), frames.inverse(inertial))
             # a base without mass does not move (measured)
             joint = Joint("", "free" if dynamics[0] else "fixed")
-            return HeldLink(names[0], None, pose, held, joint, shapes=shapes)
+            return EngineLink(names[0], None, pose, held, joint, shapes=shapes)
         if infos[link][2] in (0, 1):
             p.resetJointState(uid, link, 0.0)
         state = p.getLinkState(uid, link, computeForwardKinematics=1)
         pose = pose_at(state, 4)
         joint = _joint(infos[link], inertial)
-        return HeldLink(names[link + 1], names[infos[link][16] + 1], pose, held, joint, shapes=shapes)
+        return EngineLink(names[link + 1], names[infos[link][16] + 1], pose, held, joint, shapes=shapes)
 
     def _shapes(self, uid: int, link: int, inertial: Pose, dynamics: Any) -> tuple[Shape, ...]:
         p = self._p
@@ -295,10 +297,10 @@ class Foreign:
         return {"joints_held_by_motors": held, **clamped}
 
 
-def _apart(links: list[HeldLink]) -> list[HeldLink]:
+def _apart(links: list[EngineLink]) -> list[EngineLink]:
     """Links of several trees, whose names may be the same."""
     seen: dict[str, int] = {}
-    apart: list[HeldLink] = []
+    apart: list[EngineLink] = []
     names: dict[str, str] = {}
     for link in links:
         if link.parent is None:

@@ -352,7 +352,7 @@ HOW: Final = (
 )
 
 
-def ground_held(world: World, plan: ContactPlan, base_margin: float) -> Refinement | None:
+def ground_supported(world: World, plan: ContactPlan, base_margin: float) -> Refinement | None:
     """Not supported where PyBullet would keep a margin around a height field: on other links than bases, and in copies."""
     for body in world.bodies:
         margins = [margin for _, margin in margins_of("heightfield", body, plan, base_margin)]

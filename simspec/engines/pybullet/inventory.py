@@ -23,7 +23,7 @@ from simspec.engines.kit.inventory import (
     Carrier,
     Items,
     below,
-    expected_apart,
+    expected_separate,
     listed,
     named_set,
     sidecar_labels,
@@ -373,7 +373,7 @@ def expected(
     for name in free_rigid(world) if settings["sleeping"] else ():
         found[f"calls.changeDynamics.{name}.activationState"] = SLEEPY
         found[f"calls.changeDynamics.{name}.sleepThreshold"] = SLOW
-    return found | expected_apart(world, plan, solid)
+    return found | expected_separate(world, plan, solid)
 
 
 def _welded(bodies: tuple[Body, ...], world_link: bool) -> tuple[frozenset[str], frozenset[str]]:

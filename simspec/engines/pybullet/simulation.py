@@ -145,8 +145,8 @@ class Simulation:
         links = [(tree.uid, link.link) for tree in self.trees for link in tree.links]
         links += [(tree.uid, link) for tree in self.trees for link, _ in tree.copies]
         query = self.bullet.getDynamicsInfo
-        rubs = any(query(uid, link)[1] for uid, link in links)
-        elliptic = rubs and sidecar.friction_cone == "elliptic"
+        has_friction = any(query(uid, link)[1] for uid, link in links)
+        elliptic = has_friction and sidecar.friction_cone == "elliptic"
         self.bullet.setPhysicsEngineParameter(enableConeFriction=int(elliptic))
 
     def disable_dry_friction(self, places: Container[int]) -> None:

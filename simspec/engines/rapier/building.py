@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.kit.arrays import held_by
+from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
@@ -46,7 +46,7 @@ Settings = Mapping[str, Any]
 
 def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
     """Lengths (m, m/s, m/s²) in Rapier's unit."""
-    return held_by(NAME, (SCALE * value for value in values), name)
+    return checked_singles(NAME, (SCALE * value for value in values), name)
 
 
 class Laws:
@@ -161,7 +161,7 @@ class Built:
         self.rapier, self.walk = rapier, walk
         self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*lengths(walk.document.gravity, "gravity")))
         self.world.set_num_threads(1)
-        configure(rapier, self.world, held_by(NAME, (walk.document.timestep,), "timestep")[0], settings)
+        configure(rapier, self.world, checked_singles(NAME, (walk.document.timestep,), "timestep")[0], settings)
         self.bodies: list[Any] = []
         for placed in walk.bodies:
             self.bodies.append(self._body(placed))
@@ -217,9 +217,9 @@ class Built:
 
     def _mass(self, body: JsonBody) -> Any:
         moments, axes = principal(body.inertia)
-        mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
+        mass = checked_singles(NAME, (body.mass,), f"mass of {body.name}")[0]
         centre = lengths(body.centre_of_mass, f"centre of {body.name}")
-        scaled = held_by(NAME, (SQUARE * moment for moment in moments), f"inertia of {body.name}")
+        scaled = checked_singles(NAME, (SQUARE * moment for moment in moments), f"inertia of {body.name}")
         vector = self.rapier.Vec3
         return self.rapier.MassProperties(vector(*centre), mass, vector(*scaled), self.rapier.Rotation3(*axes))
 

@@ -11,7 +11,7 @@ from typing import ClassVar
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.refinements import only_balls_slide, static_planes, still_or_light
+from simspec.engines.kit.refinements import only_balls_slide, static_or_massless, static_planes
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (
@@ -69,7 +69,7 @@ class Rapier(WorldEngine[Simulation]):
             refine=cylinders,
             cases=(CYLINDERS,),
         ),
-        Feature.JOINT_FIXED: still_or_light(
+        Feature.JOINT_FIXED: static_or_massless(
             "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
             "one of them: 1e-4 of difference after 2 s"
         ),

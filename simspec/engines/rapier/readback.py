@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set, sidecar_labels
+from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_separate, named_set, sidecar_labels
 from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.rapier.building import AXES, SCALE
 from simspec.engines.rapier.simulation import Simulation, inertia_of, pose_of
@@ -326,7 +326,7 @@ def expected(
             carriers.append(Carrier(f"{shape.name}.0", body.name, shape.material, 0))
             found |= COLLIDER.expect(solid, f"shape.{shape.name}", below("collider", neutral))
             found[f"shape.{shape.name}.of"] = body.name
-    return found | expected_apart(world, plan, carriers)
+    return found | expected_separate(world, plan, carriers)
 
 
 def _separate(world: World, body: Body) -> bool:

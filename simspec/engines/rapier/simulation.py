@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.kit.world import LawSidecar
-from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_held, empty_contacts
+from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_singles, empty_contacts
 from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
 from simspec.errors import EngineError
@@ -139,7 +139,7 @@ class Simulation(FreeBodySimulation[LawSidecar]):
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
         rapier = self.rapier
-        demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
+        demand_singles(NAME, SCALE * np.concatenate([q, v]), "state")
         poses, velocities = self.in_world(q, v)
         places, speeds, spins = SCALE * poses[:, :3], SCALE * velocities[:, :3], velocities[:, 3:]
         rows = zip(self.bodies, places.tolist(), poses[:, 3:].tolist(), speeds.tolist(), spins.tolist(), strict=True)
@@ -203,7 +203,7 @@ class Simulation(FreeBodySimulation[LawSidecar]):
             if (local := gyroscopic(self.bodies[number], inertia)) is not None:
                 torques[number] = local
         if effort is not None:
-            demand_held(NAME, SQUARE * np.asarray(effort, dtype=float), "effort")
+            demand_singles(NAME, SQUARE * np.asarray(effort, dtype=float), "effort")
             given = np.asarray(effort, dtype=float).reshape(-1, 6)
             for number in np.flatnonzero(given.any(axis=1)).tolist():
                 body, (force, torque) = self.bodies[number], (given[number, :3], given[number, 3:])

@@ -282,7 +282,7 @@ class Webots(GivenEngine[Simulation]):
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)
 
-    def _held(self) -> ReadBack:
+    def _read_model(self) -> ReadBack:
         return read_back(self._simulation)
 
     def ready(self) -> None:

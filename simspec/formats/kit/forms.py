@@ -54,7 +54,7 @@ class MapOf:
 
 
 @dataclass(frozen=True, slots=True)
-class OneOf:
+class Alternatives:
     """One of some texts."""
 
     words: tuple[str, ...]
@@ -95,11 +95,11 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     if isinstance(form, OrNull):
         if value is not None:
             check_fields(value, form.form, at)
-    elif isinstance(form, OneOf):
+    elif isinstance(form, Alternatives):
         check_fields(value, str, at)
         check_known((value,), form.words, at)
     elif isinstance(form, Variants):
-        check_fields(value.get(KIND), OneOf(tuple(form.forms)), f"{at}.{KIND}")
+        check_fields(value.get(KIND), Alternatives(tuple(form.forms)), f"{at}.{KIND}")
         check_fields(value, form.forms[value[KIND]], at)
     elif isinstance(form, TupleOf):
         if type(value) is not list or len(value) != len(form.forms):
@@ -159,7 +159,7 @@ def form_of(kind: Any) -> Any:
             return object
         return Variants({word: form_of(item) for word, item in _variants(kind).items()})
     if origin is Literal:
-        return OneOf(items)
+        return Alternatives(items)
     raise TypeError(f"{kind} has no form")
 
 

@@ -263,11 +263,11 @@ def dimensions(law: PairContact | Surface) -> int:
     return 3 if law.friction else 1
 
 
-ONE_NUMBER = "one number for all six coordinates: that of rotation is that of translation, in SI units"
+SINGLE_NUMBER = "one number for all six coordinates: that of rotation is that of translation, in SI units"
 """What MJCF has of damping and armature of free joints."""
 
 
-def one_number(name: str, world: World) -> Refinement | None:
+def single_number(name: str, world: World) -> Refinement | None:
     """Not supported where a free body's ``name`` (damping, armature) has two different numbers."""
     for body in world.bodies:
         if body.joint.kind == "free" and getattr(body.joint, name) != getattr(body.joint, f"angular_{name}"):

@@ -27,7 +27,7 @@ def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[st
 
     Raises UnsupportedError where there are more classes than bits, and some shapes of two bodies may touch and others not.
     """
-    separate = _apart(world)
+    separate = _separated(world)
     kinds = sorted({(body.collision_group, shape.material) for body in world.bodies for shape in solid_shapes(body)})
     rows = {kind: frozenset(other for other in kinds if separate(kind, other)) for kind in kinds}
     # kinds that keep apart from the same others are one class: they touch each other all or not at all
@@ -35,7 +35,7 @@ def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[st
     if not classes:
         return dict.fromkeys(kinds, ()), []
     if len(classes) >= FILTER_BITS:
-        return dict.fromkeys(kinds, ()), _bodies_apart(world, rows)
+        return dict.fromkeys(kinds, ()), _separated_bodies(world, rows)
     bit_of_row = {rows[kind]: index for index, kind in enumerate(classes, 1)} | {frozenset(): 0}
 
     def mask(kind: Kind) -> Attributes:
@@ -46,7 +46,7 @@ def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[st
     return {kind: mask(kind) for kind in kinds}, []
 
 
-def _apart(world: World) -> Callable[[Kind, Kind], bool]:
+def _separated(world: World) -> Callable[[Kind, Kind], bool]:
     ignored = set(world.contact.ignored_groups)
     passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
 
@@ -57,7 +57,7 @@ def _apart(world: World) -> Callable[[Kind, Kind], bool]:
     return separate
 
 
-def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tuple[str, str]]:
+def _separated_bodies(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tuple[str, str]]:
     """Pairs of bodies none of whose shapes touch; only bodies that keep apart from some kind are looked at."""
     members: dict[frozenset[Kind], list[str]] = {}
     for body in world.bodies:

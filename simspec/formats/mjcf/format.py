@@ -18,7 +18,7 @@ from simspec.formats.mjcf.bodies import (
     CONES,
     GROUPS,
     KINDS,
-    ONE_NUMBER,
+    SINGLE_NUMBER,
     BodyRow,
     body_of,
     depth_first,
@@ -34,7 +34,7 @@ from simspec.formats.mjcf.bodies import (
     margins_of,
     meshes_of,
     no_more_than_its_weight,
-    one_number,
+    single_number,
     sites_of,
     tendons,
 )
@@ -112,8 +112,8 @@ SUPPORT: Final[Table] = {
     Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
     Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
-    Feature.FREE_DAMPING: exact(ONE_NUMBER, refine=functools.partial(one_number, "damping")),
-    Feature.FREE_ARMATURE: exact(ONE_NUMBER, refine=functools.partial(one_number, "armature")),
+    Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
+    Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
     Feature.FORCES: never("MJCF has no forces that begin and end"),
     Feature.CONTROL: approximate(
         "actuators with the gains and effort limits of pd and the target at the start, motors for laws without gains; without "
@@ -225,7 +225,7 @@ def _more(world: World, unlike_rule: list[Pair]) -> Iterator[Loss]:
 # --- contact ------------------------------------------------------------------------------------------------------
 
 
-def _own_laws(world: World) -> Mapping[str, PairContact]:
+def _laws_of_pairs(world: World) -> Mapping[str, PairContact]:
     """The law of each material with itself."""
     return {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
 
@@ -242,7 +242,7 @@ def _reference(law: PairContact) -> tuple[float, float]:
 
 def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
     """Whether two geoms of these materials have this law by the language's rule."""
-    contacts = _own_laws(world)
+    contacts = _laws_of_pairs(world)
     first, second = (contacts[name] for name in pair)
     larger = tuple(max(values) for values in zip(_friction(first), _friction(second), strict=True))
     return (
@@ -264,7 +264,7 @@ def _upper_bound(world: World, pairs: list[Pair]) -> float:
 
 def _classes(world: World) -> Iterator[MjcfDefault]:
     yield MjcfDefault(VISUAL, (("geom", (("contype", 0), ("conaffinity", 0))),))
-    contacts = _own_laws(world)
+    contacts = _laws_of_pairs(world)
     for material in world.contact.materials:
         law = contacts[material.name]
         reference = _reference(law)

@@ -241,7 +241,7 @@ class MjcfClasses:
         self.main = names[0] if names else MAIN
         elements: Mapping[str, Mapping[str, str]] = {}
         for element in outermost:
-            elements = self._with_own(elements, element)
+            elements = self._with_elements(elements, element)
         self.by_name = {self.main: MjcfClass(self.main, None, elements)}
         waiting = [(child, self.main) for element in reversed(outermost) for child in reversed(element.all("default"))]
         while waiting:
@@ -251,7 +251,7 @@ class MjcfClasses:
                 raise self._refused(element, "a class of defaults without a name")
             if name in self.by_name:
                 raise self._refused(element, f"a second class of defaults {name[:200]!r}")
-            self.by_name[name] = MjcfClass(name, parent, self._with_own(self.by_name[parent].elements, element))
+            self.by_name[name] = MjcfClass(name, parent, self._with_elements(self.by_name[parent].elements, element))
             waiting.extend((child, name) for child in reversed(element.all("default")))
 
     def find(self, name: str, element: XmlElement) -> MjcfClass:
@@ -280,7 +280,9 @@ class MjcfClasses:
             self._counted(element, len(self._together[key]))
         return name, self._overridden(element, self._together[key], element.attributes)
 
-    def _with_own(self, outer: Mapping[str, Mapping[str, str]], element: XmlElement) -> Mapping[str, Mapping[str, str]]:
+    def _with_elements(
+        self, outer: Mapping[str, Mapping[str, str]], element: XmlElement
+    ) -> Mapping[str, Mapping[str, str]]:
         """The defaults of a class: those around it, overridden by its own."""
         children = [child for child in element.children if child.tag not in ("default", "include")]
         if not children:

@@ -22,7 +22,7 @@ def made(table: MutationTable = NOTHING, files: dict[str, str] | None = None):
 
 
 def changes(found, site):
-    return Counter(one.kind for one in found if one.site == site)
+    return Counter(entry.kind for entry in found if entry.site == site)
 
 
 def test_every_number_of_xml_is_changed_in_every_way():
@@ -58,22 +58,22 @@ def test_every_field_of_json_is_changed_in_every_way():
 
 def test_each_is_one_change_of_the_whole_file_and_unlike_all_others():
     found = made()
-    assert len({(one.file, one.text) for one in found}) == len(found)
-    assert len({one.name for one in found}) == len(found)
-    assert {one.kind for one in found} <= set(KINDS)
+    assert len({(entry.file, entry.text) for entry in found}) == len(found)
+    assert len({entry.name for entry in found}) == len(found)
+    assert {entry.kind for entry in found} <= set(KINDS)
     unchanged = json.loads(json.dumps(SIDE))
-    for one in found:
-        if one.file == "sidecar.json":
-            differing = [key for key in unchanged if json.loads(one.text).get(key, "gone") != unchanged[key]]
-            assert len(differing) == 1, one
+    for entry in found:
+        if entry.file == "sidecar.json":
+            differing = [key for key in unchanged if json.loads(entry.text).get(key, "gone") != unchanged[key]]
+            assert len(differing) == 1, entry
 
 
 def test_words_integers_and_zeros_are_as_the_table_says():
     table = MutationTable(words={"a@on": ("perhaps",)}, integers=frozenset({"m/text()"}), moved={"a@size": "7"})
     found = made(table)
-    assert [one.change for one in found if one.site == "m/text()"] == ["[0] 3 to 4", "[0] 3 to -3"]
+    assert [entry.change for entry in found if entry.site == "m/text()"] == ["[0] 3 to 4", "[0] 3 to -3"]
     assert changes(found, "a@on")["word"] == 2
-    assert '"1 7"' in next(one.text for one in found if one.kind == "moved" and one.site == "a@size")
+    assert '"1 7"' in next(entry.text for entry in found if entry.kind == "moved" and entry.site == "a@size")
 
 
 def test_what_could_stand_there_is_added_to_each_place():
@@ -84,9 +84,9 @@ def test_what_could_stand_there_is_added_to_each_place():
         Addition("root", '<b of="{a[2]}"/>'),
         Addition("a", "<c/>", once=True),
     )
-    beside = (Addition("", "1", "fresh"), Addition("list", "3.5"))
-    found = made(MutationTable(additions={"*.xml": rows, "sidecar.json": beside}))
-    added = [(one.kind, one.site, one.change) for one in found if "added" in one.kind]
+    alongside = (Addition("", "1", "fresh"), Addition("list", "3.5"))
+    found = made(MutationTable(additions={"*.xml": rows, "sidecar.json": alongside}))
+    added = [(entry.kind, entry.site, entry.change) for entry in found if "added" in entry.kind]
     assert Counter(added) == {
         ("attribute added", "a@more", "5"): 2,
         ("element added", "root/b", '<b of="two"/>'): 1,
@@ -109,7 +109,7 @@ def test_what_could_stand_there_is_added_to_each_place():
     ],
 )
 def test_what_is_declared_inert(row, declared):
-    mutation = next(one for one in made() if one.site == "a@size" and one.kind == "scaled")
+    mutation = next(entry for entry in made() if entry.site == "a@size" and entry.kind == "scaled")
     assert (MutationTable(inert=(row,)).inertness(mutation) is row) == declared
 
 

@@ -34,7 +34,8 @@ def test_each_is_in_one_group():
 
 def groups_of(*kinds_and_places: tuple[str, str]):
     chosen = [
-        next(one for one in ALL if one.kind == kind and one.place.startswith(place)) for kind, place in kinds_and_places
+        next(mutation for mutation in ALL if mutation.kind == kind and mutation.place.startswith(place))
+        for kind, place in kinds_and_places
     ]
     return [len(group) for group in TOGETHER.groups(chosen)]
 
@@ -57,12 +58,12 @@ def test_what_is_in_one_element_or_around_it_is_apart():
 def test_all_changes_of_a_group_are_in_its_files(order):
     """Undoing one of two, by its own text, gives the other: they do not depend on each other."""
     for group in TOGETHER.groups(order[:40]):
-        for one, other in itertools.pairwise(group):
-            both = TOGETHER.files([one, other])
-            if one.file != other.file:
-                assert both == {one.file: one.text, other.file: other.text}
+        for first, other in itertools.pairwise(group):
+            both = TOGETHER.files([first, other])
+            if first.file != other.file:
+                assert both == {first.file: first.text, other.file: other.text}
             else:
-                plain = len(TOGETHER.unchanged(one.file))
-                assert len(both[one.file]) - plain == (len(one.text) - plain) + (len(other.text) - plain)
-                assert both[one.file] not in (one.text, other.text)
-                assert both == TOGETHER.files([other, one])
+                plain = len(TOGETHER.unchanged(first.file))
+                assert len(both[first.file]) - plain == (len(first.text) - plain) + (len(other.text) - plain)
+                assert both[first.file] not in (first.text, other.text)
+                assert both == TOGETHER.files([other, first])

@@ -44,11 +44,11 @@ def as_held(world: World) -> tuple[Body, ...]:
     """The world's bodies as a file holds them: surfaces as numbers in place of materials, no names of groups."""
     plan = contact_plan(world, MuJoCo.RULES, MuJoCo.LAYERS)
 
-    def held(shape: Shape) -> Shape:
+    def actual(shape: Shape) -> Shape:
         return dataclasses.replace(shape, material="", surfaces=surfaces(shape, plan) if shape.collision else ())
 
     return tuple(
-        dataclasses.replace(body, collision_group="default", shapes=tuple(map(held, body.shapes)))
+        dataclasses.replace(body, collision_group="default", shapes=tuple(map(actual, body.shapes)))
         for body in world.bodies
     )
 

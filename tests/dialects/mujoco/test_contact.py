@@ -205,10 +205,10 @@ def shapes_of(kinds: list[tuple[str, str]], ignored=(), passing=(), per_body: in
             f"b{i}",
             Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)),
             Joint(f"j{i}", "free", position=(float(i), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-            tuple(Shape(f"s{i}_{k}", "sphere", (0.1,), Pose(), material) for k, (_, material) in enumerate(own)),
-            own[0][0],
+            tuple(Shape(f"s{i}_{k}", "sphere", (0.1,), Pose(), material) for k, (_, material) in enumerate(group)),
+            group[0][0],
         )
-        for i, own in enumerate(groups)
+        for i, group in enumerate(groups)
     )
     names = sorted({material for _, material in kinds})
     pairs = tuple(
@@ -223,16 +223,16 @@ def touching(world: World) -> set[frozenset[str]]:
     """Shapes of different bodies that touch by MuJoCo's documented rule, worked out from the text."""
     root = ElementTree.fromstring(emit(world)[MODEL])
     main = next(iter(root.iterfind("default/geom"))).attrib
-    apart = {frozenset((e.attrib["body1"], e.attrib["body2"])) for e in root.iter("exclude")}
+    separate = {frozenset((e.attrib["body1"], e.attrib["body2"])) for e in root.iter("exclude")}
     geoms = [
         (body.attrib["name"], geom.attrib["name"], *(int(geom.get(n, main[n])) for n in ("contype", "conaffinity")))
         for body in root.iter("body")
         for geom in body.findall("geom")
     ]
     return {
-        frozenset((one[1], two[1]))
-        for one, two in itertools.combinations(geoms, 2)
-        if one[0] != two[0] and frozenset((one[0], two[0])) not in apart and (one[2] & two[3] or two[2] & one[3])
+        frozenset((geom[1], two[1]))
+        for geom, two in itertools.combinations(geoms, 2)
+        if geom[0] != two[0] and frozenset((geom[0], two[0])) not in separate and (geom[2] & two[3] or two[2] & geom[3])
     }
 
 
@@ -241,12 +241,12 @@ def wanted(world: World) -> set[frozenset[str]]:
     ignored = set(world.contact.ignored_groups)
     passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
     return {
-        frozenset((one.name, two.name))
+        frozenset((shape.name, two.name))
         for a, b in itertools.combinations(world.bodies, 2)
-        for one in a.shapes
+        for shape in a.shapes
         for two in b.shapes
         if tuple(sorted((a.collision_group, b.collision_group))) not in ignored
-        and tuple(sorted((one.material, two.material))) not in passing
+        and tuple(sorted((shape.material, two.material))) not in passing
     }
 
 

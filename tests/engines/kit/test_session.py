@@ -99,7 +99,7 @@ def test_questions_leave_it_clean(folder, name):
     session = Session(Noting, folder)
     assert session.condition is Condition.FRESH
     getattr(session, name)()
-    assert (session.condition, session.clean) == (Condition.ASKED, True)
+    assert (session.condition, session.clean) == (Condition.QUERIED, True)
     assert Noting.made[0].asked == ["load this", name]
 
 
@@ -172,7 +172,7 @@ def test_every_operation_says_what_it_needs():
     stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "stopped", "windows", "run"}
     other = {"foreign"}  # it loads a file of its own
     assert {name for name, operation in OPERATIONS.items() if operation.needs is Condition.FRESH} == stepping | other
-    assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
+    assert OPERATIONS["read_back"].needs is Condition.QUERIED, "it reads the initial state, too"
 
 
 @pytest.mark.usefixtures("warm_engines")

@@ -20,10 +20,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_held", [])
     place = tmp_path / "mjwarp"
     for index in range(6):
-        one = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
-        one.mkdir(parents=True)
-        (one / "functions.o").write_bytes(b"code")
-        os.utime(one, (1000 + index, 1000 + index))
+        entry = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
+        entry.mkdir(parents=True)
+        (entry / "functions.o").write_bytes(b"code")
+        os.utime(entry, (1000 + index, 1000 + index))
     yield place
     for lock in cache._held:
         os.close(lock)

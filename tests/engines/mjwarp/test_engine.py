@@ -37,9 +37,9 @@ def refused(world) -> str:
 
 @pytest.mark.parametrize("kind", ["cylinder", "ellipsoid"])
 def test_shapes_that_it_meets_by_searching_are_refused_by_name(kind):
-    told = refused(shipped.shapes_world((kind,)))
-    assert f"a {kind} may meet a box: MuJoCo Warp finds the contacts of the two by a search" in told
-    assert "0.17 mm" in told
+    text = refused(shipped.shapes_world((kind,)))
+    assert f"a {kind} may meet a box: MuJoCo Warp finds the contacts of the two by a search" in text
+    assert "0.17 mm" in text
 
 
 def test_the_pyramid_is_refused_where_anything_has_friction():
@@ -107,8 +107,8 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
     tables = ("NEUTRAL_ARRAYS", "COVERED", "DERIVED", "INERT", "EMPTY", "FLAG_FIELDS")
     compared = (inventory.COUNTS.table, inventory.OPTIONS.table, inventory.COMPARED)
     looked_at = [row for table in (*(getattr(fields, name) for name in tables), *compared) for row in table]
-    for held, theirs in ((taken, file), (taken.opt, file.opt)):
-        names = [name for name in type(held).__dataclass_fields__ if hasattr(theirs, name) and name != "opt"]
+    for actual, theirs in ((taken, file), (taken.opt, file.opt)):
+        names = [name for name in type(actual).__dataclass_fields__ if hasattr(theirs, name) and name != "opt"]
         assert len(names) > 20
         assert not [name for name in names if not any(fnmatch.fnmatchcase(name, row) for row in looked_at)]
     seen = WarpModel(taken, file, 0)
@@ -152,11 +152,11 @@ def test_a_file_that_says_otherwise_is_noticed(load_files):
 def test_it_moves_and_touches_as_the_other_engine_does(load_files):
     world = accepting(shipped.shapes_world(("sphere",)), "mjwarp", "mujoco")
     live = [load_files(kind, files_of(world, kind)) for kind in (MjWarp, MuJoCo)]
-    for one in live:
-        one.step(300)
-    ours, theirs = (one.body_states()[0] for one in live)
+    for entry in live:
+        entry.step(300)
+    ours, theirs = (entry.body_states()[0] for entry in live)
     assert np.abs(ours - theirs).max() < SINGLE * 10
-    ours, theirs = (one.contacts() for one in live)
+    ours, theirs = (entry.contacts() for entry in live)
     assert sorted(map(tuple, ours["body"].tolist())) == sorted(map(tuple, theirs["body"].tolist()))
     assert ours["normal_force"].sum() == pytest.approx(theirs["normal_force"].sum(), rel=1e-3)
     assert np.array_equal(live[0].detect_contacts(), live[1].detect_contacts())

@@ -68,18 +68,18 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
     model = modules.mjx.put_model(file)
     tables = (getattr(fields, name) for name in ("NEUTRAL_ARRAYS", "COVERED", "DERIVED", "INERT", "EMPTY"))
     looked_at = [row for table in (*tables, inventory.COUNTS.table, inventory.COMPARED) for row in table]
-    own = {"opt", "_impl", "_sizes"} | {
+    local = {"opt", "_impl", "_sizes"} | {
         *("dof_hasfrictionloss", "tendon_hasfrictionloss"),  # of frictionloss, which is compared
         *("wrap_inside_maxiter", "wrap_inside_tolerance", "wrap_inside_z_init", "is_wrap_inside", "geom_rbound_hfield"),
     }  # of tendons around shapes, and of height fields, of which there are none
     names = [*type(model).__dataclass_fields__, *type(model._impl).__dataclass_fields__]
     missed = [name for name in names if not any(fnmatch.fnmatchcase(name, row) for row in looked_at)]
-    assert set(missed) <= own
-    held = MjxModel(model, file)
+    assert set(missed) <= local
+    mjx_model = MjxModel(model, file)
     assert not hasattr(model, "jnt_user")
-    assert held.jnt_user.shape == (0, 0)
-    assert held.opt.noslip_iterations == 0
-    assert not hasattr(held, "geom_of_no_version")
+    assert mjx_model.jnt_user.shape == (0, 0)
+    assert mjx_model.opt.noslip_iterations == 0
+    assert not hasattr(mjx_model, "geom_of_no_version")
 
 
 @installed
@@ -106,11 +106,11 @@ def test_a_file_that_says_otherwise_is_noticed(load_files):
 def test_it_moves_and_touches_as_the_other_engine_does(load_files):
     world = accepting(shipped.shapes_world(("sphere",)), "mjx", "mujoco")
     live = [load_files(kind, dict(compile_world(world, [kind.NAME])[kind.NAME].files)) for kind in (Mjx, MuJoCo)]
-    for one in live:
-        one.step(300)
-    ours, theirs = (one.body_states()[0] for one in live)
+    for entry in live:
+        entry.step(300)
+    ours, theirs = (entry.body_states()[0] for entry in live)
     assert np.abs(ours - theirs).max() < 1e-9  # with a box, which touches on its edges, 2e-5
-    ours, theirs = (one.contacts() for one in live)
+    ours, theirs = (entry.contacts() for entry in live)
     assert sorted(map(tuple, ours["body"].tolist())) == sorted(map(tuple, theirs["body"].tolist()))
     assert ours["normal_force"].sum() == pytest.approx(theirs["normal_force"].sum(), rel=1e-9)
     assert np.array_equal(live[0].detect_contacts(), live[1].detect_contacts())
@@ -122,10 +122,10 @@ def test_limits_hold_where_contact_is_switched_off(load_files):
     """MJX's elliptic cone has no form without contacts beside other rows of constraints."""
     world = accepting(WORLDS["model"]("mjx"), "mujoco")
     live = [load_files(kind, dict(compile_world(world, [kind.NAME])[kind.NAME].files)) for kind in (Mjx, MuJoCo)]
-    for one in live:
-        one.disable_contact()
-        one.step(20)
-    ours, theirs = (one.body_states()[0] for one in live)
+    for item in live:
+        item.disable_contact()
+        item.step(20)
+    ours, theirs = (entry.body_states()[0] for entry in live)
     assert np.abs(ours - theirs).max() < 1e-9
 
 
@@ -154,9 +154,9 @@ def test_a_program_that_was_compiled_before_is_taken_up_again(load_files, tmp_pa
     ]
     other = dataclasses.replace(world, bodies=tuple(bodies))
     runs = []
-    for one in (world, other, world, world):
+    for entry in (world, other, world, world):
         monkeypatch.setattr(programs, "_COMPILED", {})
-        live = load_files(Mjx, dict(compile_world(one, ["mjx"])["mjx"].files))
+        live = load_files(Mjx, dict(compile_world(entry, ["mjx"])["mjx"].files))
         live.step(20)
         runs.append(live.get_state()[0].tobytes())
         (program,) = (path for path in (tmp_path / "simspec" / programs.FOLDER).iterdir() if path.name != LOCK)

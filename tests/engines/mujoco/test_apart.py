@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.dialects.mujoco.dialect import apart, sites_apart, taken_for_one
+from simspec.dialects.mujoco.dialect import apart, are_confused, distinct_sites
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
@@ -82,14 +82,14 @@ def test_a_geom_near_the_inertial_frame_is_turned():
     assert body.inertial == inertial
     half = frames.multiply(frames.conjugate(turn), body.geoms[0].orientation)
     assert half == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-15)
-    assert not taken_for_one(Pose(geom.position, body.geoms[0].orientation), Pose(inertial.position, turn))
+    assert not are_confused(Pose(geom.position, body.geoms[0].orientation), Pose(inertial.position, turn))
 
 
 def test_both_sites_of_a_constraint_are_turned_alike():
     close = MjcfSite("constraint/pin/1", (1e-9, 0.0, 0.0), frames.IDENTITY)
     far = MjcfSite("constraint/pin/2", (0.3, 0.0, 0.0), frames.normalise((0.6, 0.8, 0.0, 0.0)))
     other = MjcfSite("constraint/glue/1", (0.0, 0.0, 0.0), frames.IDENTITY)
-    made = sites_apart({"a": (close, other), "b": (far,)})
+    made = distinct_sites({"a": (close, other), "b": (far,)})
     assert made["a"][1] == other
     first, second = (frames.multiply(site.orientation, (0.5, 0.5, 0.5, 0.5)) for site in (close, far))
     assert (made["a"][0].orientation, made["b"][0].orientation) == (first, second)

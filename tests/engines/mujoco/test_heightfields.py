@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.mujoco.contact import FEW, ROCKS, ground_held
+from simspec.engines.mujoco.contact import FEW, ROCKS, ground_supported
 from simspec.proof.checks import field_distance
 from simspec.proof.touch.geometry import gap, solids
 from simspec.support.declarations import Level
@@ -66,13 +66,13 @@ def test_a_ball_touches_it_where_the_triangles_are():
 
 
 def test_faces_and_edges_are_accepted_by_name():
-    assert ground_held(ground(("sphere", "ellipsoid"))) is None
+    assert ground_supported(ground(("sphere", "ellipsoid"))) is None
     for kind in ("box", "cylinder", "capsule", "mesh"):
-        assert ground_held(ground(("sphere", kind))) is ROCKS
+        assert ground_supported(ground(("sphere", kind))) is ROCKS
     assert ROCKS.level is FEW.level is Level.APPROXIMATE
     world = ground(("box",))
     contact = dataclasses.replace(world.contact, excluded_bodies=(("box", "floor"),))
-    assert ground_held(dataclasses.replace(world, contact=contact)) is None
+    assert ground_supported(dataclasses.replace(world, contact=contact)) is None
 
 
 def test_what_covers_more_triangles_than_mujoco_has_contacts_is_told():
@@ -84,7 +84,7 @@ def test_what_covers_more_triangles_than_mujoco_has_contacts_is_told():
     world = dataclasses.replace(
         world, bodies=(dataclasses.replace(floor, shapes=(flat,)), dataclasses.replace(box, shapes=(plate,)))
     )
-    assert ground_held(world) is FEW
+    assert ground_supported(world) is FEW
     model = loaded(world)
     data = mujoco.MjData(model)
     data.qpos[:7] = (0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)

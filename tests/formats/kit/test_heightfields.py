@@ -32,8 +32,8 @@ def test_triangles_may_come_in_any_order_and_in_single_precision():
     turns = generator.integers(0, 3, len(mixed))
     mixed = np.array([np.roll(each, turn, axis=0) for each, turn in zip(mixed, turns, strict=True)])
     assert field_of_triangles(mixed) == ROUGH
-    held = field_of_triangles(mixed.astype(np.float32).astype(float))
-    assert 0.0 < field_distance(ROUGH, held) < 2.0**-24
+    actual = field_of_triangles(mixed.astype(np.float32).astype(float))
+    assert 0.0 < field_distance(ROUGH, actual) < 2.0**-24
 
 
 def other_diagonal(all_corners: np.ndarray) -> np.ndarray:

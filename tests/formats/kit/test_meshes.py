@@ -35,8 +35,8 @@ def test_what_is_written_is_read_to_the_last_digit(size, tmp_path):
 
 
 def test_hulls_of_the_same_vertices_share_a_file_and_others_do_not():
-    one, other = hull(TETRAHEDRON), ball(40)
-    assert len(mesh_files([one, other, one])) == 2
+    entry, other = hull(TETRAHEDRON), ball(40)
+    assert len(mesh_files([entry, other, entry])) == 2
     zero = (*GRID[:3], *(0.0 for _ in GRID[3:6]), *GRID[6:])
     minus = (*GRID[:3], *(-0.0 for _ in GRID[3:6]), *GRID[6:])
     assert mesh_file(zero) == mesh_file(minus), "no text tells 0 from -0"
@@ -87,9 +87,9 @@ def test_bytes_of_no_text_are_refused():
 
 def test_two_closed_surfaces_are_no_hull():
     """Their vertices and triangles are as many as those of one surface with a hole through it."""
-    one, moved = hull(TETRAHEDRON), np.array(hull(TETRAHEDRON)).reshape(-1, 3) + 1.0
+    entry, moved = hull(TETRAHEDRON), np.array(hull(TETRAHEDRON)).reshape(-1, 3) + 1.0
     rows = [*lines()[:6], *("v " + " ".join(map(repr, row)) for row in moved.tolist()), *lines()[6:]]
     rows += ["f " + " ".join(str(int(word) + 4) for word in line.split()[1:]) for line in lines()[6:]]
-    assert len(one) == 12
+    assert len(entry) == 12
     with pytest.raises(ValueError, match="8 triangles of 8 vertices"):
         triangles("\n".join(rows).encode(), "h.obj")

@@ -58,14 +58,14 @@ def test_recentring_changes_no_physics_and_can_be_undone():
     before, after = kinematics.poses(world), kinematics.poses(moved)
     for body in world.bodies[1:]:
         np.testing.assert_allclose(after[body.name].position, before[body.name].position, atol=1e-15)
-    for one, other in zip(kinematics.initial_state(world), kinematics.initial_state(moved), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-15)
+    for values, other in zip(kinematics.initial_state(world), kinematics.initial_state(moved), strict=True):
+        np.testing.assert_allclose(values, other, atol=1e-15)
     back = contract.restore_frames(moved.bodies, offsets)
-    for one, other in zip(world.bodies, back, strict=True):
-        np.testing.assert_allclose(other.joint.origin.position, one.joint.origin.position, atol=1e-15)
-        np.testing.assert_allclose(other.joint.position, one.joint.position, atol=1e-15)
-        np.testing.assert_allclose(other.joint.velocity, one.joint.velocity, atol=1e-15)
-        np.testing.assert_allclose(other.inertial.centre_of_mass, one.inertial.centre_of_mass, atol=1e-15)
+    for values, other in zip(world.bodies, back, strict=True):
+        np.testing.assert_allclose(other.joint.origin.position, values.joint.origin.position, atol=1e-15)
+        np.testing.assert_allclose(other.joint.position, values.joint.position, atol=1e-15)
+        np.testing.assert_allclose(other.joint.velocity, values.joint.velocity, atol=1e-15)
+        np.testing.assert_allclose(other.inertial.centre_of_mass, values.inertial.centre_of_mass, atol=1e-15)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -99,9 +99,9 @@ FORMS = ("escaped", "decimal", "hexadecimal", "cdata", "comment", "instruction")
 def in_form(text: str, form: str) -> str:
     """A piece of a text as XML may write it."""
     if form == "decimal":
-        return "".join(f"&#{ord(one)};" for one in text)
+        return "".join(f"&#{ord(name)};" for name in text)
     if form == "hexadecimal":
-        return "".join(f"&#x{ord(one):x};" for one in text)
+        return "".join(f"&#x{ord(name):x};" for name in text)
     if form == "cdata" and "]]>" not in text:
         return f"<![CDATA[{text}]]>"
     between = {"comment": "<!-- 7 -->", "instruction": "<?say 7?>"}.get(form, "")
@@ -109,7 +109,7 @@ def in_form(text: str, form: str) -> str:
 
 
 def valid(text: str) -> bool:
-    return not any(ord(one) in (0xFFFE, 0xFFFF) for one in text)
+    return not any(ord(name) in (0xFFFE, 0xFFFF) for name in text)
 
 
 @given(
@@ -141,7 +141,7 @@ def test_child_elements_divide_a_text():
 
 def said(root):
     """All of a document."""
-    return [(one.tag, one.line, dict(one.attributes), one.text, len(one.children)) for one in root.walk()]
+    return [(entry.tag, entry.line, dict(entry.attributes), entry.text, len(entry.children)) for entry in root.walk()]
 
 
 @pytest.mark.parametrize("path", [path for path in COMPILED if path.suffix in XML], ids=str)

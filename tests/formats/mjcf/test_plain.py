@@ -134,10 +134,10 @@ def test_bodies_that_may_touch_are_the_worlds(name):
     excluded = set(map(int, model.exclude_signature))
     for first in world.bodies:
         for second in world.bodies:
-            one, two = model.body(first.name).id, model.body(second.name).id
-            if one >= two or model.body_weldid[one] == model.body_weldid[two]:
+            entry, two = model.body(first.name).id, model.body(second.name).id
+            if entry >= two or model.body_weldid[entry] == model.body_weldid[two]:
                 continue
-            signature = (one << 16) + two
+            signature = (entry << 16) + two
             for a in (shape for shape in first.shapes if shape.collision):
                 for b in (shape for shape in second.shapes if shape.collision):
                     ga, gb = model.geom(a.name), model.geom(b.name)
@@ -157,8 +157,8 @@ def test_the_law_of_every_pair_is_its_own_friction():
     _, model, _ = loaded(world)
     laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
     explicit = {
-        frozenset((int(one), int(two))): friction[0]
-        for one, two, friction in zip(model.pair_geom1, model.pair_geom2, model.pair_friction, strict=True)
+        frozenset((int(entry), int(two))): friction[0]
+        for entry, two, friction in zip(model.pair_geom1, model.pair_geom2, model.pair_friction, strict=True)
     }
     allowed = CollisionFilter(world)
     solid = [(body, shape) for body in world.bodies for shape in body.shapes if shape.collision]
@@ -167,8 +167,8 @@ def test_the_law_of_every_pair_is_its_own_friction():
         for second, b in solid[index + 1 :]:
             if not allowed.may_touch(first.name, second.name):
                 continue
-            one, two = model.geom(a.name), model.geom(b.name)
-            felt = explicit.get(frozenset((one.id, two.id)), max(one.friction[0], two.friction[0]))
+            entry, two = model.geom(a.name), model.geom(b.name)
+            felt = explicit.get(frozenset((entry.id, two.id)), max(entry.friction[0], two.friction[0]))
             pair = (min(a.material, b.material), max(a.material, b.material))
             assert felt == laws[pair].friction
             seen.add(pair)

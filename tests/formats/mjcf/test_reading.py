@@ -78,8 +78,8 @@ def test_bodies_know_their_parents_and_the_frames_around_them():
 
 def test_one_orientation_holds_in_whichever_words_it_is_said():
     text = '<mujoco><default><geom euler="1 0 0" size="1"/></default><worldbody>{}</worldbody></mujoco>'
-    (own,) = read(text.format('<geom quat="0 0 0 1"/>')).world
-    assert own.values == {"quat": "0 0 0 1", "size": "1"}
+    (mjcf_item,) = read(text.format('<geom quat="0 0 0 1"/>')).world
+    assert mjcf_item.values == {"quat": "0 0 0 1", "size": "1"}
     (inherited,) = read(text.format("<geom/>")).world
     assert inherited.values == {"euler": "1 0 0", "size": "1"}
     nested = (
