@@ -464,11 +464,11 @@ def test_a_model_that_is_turned_takes_its_velocity_with_it():
 
 
 @pytest.mark.parametrize(
-    ("local", "said", "kind"),
+    ("of_model", "said", "kind"),
     [(True, None, "fixed"), (True, False, "free"), (None, True, "fixed"), (None, None, "free")],
 )
-def test_whether_a_model_is_fixed_is_said_by_the_placement_else_by_the_model(local, said, kind):
-    body = SOLID | ({} if local is None else {"fixed": local})
+def test_whether_a_model_is_fixed_is_said_by_the_placement_else_by_the_model(of_model, said, kind):
+    body = SOLID | ({} if of_model is None else {"fixed": of_model})
     model = {"bodies": {"a": body}} | ({} if said is None else {"fixed": said})
     assert world(models={"m": model}).bodies[0].joint.kind == kind
 
@@ -664,16 +664,16 @@ def test_the_whole_law_of_a_pair_is_resolved(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("everywhere", "own", "line", "text"),
+    ("everywhere", "of_pair", "line", "text"),
     [
         ("{time_constant: 1.9 ms, damping_ratio: 1}", "common", 5, "its time constant is below 2 steps"),
         ("common", "{time_constant: 1.9 ms, damping_ratio: 1}", 10, "its time constant is below 2 steps"),
         ("common", "{stiffness: 2.6e5, damping: 1}", 10, "√(m/k) of 'light' (1 kg)"),
     ],
 )
-def test_contact_too_stiff_for_the_timestep_is_refused_where_it_is_stated(tmp_path, everywhere, local, line, text):
+def test_contact_too_stiff_for_the_timestep_is_refused_where_it_is_stated(tmp_path, everywhere, of_pair, line, text):
     with pytest.raises(SpecError) as caught:
-        stiff(tmp_path, everywhere, local).resolve()
+        stiff(tmp_path, everywhere, of_pair).resolve()
     (problem,) = caught.value.problems
     assert text in problem.message
     assert problem.location.line == line
