@@ -11,7 +11,7 @@ from typing import Any
 
 from simspec.errors import Problem, SpecError
 from simspec.experiments.plan import Cell, Plan, digest
-from simspec.language.document import Key
+from simspec.language.document import Key, listed, mapping
 from simspec.language.engine_options import WHOLE
 from simspec.language.expectations import TIMES
 from simspec.language.load import Spec
@@ -24,10 +24,8 @@ from simspec.option_checks import check_options
 from simspec.runner.run import Case
 from simspec.world.types import World
 
-# Times that are rounded up to whole steps: what ``times: round_up`` of a sweep means, for one run.
-#
-# `physics.duration`, `record.every` and `trajectory.until` become the next whole number of timesteps. A time of an expectation
-# becomes that of the next record, or the end of the run where that is earlier.
+# ``times: round_up`` of a sweep: `physics.duration`, `record.every` and `trajectory.until` of a run are the next whole number
+# of timesteps, a time of an expectation is that of the next record, or the end of the run where that is earlier.
 
 PARTS = (("physics", "timestep"), ("physics", "duration"), ("record", "every"), ("trajectory", "until"), ("expect",))
 """Places of a spec that roundings follow from."""
@@ -57,24 +55,16 @@ def rounded_up(data: Mapping[str, Any]) -> tuple[Rounded, ...]:
         return ()
     every, until = _time(data, "record", "every"), _time(data, "trajectory", "until")
     grid = _Grid(timestep, duration, every, until)
-    made = [grid.rounded(path, time) for path, time in _parts(duration, every, until)]
-    made += [grid.recorded(path, time) for path, time in _expected(data.get("expect"))]
-    return tuple(rounded for rounded in made if rounded is not None)
-
-
-def _parts(duration: float, every: float | None, until: float | None) -> Iterator[tuple[str, float]]:
     times = (("physics.duration", duration), ("record.every", every), ("trajectory.until", until))
-    yield from ((path, time) for path, time in times if time)
-
-
-def _expected(entries: Any) -> Iterator[tuple[str, float]]:
-    """The times of expectations, by path."""
-    for index, entry in enumerate(entries if isinstance(entries, list) else ()):
-        for kind, parameters in entry.items() if isinstance(entry, Mapping) else ():
-            for name in TIMES:
-                time = _time({kind: parameters}, kind, name)
-                if time is not None:
-                    yield f"expect.{index}.{kind}.{name}", time
+    made = [grid.rounded(path, time) for path, time in times if time]
+    made += [
+        grid.recorded(f"expect.{index}.{kind}.{name}", time)
+        for index, entry in enumerate(listed(data.get("expect")))
+        for kind in mapping(entry)
+        for name in TIMES
+        if (time := _time(entry, kind, name)) is not None
+    ]
+    return tuple(rounded for rounded in made if rounded is not None)
 
 
 def _time(data: Mapping[str, Any], part: str, name: str, default: float | None = None) -> float | None:
@@ -121,8 +111,6 @@ class _Grid:
         end = self._cut if time <= self._cut * (1.0 + WHOLE) else self._duration
         return self._at(path, time, min(record, self._up(end)))
 
-
-# What a sweep rounds up to whole steps (``times: round_up``), cell by cell and as a whole. Nothing is resolved for it.
 
 MOST_KEPT = 1000
 """Sets of values of one plan whose roundings are kept."""
@@ -267,10 +255,8 @@ def _place(plan: Plan, cell: Cell, path: str) -> tuple[Key, ...]:
         return ("sweep", "cases", cell.case, path)
     if path in sweep.over:
         return ("sweep", "over", path)
-    for row, entry in enumerate(sweep.together):
-        if path in entry:
-            return ("sweep", "together", row, path)
-    return ("sweep", "samples", "values", path)
+    rows = (("sweep", "together", row, path) for row, entry in enumerate(sweep.together) if path in entry)
+    return next(rows, ("sweep", "samples", "values", path))
 
 
 def _below(data: Any, place: tuple[Key, ...], value: Any) -> tuple[Key, ...]:

@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from simspec.proof.verify import Probes
 
 
-# What the tasks of a sweep need: worlds, and compiled files, made once for each world and engine, and let go when no task
-# needs them any more.
-
 MOST_KEPT = 16
 """Compiled worlds that are kept while no task needs them: engines, repetitions and perturbations of one world follow each
 other."""
@@ -115,18 +112,14 @@ class LocalSupplies:
             prepared.closing.close()
 
 
-# What a sweep is of: the models that its plan asks for as they are compiled today, each by hashes. No engine is started.
-#
-# Figures that are kept are of models that were compiled earlier. Where these hashes differ from those that were kept with the
-# figures, the figures are older than the code.
-
 PARTS = ("world", "settings", "files", "version")
 """What of a model is told apart, the first cause first: files follow from the world and the settings."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model that an engine is given.
+    """A model that an engine is given, by hashes, as it is compiled today. Figures that were stored with other hashes are older
+    than the code.
 
     case, values  what the sweep puts into the scenario: (dotted path, plain value)
     world         hash of the resolved world with its expectations, without its name and options of engines
@@ -175,17 +168,14 @@ def model_of(plan: Plan, cell: Cell) -> Model:
         files = files_hash(world, compile_world(world, [cell.engine])[cell.engine])
     except UnsupportedError:
         files = ""
-    return Model(cell.engine, cell.case, cell.overrides, _world(world), _settings(world, cell.engine), files, version)
+    alike = sha256(dataclasses.replace(world, name="", engines=()))
+    return Model(cell.engine, cell.case, cell.overrides, alike, _settings(world, cell.engine), files, version)
 
 
 def files_hash(world: World, compiled: Compiled) -> str:
     """The hash of compiled files without the hash of the world in them."""
     mark = sha256(world).encode()
     return Artifacts({path: content.replace(mark, b"") for path, content in compiled.artifacts.items()}).sha256
-
-
-def _world(world: World) -> str:
-    return sha256(dataclasses.replace(world, name="", engines=()))
 
 
 def _settings(world: World, label: str) -> str:
@@ -208,9 +198,8 @@ def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
     counts: Counter[str] = Counter()
     for place, entry in after.items():
         old = before.get(place)
-        if old is None:
-            why = "new"
-        else:
+        why = "new"
+        if old is not None:
             why = next((part for part in PARTS if getattr(entry, part) != getattr(old, part)), "")
         if why:
             counts[why] += 1

@@ -247,9 +247,6 @@ def _shorter(store: Store, text: str) -> str:
     return text.replace(str(store.path), str(store.told))
 
 
-# --- the files --------------------------------------------------------------------------------------------------------------
-
-
 def _schema() -> pa.Schema:
     import pyarrow as pa
 

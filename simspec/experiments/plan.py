@@ -198,8 +198,7 @@ class Plan:
         return f"<Plan of {self.spec.name!r}: {len(self):,} runs in {', '.join(self.engines)}>"
 
     def __len__(self) -> int:
-        counts = (combinations(self.sweep), self.samples or 1, self.members, self.sweep.repeat, len(self.engines))
-        return math.prod(counts)
+        return self.worlds * self.members * self.sweep.repeat * len(self.engines)
 
     @property
     def samples(self) -> int:
@@ -249,12 +248,7 @@ class Plan:
                 case = choices[0].case
                 overrides = tuple(itertools.chain.from_iterable(choice.overrides for choice in (*choices, drawn)))
                 begun = [
-                    (
-                        label,
-                        key_of(
-                            base, itertools.chain.from_iterable(choice.digests[name] for choice in (*choices, drawn))
-                        ),
-                    )
+                    (label, key_of(base, (part for choice in (*choices, drawn) for part in choice.digests[name])))
                     for label, name, base in bases
                 ]
                 for perturb, seed, repeat, tail in self._tails():
@@ -318,9 +312,8 @@ def plan_sweep(spec: Spec, *, engines: Sequence[str] | None = None, versions: Ma
         try:
             find_engine(label)
         except EngineError as error:
-            place = spec.locate(f"sweep.engines.{index}") if engines is None else None
             path = f"sweep.engines.{index}" if engines is None else ""
-            problems.append(Problem(str(error), path, place, found=label))
+            problems.append(Problem(str(error), path, spec.locate(path) if path else None, found=label))
     if not labels:
         hint = "sweep: {engines: [...]}, or --engine NAME"
         problems.append(Problem("the sweep names no engine", "sweep", spec.locate("sweep"), hint=hint))

@@ -46,9 +46,6 @@ from simspec.stored import StoreFacts, SweptRun, parse, read_as
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.types import World
 
-# What a run of a sweep comes to, ready to be stored: facts that are the same in every repetition, apart from those that are
-# not, and its tables, written when there is a place for them.
-
 CIRCUMSTANCES = ("started", "seconds", "usage", "timed", "warnings", "python_version", "platform", "machine")
 """Parts of a run's provenance that are not the same when it is repeated (warnings: an engine's own output)."""
 CIRCUMSTANCE_TABLES = ("seconds",)
@@ -78,8 +75,6 @@ class TaskResult:
 
 def whole_world(shared: World, requested: Mapping[str, Any]) -> World:
     """The world that was run: the shared one, with what was left out of it."""
-    from simspec.world.canonical import from_plain
-
     plain = {**to_plain(shared), **{name: requested[name] for name in ("name", "expectations", "engines")}}
     world: World = from_plain(World, plain)
     return world
@@ -192,8 +187,6 @@ class Store:
         """Be the one that writes. Raises SpecError when another process does, unless ``wait``."""
         with self._collection.alone(f"process {os.getpid()} on {platform.node()}", wait):
             yield
-
-    # --- runs -----------------------------------------------------------------------------------------------------------
 
     def has(self, key: str) -> bool:
         """Whether the run is there."""
@@ -308,8 +301,6 @@ class Store:
         failed = facts.circumstances.get("error", result.failed)
         return Run(world, result.engine, arrays, provenance, failed, spent)
 
-    # --- worlds and proofs ----------------------------------------------------------------------------------------------
-
     def world(self, key: str) -> World:
         """A stored world. Raises SpecError, which names its file, where it is missing or damaged."""
         path = self.path / WORLDS / f"{key}.json.gz"
@@ -398,8 +389,6 @@ def _stamp(status: os.stat_result) -> str:
 def _names(folder: Path) -> list[str]:
     """The names in a folder, sorted; none where there is no folder, or only a link to one."""
     try:
-        if folder.is_symlink():
-            return []
-        return sorted(os.listdir(folder))
+        return [] if folder.is_symlink() else sorted(os.listdir(folder))
     except (FileNotFoundError, NotADirectoryError):
         return []

@@ -21,7 +21,7 @@ from simspec.errors import (
     UnsupportedError,
 )
 from simspec.experiments.cases import case_of, rounded_data, roundings
-from simspec.experiments.certify import Certifier, LocalSupplies, Prepared
+from simspec.experiments.certify import Certifier, LocalSupplies
 from simspec.experiments.cost import USUAL, Steps, costs
 from simspec.experiments.executors.local import Executor, LocalExecutor, Supplies, Task, packed
 from simspec.experiments.index import Index, Row, refresh, row_of
@@ -135,7 +135,7 @@ def sweep(
         index = refresh(store, repair=True, tell=progress)
         outcome = Outcome(plan, index, verified=verify, notes=list(index.notes))
         supplies = LocalSupplies(pythons)
-        driver = _Driver(outcome, store, supplies, verify, retry_failed, pythons or {}, deadline, source, progress)
+        driver = _Driver(outcome, store, supplies, retry_failed, pythons or {}, deadline, source, progress)
         try:
             executor = start(supplies)
             try:
@@ -156,7 +156,6 @@ class _Driver:
         outcome: Outcome,
         store: Store,
         supplies: LocalSupplies,
-        verify: bool,
         retry_failed: bool,
         pythons: Mapping[str, str],
         deadline: float,
@@ -164,22 +163,19 @@ class _Driver:
         progress: Progress,
     ):
         self._outcome, self._store, self._supplies = outcome, store, supplies
-        self._plan, self._index = outcome.plan, outcome.index
-        self._verify, self._retry = verify, retry_failed
-        self._deadline, self._source, self._progress = deadline, dict(source or {}), progress
+        self._plan, self._index, self._verify = outcome.plan, outcome.index, outcome.verified
+        self._retry, self._deadline, self._source, self._progress = retry_failed, deadline, dict(source or {}), progress
         self._lock = threading.RLock()
-        self._asked: set[str] = set()
+        self._begun: set[str] = set()
         """Keys of runs that are at work, or were made by this call."""
         self._lived: set[str] = set()
         self._deaths: dict[str, int] = {}
         self._pythons = pythons
-        self._certifier = Certifier(store, pythons, deadline, lambda text: self._tell(text), verify)
+        self._certifier = Certifier(store, pythons, deadline, lambda text: self._tell(text), self._verify)
         self._steps, self._costs = Steps(self._plan), costs(self._index.rows.values(), self._plan.spec.name)
         self._to_do = self._weight_done = 0.0
         self._count = self._unsaved = 0
         self._weights: dict[str, float] = {}
-
-    # --- what is to be done ---------------------------------------------------------------------------------------------
 
     def tasks(self, demand: Callable[[Collection[str]], None] = lambda engines: None) -> Iterator[Task]:
         """What is not there yet, in the order of the plan, compiled and proven. ``demand`` is told which engines are needed
@@ -206,18 +202,18 @@ class _Driver:
     def _settled(self, cell: Cell) -> Row | None:
         """The run of a cell that needs nothing more: neither a run nor a proof."""
         row = self._index.done(cell.key)
-        if row is None or (self._retry and row.failed is not None and row.key not in self._asked):
+        if row is None or (self._retry and row.failed is not None and row.key not in self._begun):
             return None
         certificate = self._index.certificates.get(cell.key)
-        if self._verify and row.failed is None and (certificate is None or not self._certifier.known(certificate)):
-            return None
         if self._verify and certificate is not None and self._certifier.known(certificate):
             self._judge(cell, certificate)
+        elif self._verify and row.failed is None:
+            return None
         return row
 
     def _pass_over(self, row: Row) -> None:
         """A cell whose run is there."""
-        if row.key not in self._asked:
+        if row.key not in self._begun:
             self._outcome.done += 1
             self._note_life(row.engine, row.failed, row.steps)
 
@@ -226,10 +222,9 @@ class _Driver:
             case = case_of(self._plan, cell)
         except SpecError as error:
             self._outcome.invalid_count += 1
-            left = MOST_INVALID - len(self._outcome.invalid)
-            self._outcome.invalid += [problem for problem in error.problems if problem not in self._outcome.invalid][
-                : max(0, left)
-            ]
+            invalid = self._outcome.invalid
+            fresh = [problem for problem in error.problems if problem not in invalid]
+            invalid += fresh[: max(0, MOST_INVALID - len(invalid))]
             self._advance(self._weight(cell))
             return
         versions = self._plan.versions[cell.engine]
@@ -237,8 +232,8 @@ class _Driver:
         with self._lock:
             self._index.know(cell.key, key)
             there = self._index.rows.get(key)
-            again = self._retry and there is not None and there.failed is not None and key not in self._asked
-            wanted = key not in self._asked and (there is None or again)
+            again = self._retry and there is not None and there.failed is not None and key not in self._begun
+            wanted = key not in self._begun and (there is None or again)
         if again:
             with self._lock:
                 self._store.drop(key)
@@ -258,36 +253,26 @@ class _Driver:
             self._advance(0.0 if wanted else self._weight(cell))
             return
         if self._verify:
-            self._prove(cell, case.resolved, prepared, versions)
+            certificate = self._certifier.demand(case.resolved, prepared, versions)
+            with self._lock:
+                self._index.certify(cell.key, certificate)
+            self._judge(cell, certificate)
         if not wanted:
-            if there is not None and key not in self._asked:
+            if there is not None and key not in self._begun:
                 self._pass_over(there)
             self._advance(self._weight(cell))
             return
-        with self._lock:
-            self._asked.add(key)
-            self._weights[key] = self._weight(cell)
-            self._tell_runs()  # else the last proof would seem to go on while runs do
-        yield self._supplies.hold(
-            Task(
-                key,
-                cell.engine,
-                sha256(case.resolved),
-                prepared.compiled.sha256,
-                cell.perturb,
-                cell.seed,
-                cell.repeat,
-                self._deadline,
-                cell_data(self._plan, cell),
-                self._source,
-            )
-        )
+        task = self._begin(cell, key, case.resolved, prepared.compiled.sha256)
+        self._tell_runs()  # else the last proof would seem to go on while runs do
+        yield self._supplies.hold(task)
 
-    def _prove(self, cell: Cell, world: World, prepared: Prepared, versions: Mapping[str, str]) -> None:
-        certificate = self._certifier.demand(world, prepared, versions)
+    def _begin(self, cell: Cell, key: str, world: World, artifacts: str) -> Task:
         with self._lock:
-            self._index.certify(cell.key, certificate)
-        self._judge(cell, certificate)
+            self._begun.add(key)
+            self._weights[key] = self._weight(cell)
+        moved = (cell.perturb, cell.seed, cell.repeat)
+        data = cell_data(self._plan, cell)
+        return Task(key, cell.engine, sha256(world), artifacts, *moved, self._deadline, data, self._source)
 
     def _judge(self, cell: Cell, certificate: str) -> None:
         why = self._certifier.verdicts.get(certificate)
@@ -301,16 +286,8 @@ class _Driver:
         first, more = error.problems[0], len(error.problems) - 1
         text = f"{REFUSED}: {first.message}" + (f"; and {more} more problems" if more else "")
         run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, text), self._pythons.get(cell.engine))
-        with self._lock:
-            self._asked.add(key)
-            self._weights[key] = self._weight(cell)
-        task = Task(
-            key, cell.engine, sha256(case.resolved), "", cell.perturb, cell.seed, cell.repeat, self._deadline,
-            cell_data(self._plan, cell), self._source,
-        )  # fmt: skip
+        task = self._begin(cell, key, case.resolved, "")
         self._store_result(task, packed(task, run), case.resolved)
-
-    # --- what came ------------------------------------------------------------------------------------------------------
 
     def publish(self, task: Task, result: TaskResult) -> None:
         """Store a result."""
@@ -345,10 +322,9 @@ class _Driver:
                 self._lived.add(engine)
             elif engine not in self._lived:
                 self._deaths[engine] = self._deaths.get(engine, 0) + 1
-                if self._deaths[engine] >= MOST_DEATHS and engine not in self._outcome.stopped:
-                    self._outcome.stopped[engine] = (
-                        f"none of its first {self._deaths[engine]} runs gave a result: {failed}"
-                    )
+                if self._deaths[engine] >= MOST_DEATHS:
+                    why = f"none of its first {self._deaths[engine]} runs gave a result: {failed}"
+                    self._outcome.stopped.setdefault(engine, why)
 
     def finish(self) -> None:
         """Write what follows from the store."""
@@ -356,8 +332,6 @@ class _Driver:
             self._outcome.proofs = self._certifier.made
             self._outcome.notes += self._certifier.notes
             self._index.save(self._store)
-
-    # --- how far it is --------------------------------------------------------------------------------------------------
 
     def _weight(self, cell: Cell) -> float:
         return self._costs.get(cell.engine, USUAL).seconds(self._steps.of(cell))
@@ -379,10 +353,8 @@ def side_by_side(jobs: int | None, plan: Plan) -> int:
     there."""
     if plan.measure == "speed":
         if jobs not in (None, 1):
-            message = "speed is measured with one run at a time"
-            raise SpecError(
-                [Problem(message, "sweep.measure", plan.spec.locate("sweep.measure"), f"--jobs {jobs}", "--jobs 1")]
-            )
+            message, path = "speed is measured with one run at a time", "sweep.measure"
+            raise SpecError([Problem(message, path, plan.spec.locate(path), f"--jobs {jobs}", "--jobs 1")])
         return 1
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return jobs or cores

@@ -32,8 +32,6 @@ from simspec.world import frames
 from simspec.world.kinematics import owner_of
 from simspec.world.types import Body, Frame, Joint, Pose, Vector3
 
-# Named frames of the world: names resolved, copies made, and where a body may be named the frame on it.
-
 
 @dataclass(frozen=True)
 class WrittenFrame:
@@ -99,11 +97,8 @@ def named_frames(
                 names = [other.removeprefix(written.prefix) for other in known if other.startswith(written.prefix)]
                 message, hint = f"there is no body {written.content.body!r}", near(written.content.body, names)
             elif full in known or full in resolved:
-                message, hint, key = (
-                    f"there is a {'body' if full in known else 'frame'} {full!r} already",
-                    "another name",
-                    True,
-                )
+                message = f"there is a {'body' if full in known else 'frame'} {full!r} already"
+                hint, key = "another name", True
             if message is None:
                 resolved[full] = Frame(full, body, pose(written.content.pose))
             elif place not in refused:
@@ -167,8 +162,9 @@ class Expansion:
     frames: Mapping[str, WrittenFrame] = field(default_factory=dict)
     """The named frames as they are written, by their full names."""
 
-    def note(self, tree: Tree, copies: Sequence[Body]) -> None:
-        """Remember what is stated of a tree's joints, for one copy of it."""
+    def note(self, tree: Tree, copies: Sequence[Body], bodies: trees.Bodies) -> None:
+        """Remember what is stated of a tree, that of ``bodies``, for one copy of it."""
+        self.kinematic += [copies[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
         for body, copy in zip(tree.bodies, copies, strict=True):
             if body.joint.name in tree.positions:
                 self.positions.add(copy.joint.name)
@@ -224,11 +220,8 @@ def _carriers_first(models: list[_Instance], expansion: Expansion) -> list[_Inst
             else:
                 link = owner[carrier]
         if link is not None and any(link is other for other in chain):
-            place = (*start.path, "attach")
-            message = "these models are attached to each other"
-            expansion.problems.append(
-                start.source.document.problem(place, message, hint="one of them must not be attached")
-            )
+            message, hint = "these models are attached to each other", "one of them must not be attached"
+            expansion.problems.append(start.source.document.problem((*start.path, "attach"), message, hint=hint))
             _stand_alone(chain[-1])
         ordered += reversed(chain)
     return ordered
@@ -245,9 +238,6 @@ def _only_material(source: Source) -> str | None:
     if not names and source.file is not None and source.file.model is not None:
         return DEFAULT_MATERIAL
     return next(iter(names)) if len(names) == 1 else None
-
-
-# --- copies of trees -----------------------------------------------------------------------------------------------
 
 
 def _copy(
@@ -299,8 +289,7 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
         for suffix, element in elements(array):
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
-            expansion.note(tree, copied)
-            expansion.kinematic += [copied[0].name] if bodies.is_kinematic(root) else []
+            expansion.note(tree, copied, bodies)
             if array is not None:
                 pairs = list(zip(tree.bodies, copied, strict=True))
                 joints = {body.joint.name: copy.joint.name for body, copy in pairs}
@@ -328,18 +317,11 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
                 velocity = (frames.rotate(where.quaternion, linear), frames.rotate(where.quaternion, angular))
             place = frames.compose(where, tree.placement)
             copied = _copy(tree, f"{model}/", "", model, place, velocity)
-            expansion.note(tree, copied)
-            expansion.kinematic += [copied[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
+            expansion.note(tree, copied, bodies)
             if use.attach is not None:
                 copied[0] = replace(copied[0], joint=_attached(copied[0].joint, use.attach, expansion.frames))
             yield _Instance(copied, source, bodies.placed)
-            expansion.excluded += [
-                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
-            ]
-            expansion.excluded += _apart(bodies, copied)
-            expansion.touching += [
-                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.touch
-            ]
+            _touching(bodies.files, bodies, copied, expansion, f"{model}/")
 
 
 def _attached(joint: Joint, carrier: str, named: Mapping[str, WrittenFrame]) -> Joint:
@@ -357,20 +339,22 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     tree = _begun(next(resolved_trees(bodies, only, expansion.files, expansion.boxes)), source, bodies)
     path = (*bodies.path, owner_of(tree.bodies[0].name))
     copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
-    expansion.note(tree, copied)
-    expansion.kinematic += [copied[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
+    expansion.note(tree, copied, bodies)
     yield _Instance(copied, bodies.source, path)
-    expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
-    expansion.touching += [pair for file in bodies.files[1:] for pair in file.content.contact.touch]
-    expansion.excluded += _apart(bodies, copied)
+    _touching(bodies.files[1:], bodies, copied, expansion)
 
 
-def _apart(bodies: trees.Bodies, copied: Sequence[Body]) -> list[tuple[str, str]]:
-    """The pairs of bodies of a model that could touch, where one of its files says that none do."""
-    if all(file.content.contact.self_collision for file in bodies.files):
-        return []
-    colliding = [body.name for body in copied if any(shape.collision for shape in body.shapes)]
-    return list(itertools.combinations(colliding, 2))
+def _touching(
+    files: Sequence[Source], bodies: trees.Bodies, copied: Sequence[Body], expansion: Expansion, prefix: str = ""
+) -> None:
+    """Note the pairs of a model's bodies that its ``files`` exclude, or let touch; and all pairs that could touch, where one of
+    its files says that none do."""
+    contacts = [file.content.contact for file in files]
+    expansion.excluded += [(prefix + a, prefix + b) for contact in contacts for a, b in contact.exclude]
+    expansion.touching += [(prefix + a, prefix + b) for contact in contacts for a, b in contact.touch]
+    if not all(file.content.contact.self_collision for file in bodies.files):
+        colliding = [body.name for body in copied if any(shape.collision for shape in body.shapes)]
+        expansion.excluded += itertools.combinations(colliding, 2)
 
 
 def _begun(tree: Tree, source: Source, bodies: trees.Bodies) -> Tree:

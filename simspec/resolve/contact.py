@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from simspec.errors import Problem
 from simspec.language.contact import HARDNESS_FORMS, Combine, Pair
 from simspec.language.contact import Contact as SpecContact
 from simspec.language.sources import Source
 from simspec.language.strict import near
-from simspec.language.vocabulary import LAW_QUANTITIES
+from simspec.language.vocabulary import COMBINED_QUANTITIES, LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
 from simspec.world.frames import sorted_pair
 from simspec.world.kinematics import joined, rigid_groups
@@ -33,16 +34,12 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
     """The contact laws, and their problems: excluded pairs that name no body, contact too stiff for the ``timestep`` (s)."""
     files = [member.file for member in source.all() if member.file is not None]
     written = source.content.contact
+    named = {name: material for file in files for name, material in file.contact.materials.items()}
     materials = {
-        name: Material(
-            name, material.friction, material.restitution, material.torsional_friction, material.rolling_friction
-        )
-        for file in files
-        for name, material in file.contact.materials.items()
+        name: Material(name, **{quantity: getattr(material, quantity) for quantity in COMBINED_QUANTITIES})
+        for name, material in named.items()
     }
-    thresholds = {
-        name: material.restitution_threshold for file in files for name, material in file.contact.materials.items()
-    }
+    thresholds = {name: material.restitution_threshold for name, material in named.items()}
     if any(shape.material == DEFAULT_MATERIAL for body in expansion.bodies for shape in body.shapes):
         materials.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
     ignored = {
@@ -54,16 +51,8 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
     excluded, problems = _excluded(source, expansion)
     pairs = _pairs(materials, thresholds, written, _said(source))
     problems += _too_stiff(source, expansion, pairs, timestep)
-    return (
-        Contact(
-            friction_cone=written.friction_cone,
-            materials=tuple(materials[name] for name in sorted(materials)),
-            pairs=pairs,
-            ignored_groups=tuple(sorted(ignored)),
-            excluded_bodies=excluded,
-        ),
-        problems,
-    )
+    ordered = tuple(materials[name] for name in sorted(materials))
+    return Contact(written.friction_cone, ordered, pairs, tuple(sorted(ignored)), excluded), problems
 
 
 _Said = Mapping[tuple[str, ...], tuple[Pair, Source, int]]
@@ -100,7 +89,7 @@ def _pairs(
             if pair is not None and not pair.collide:
                 laws.append(PairContact(first, second, 0.0, 0.0, collide=False))
                 continue
-            values: dict[str, float] = {}
+            values: dict[str, Any] = {}
             for quantity in LAW_QUANTITIES:
                 a, b = number_of(first, quantity), number_of(second, quantity)
                 value = getattr(pair, quantity) if pair is not None else None
@@ -108,19 +97,8 @@ def _pairs(
                     value = a if first == second else RULES[getattr(combine, quantity)](a, b)
                 values[quantity] = value
             stated = pair.hardness if pair is not None and pair.hardness is not None else written.hardness
-            laws.append(
-                PairContact(
-                    first,
-                    second,
-                    friction=values["friction"],
-                    restitution=values["restitution"],
-                    torsional_friction=values["torsional_friction"],
-                    rolling_friction=values["rolling_friction"],
-                    restitution_threshold=values["restitution_threshold"],
-                    hardness=hardness(*stated),
-                    margin=None if pair is None else pair.margin,
-                )
-            )
+            margin = None if pair is None else pair.margin
+            laws.append(PairContact(first, second, **values, hardness=hardness(*stated), margin=margin))
     return tuple(laws)
 
 
@@ -194,9 +172,8 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
             for position, name in enumerate(pair):
                 if name not in bodies:
                     path = ("contact", word, index, position)
-                    problems.append(
-                        source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
-                    )
+                    hint = near(name, bodies)
+                    problems.append(source.document.problem(path, f"there is no body {name!r}", found=name, hint=hint))
     excluded = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
     together = {sorted_pair(*pair) for pair in expansion.held} | joined(expansion.bodies)
     if not problems and not expansion.problems:

@@ -87,10 +87,8 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
 def too_much(source: Source, world: World) -> list[Problem]:
     """The problem of a recording that would be larger than is kept; contacts, whose number nobody knows, are not counted."""
     where = layout_of(world)
-    energy, driven = (
-        2 * ("energy" in world.record.channels),
-        sum(len(controller.joints) for controller in world.controllers),
-    )
+    energy = 2 * ("energy" in world.record.channels)
+    driven = sum(len(controller.joints) for controller in world.controllers)
     row = 8 * (1 + where.nq + where.nv + 13 * len(world.bodies) + energy + 2 * driven)
     rows = 1 + -(-world.physics.steps // world.record.every_steps)
     if rows * row <= RECORDED_BYTES:

@@ -32,14 +32,9 @@ SUFFIXES = {"": "positions", "velocity": "velocities", "acceleration": "accelera
 QUANTITIES = tuple(SUFFIXES.values())
 _UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, TypeError, SyntaxError, OverflowError),
-    *(
-        RuntimeError,
-        zipfile.BadZipFile,
-        zlib.error,
-        tokenize.TokenError,
-    ),  # encrypted; damaged; headers that are no Python
+    *(RuntimeError, zipfile.BadZipFile, zlib.error, tokenize.TokenError),
 )
-"""What damaged and wicked archives raise within zipfile and numpy."""
+"""Errors of zipfile and numpy for archives that are damaged, encrypted, or have headers that are not Python."""
 
 
 @dataclass
