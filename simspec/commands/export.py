@@ -24,7 +24,7 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.files import NotReadableError, read_bytes
 from simspec.formats.kit.contract import Format, Plain, formats
 from simspec.formats.kit.text import json_text
-from simspec.outputs.targets import LARGEST_OWN, PLAIN, demand, file_problem, folder_problem
+from simspec.outputs.targets import LARGEST_MARKER, PLAIN, demand, file_problem, folder_problem
 from simspec.outputs.writing import update_folder, write_file
 from simspec.report.model_files import losses_table_losses as losses_table
 from simspec.report.model_files import reader_lines
@@ -243,6 +243,6 @@ def _data(content: bytes | None) -> dict[str, Any]:
 def _stored(path: Path) -> bytes | None:
     """The content of a file; None where there is none that can be read."""
     try:
-        return read_bytes(path, LARGEST_OWN)
+        return read_bytes(path, LARGEST_MARKER)
     except (OSError, NotReadableError):
         return None

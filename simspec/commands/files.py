@@ -27,7 +27,7 @@ from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Pa
 from simspec.language.sources import project_folder
 from simspec.meshes.reading import LARGEST_FILE as LARGEST_MESH
 from simspec.outputs import files as output_files
-from simspec.outputs.targets import LARGEST_OWN, MESHES, NEVER, check_file, demand, file_problem, folder_problem
+from simspec.outputs.targets import LARGEST_MARKER, MESHES, NEVER, check_file, demand, file_problem, folder_problem
 from simspec.outputs.writing import write_file, write_folder
 from simspec.report.model_files import losses_table, repairs_table
 from simspec.report.problems import show_warnings
@@ -324,7 +324,7 @@ def _one(
     if not check:
         check_file(path, ours)
     try:
-        current = output_files.read_bytes(path, LARGEST_OWN) == wanted.encode()
+        current = output_files.read_bytes(path, LARGEST_MARKER) == wanted.encode()
     except (FileNotFoundError, NotADirectoryError):
         current = False
     if not check and not current:

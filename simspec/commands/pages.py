@@ -13,7 +13,7 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.experiments.published import older_sweeps, read_models, sweep_models
 from simspec.language.study_specs import load_study_file
 from simspec.outputs.files import read_bytes
-from simspec.outputs.targets import LARGEST_OWN
+from simspec.outputs.targets import LARGEST_MARKER
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters
 from simspec.report.screen import say
@@ -84,7 +84,7 @@ def _absent(found: Mapping[Path, Sequence[Mark]], older: bool) -> set[Path]:
 
 def _text(path: Path) -> str:
     try:
-        return read_bytes(path, LARGEST_OWN).decode("utf-8")
+        return read_bytes(path, LARGEST_MARKER).decode("utf-8")
     except (FileNotFoundError, NotADirectoryError):
         raise SpecError([Problem(f"{path}: no such page")]) from None
     except UnicodeDecodeError:
@@ -92,7 +92,7 @@ def _text(path: Path) -> str:
 
 
 def _hash(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path, LARGEST_OWN)).hexdigest()
+    return hashlib.sha256(read_bytes(path, LARGEST_MARKER)).hexdigest()
 
 
 def _published(folder: Path) -> StudyTables:

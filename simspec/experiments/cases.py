@@ -115,7 +115,7 @@ class _Grid:
 MOST_KEPT = 1000
 """Sets of values of one plan whose roundings are kept."""
 MOST_LINES = 40
-"""Sets of values whose roundings are told one by one."""
+"""Sets of values whose roundings are listed one by one."""
 
 _KEPT: weakref.WeakKeyDictionary[Plan, dict[bytes, tuple[Rounded, ...]]] = weakref.WeakKeyDictionary()
 

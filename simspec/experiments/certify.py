@@ -113,7 +113,7 @@ class LocalSupplies:
 
 
 PARTS = ("world", "settings", "files", "version")
-"""What of a model is told apart, the first cause first: files follow from the world and the settings."""
+"""The parts of a model that are distinguished, the first cause first: files follow from the world and the settings."""
 
 
 @dataclass(frozen=True)
@@ -185,8 +185,8 @@ def _settings(world: World, label: str) -> str:
     return digest([settings, sorted(options.accept), sorted(options.outside)]).hex()
 
 
-def asked_hash(spec_sweep: Any, words: Sequence[Any]) -> str:
-    """The hash of what a study asks for in a sweep: repetitions and seeds are of no model."""
+def request_hash(spec_sweep: Any, words: Sequence[Any]) -> str:
+    """The hash of what a study requests in a sweep: repetitions and seeds belong to no model."""
     return digest([spec_sweep, list(words)]).hex()
 
 
@@ -230,7 +230,7 @@ MEASURED_CONTACT = "L5"
 
 
 def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> str:
-    """What tells the model that an engine is given from every other that the proof tells apart."""
+    """The hash of the model that an engine is given, different for all models that the proof distinguishes."""
     physics = dataclasses.replace(world.physics, steps=0)
     alike = dataclasses.replace(world, name="", expectations=(), engines=(), record=Record(), physics=physics)
     name = engine_name(prepared.compiled.engine)

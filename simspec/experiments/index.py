@@ -1,4 +1,4 @@
-"""What follows from a store: a row for each run, and which cell asked for which case. Both files may be deleted at any time.
+"""The index of a store: a row for each run, and which cell requested which case. Both files may be deleted at any time.
 
 A run whose files have the names, sizes and times that its row says was checked before, and is not read again; every other is
 checked against its hashes.
@@ -104,7 +104,7 @@ def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> Row:
         )
         _ = row.quantities
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
-        message = f"{store.told / place_of(key) / RUN_FILE} does not describe a run: {str(error)[:200]}"
+        message = f"{store.shown / place_of(key) / RUN_FILE} does not describe a run: {str(error)[:200]}"
         raise SpecError([Problem(message)]) from None
     return row
 
@@ -141,7 +141,7 @@ class Index:
         self.changed = True
 
     def know(self, cell: str, key: str) -> None:
-        """Know which case a cell asks for."""
+        """Know which case a cell requests."""
         if self.cells.get(cell) != key:
             self.cells[cell] = key
             self.changed = True
@@ -153,7 +153,7 @@ class Index:
             self.changed = True
 
     def done(self, cell: str) -> Row | None:
-        """The run that a cell asks for, where it is known to be there."""
+        """The run that a cell requests, where it is known to be there."""
         return self.rows.get(self.cells.get(cell, ""))
 
     def save(self, store: Store) -> None:
@@ -239,12 +239,12 @@ def _timestep(store: Store, world: str, repair: bool, index: Index) -> float | N
 
 
 def _shown(store: Store, path: Path) -> str:
-    return str(store.told / path.relative_to(store.path))
+    return str(store.shown / path.relative_to(store.path))
 
 
 def _shorter(store: Store, text: str) -> str:
     """A message with the store's path as the user gave it."""
-    return text.replace(str(store.path), str(store.told))
+    return text.replace(str(store.path), str(store.shown))
 
 
 def _schema() -> pa.Schema:
@@ -299,7 +299,7 @@ def _read(store: Store, name: str, schema: pa.Schema, index: Index, repair: bool
         why = error.problems[0].message if isinstance(error, SpecError) else str(error).splitlines()[0][:200]
         if repair and not path.is_dir():
             store.drop_damaged(name)
-        index.notes.append(f"{store.told / name} is damaged ({_shorter(store, why)}): it is made anew from the runs")
+        index.notes.append(f"{store.shown / name} is damaged ({_shorter(store, why)}): it is made anew from the runs")
         index.changed = True
         return []
     return [dict(zip(schema.names, values, strict=True)) for values in zip(*columns.values(), strict=True)]

@@ -1,4 +1,4 @@
-"""The plan of a sweep: which runs it asks for, in the order in which they are taken. Nothing is resolved for it, and cells are
+"""The plan of a sweep: which runs it requests, in the order in which they are taken. Nothing is resolved for it, and cells are
 made while one goes through them, so that a plan of a million runs takes seconds and little memory.
 """
 
@@ -44,7 +44,7 @@ LARGEST_TABLE = 64_000_000
 """Bytes of a table of a trajectory that is hashed; larger ones are refused where they are read."""
 
 
-class Asked:
+class Requests:
     """What is hashed of a spec, for engines of these ``names``. Files are read once, when they are first hashed."""
 
     def __init__(self, spec: Spec, names: Sequence[str]):
@@ -137,7 +137,7 @@ OverrideList = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One run that a sweep asks for; nothing is resolved yet.
+    """A run that a sweep requests; nothing is resolved yet.
 
     index      its place in the plan
     engine     label of the engine
@@ -147,7 +147,7 @@ class Cell:
     repeat     number of the repetition from 0
     perturb    largest relative change of the initial state, 0.0 for none (:class:`simspec.runner.run.Case`)
     seed       seed of the perturbation, None for none
-    key        SHA-256 of what is asked: see :mod:`simspec.experiments.plan`
+    key        SHA-256 of the request: see :mod:`simspec.experiments.plan`
     """
 
     index: int
@@ -192,7 +192,7 @@ class Plan:
         self.spec, self.engines, self.versions = spec, tuple(engines), versions
         self.sweep = sweep or spec.data.sweep or Sweep()
         self._names = tuple(dict.fromkeys(map(engine_name, self.engines)))
-        self._asked = Asked(spec, self._names)
+        self._requests = Requests(spec, self._names)
 
     def __repr__(self) -> str:
         return f"<Plan of {self.spec.name!r}: {len(self):,} runs in {', '.join(self.engines)}>"
@@ -241,7 +241,7 @@ class Plan:
     def __iter__(self) -> Iterator[Cell]:
         index = 0
         names = [(label, engine_name(label)) for label in self.engines]
-        bases = [(label, name, self._asked.base(label, name, self.versions[label])) for label, name in names]
+        bases = [(label, name, self._requests.base(label, name, self.versions[label])) for label, name in names]
         axes = self._axes()
         for sample, drawn in self._samples():
             for choices in itertools.product(*axes):
@@ -260,7 +260,7 @@ class Plan:
 
     def _tails(self) -> Iterator[tuple[float, int | None, int, bytes]]:
         """Perturbation, seed, repetition, and what of them is hashed; and that the run is timed, where it is: a run that was
-        done beside others is no answer to what it costs. So is that times are rounded: without, some cells are errors."""
+        done while others ran is no answer to what it costs. So is that times are rounded: without, some cells are errors."""
         words = (" speed" if self.measure == "speed" else "") + (" round_up" if self.sweep.times == ROUND_UP else "")
         perturb = self.sweep.perturb
         seeds: Iterable[int] = () if perturb is None else range(1, perturb.seeds + 1)
@@ -270,7 +270,7 @@ class Plan:
                 yield amount, seed, repeat, f"{amount!r} {seed} {repeat}{words}".encode()
 
     def _choice(self, case: str | None, overrides: OverrideList) -> _Choice:
-        return _Choice(case, overrides, self._asked.digests(overrides))
+        return _Choice(case, overrides, self._requests.digests(overrides))
 
     def _axes(self) -> list[list[_Choice]]:
         """Cases, then each path of the grid, then each entry of ``together``: all their values."""

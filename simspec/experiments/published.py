@@ -24,7 +24,7 @@ MOST_MODELS = 20_000
 """Models of a study that is published: each is compiled for every check."""
 
 
-def asked_of(source: StudySource, study: SweepOfStudy) -> str:
+def request_of(source: StudySource, study: SweepOfStudy) -> str:
     """The hash of what a study asks for in a sweep, beside its models: repetitions, seeds, what is shown, figures from
     elsewhere."""
     figures = [figure.model_dump(mode="json") for figure in source.figures if figure.sweep == study.name]
@@ -35,7 +35,7 @@ def asked_of(source: StudySource, study: SweepOfStudy) -> str:
 
 def sweep_models(source: StudySource, study: SweepOfStudy, plan: Plan) -> dict[str, Any]:
     """The models of one sweep as plain data."""
-    return {"asked": asked_of(source, study), "models": [plain_model(model) for model in models_of(plan)]}
+    return {"asked": request_of(source, study), "models": [plain_model(model) for model in models_of(plan)]}
 
 
 def strangers(outcome: Outcome, store: Store) -> Iterator[str]:

@@ -51,7 +51,7 @@ CIRCUMSTANCES = ("started", "seconds", "usage", "timed", "warnings", "python_ver
 CIRCUMSTANCE_TABLES = ("seconds",)
 """Tables that are not the same when a run is repeated."""
 ASKED = ("spec", "world_sha256", "artifacts_sha256")
-"""Parts that are of the sweep that asked first: another one may ask for the same run."""
+"""Parts that are of the sweep that requested the run first: another one may request the same run."""
 LEFT_OUT = ("schema", "case", "engine")
 """Parts that are stored elsewhere: the key of the case is the run's name."""
 LAST_OUTPUT = "; its last output:"
@@ -63,7 +63,7 @@ Write = Callable[[BinaryIO], int]
 
 @dataclass(frozen=True)
 class TaskResult:
-    """One run to be stored under ``key``. ``result``: what a repetition gives to the bit; ``asked``: what the sweep asked with;
+    """One run to be stored under ``key``. ``result``: what a repetition gives to the bit; ``asked``: the request of the sweep;
     ``circumstances``: when, how long, on what machine; ``tables``: what writes each, by name."""
 
     key: str
@@ -147,14 +147,14 @@ class Store:
 
     def __init__(self, collection: Collection):
         self.path = collection.path
-        self.told = collection.told
+        self.shown = collection.shown
         self._collection = collection
 
     @classmethod
     def open(cls, folder: Path, create: bool = False) -> Store:
         """The store in ``folder``, made there with ``create``.
 
-        Raises SpecError for a folder that is no store, of somebody else, or of a newer simspec.
+        Raises SpecError for a folder that is no store, that another program made, or of a newer simspec.
         """
         if create:
             facts = {"simspec_store": SCHEMA, "made_by": own_version()}
@@ -169,7 +169,7 @@ class Store:
         return store
 
     def _check_schema(self) -> None:
-        path = self.told / STORE_FILE
+        path = self.shown / STORE_FILE
         try:
             content = read_bytes(self.path / STORE_FILE, LARGEST_STORE_FILE, self.path)
         except FileNotFoundError:
@@ -193,7 +193,7 @@ class Store:
         return self._collection.has(place_of(key))
 
     def keys(self) -> Iterator[str]:
-        """The keys of all runs, sorted. Names that are no keys are nobody's business here."""
+        """The keys of all runs, sorted. Names that are not keys are ignored."""
         root = self.path / RUNS
         for part in _names(root):
             yield from (name for name in _names(root / part) if KEY.fullmatch(name) and name[:2] == part)

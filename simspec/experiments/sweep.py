@@ -42,7 +42,7 @@ again, but not for nothing."""
 REFUSED = "does not support this world"
 """How the reason of a run begins whose engine was not started."""
 MOST_INVALID = 20
-"""Cells that are told one by one which make the spec invalid; the others are counted."""
+"""Cells that are reported one by one which make the spec invalid; the others are counted."""
 
 Progress = Callable[[str, float | None], None]
 Start = Callable[[LocalSupplies], Executor]
@@ -93,13 +93,13 @@ def stored_key(case: Case, cell: Cell, versions: Mapping[str, str], measure: str
 
 
 def run_key(case: Case, repeat: int, versions: Mapping[str, str], measure: str = "physics") -> str:
-    """The same of a repetition of a case that no cell asks for."""
+    """The same of a repetition of a case that no cell requests."""
     timed = {"measure": measure} if measure == "speed" else {}
     return sha256({"case": case.key(versions), "repeat": repeat, **timed})
 
 
 def cell_data(plan: Plan, cell: Cell) -> dict[str, Any]:
-    """Who asks, as plain data: the key of the cell, what it changes in the spec, and the times that it rounds up."""
+    """The request as plain data: the key of the cell, what it changes in the spec, and the times that it rounds up."""
     overrides = [[path, value] for path, value in cell.overrides]
     requested = {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
     rounded = rounded_data(roundings(plan, cell))
@@ -119,7 +119,7 @@ def sweep(
     progress: Progress = lambda text, share: None,
     wait: bool = False,
 ) -> Outcome:
-    """Do what ``plan`` asks for and ``store`` does not have.
+    """Do the runs that ``plan`` requests and ``store`` does not have.
 
     start         makes the executor, for the supplies that it is given
     verify        whether each model that an engine is given is proven first
@@ -178,8 +178,8 @@ class _Driver:
         self._weights: dict[str, float] = {}
 
     def tasks(self, demand: Callable[[Collection[str]], None] = lambda engines: None) -> Iterator[Task]:
-        """What is not there yet, in the order of the plan, compiled and proven. ``demand`` is told which engines are needed
-        (``Executor.demand``) before anything is done."""
+        """The runs that are not there yet, in the order of the plan, compiled and proven. ``demand`` receives the needed
+        engines (``Executor.demand``) before anything is done."""
         needed: dict[str, None] = {}
         for cell in self._plan:
             if not self._settled(cell):

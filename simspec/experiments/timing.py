@@ -323,7 +323,7 @@ def timed_runs(
 
 
 def disturbed(run: Run) -> list[str]:
-    """In words, what went on beside a timed run; empty where nothing did, or the run was not timed."""
+    """In words, the load of the machine during a timed run; empty where nothing did, or the run was not timed."""
     facts = run.provenance.get(TIMED)
     return Others(facts["others"], facts["stolen"]).words() if facts else []
 

@@ -1,4 +1,4 @@
-"""What acts during a run: forces, trajectories of driven joints (by points, by a table in a file, or by a program of moves of a
+"""Actions during a run: forces, trajectories of driven joints (by points, by a table in a file, or by a program of moves of a
 tool), and motions of kinematic bodies."""
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _FORCE: dict[str, Any] = {
     ),
     "torque": (
         Annotated[tuple[float, float, float], Vector(Number("torque"))],
-        Field(ABSENT, description="Torque, in the world's axes, beside that of the force"),
+        Field(ABSENT, description="Torque, in the world's axes, in addition to that of the force"),
     ),
     "at": (
         Point,
@@ -120,7 +120,7 @@ BY_JOINT: Mapping[str, ByJoint] = {
     "accelerations": ByJoint("", rate="rad/s² or m/s²"),
     "efforts": ByJoint("effort"),
 }
-"""What a point says of its joints."""
+"""The numbers by joint of a point."""
 
 Positions = Annotated[dict[str, Any], BY_JOINT["positions"]]
 Postures = Annotated[dict[str, Any], ByJoint("position", patterns=False)]
@@ -156,7 +156,7 @@ class ToolFrame(Strict):
 
 
 class ToolPlace(Rotated):
-    """A place of the tool in the world. What is left out stays as it is."""
+    """A place of the tool in the world; fields that are left out keep their values."""
 
     xyz: Maybe[Point] = Field(ABSENT, description="Position of the tool's origin")
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
@@ -179,7 +179,7 @@ class ToolPlace(Rotated):
 class _Step(Strict):
     """Base of a step of a program."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("move", "grip", "wait")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("move", "grip", "wait")
 
     if TYPE_CHECKING:  # the types of what _STEP makes; `in` is read with getattr
         move: ToolPlace | None
@@ -254,10 +254,10 @@ class Grasp(Strict):
 
 
 class Trajectory(Strict):
-    """What the driven joints should do: `points`, a table (`file`), or a `program`. After its end the joints stay where it
+    """The trajectory of the driven joints: `points`, a table (`file`), or a `program`. After its end the joints stay where it
     ends; driven joints that it does not name stay where they begin."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("points", "file", "program")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("points", "file", "program")
 
     interpolation: Annotated[str, Word(INTERPOLATIONS)] = Field(
         "cubic", description="Interpolation between points, see above"
@@ -348,7 +348,8 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
 
 
 class MotionPoint(Rotated):
-    """Where a kinematic body is at a time. What is left out is as at the point before, at the first point as its `pose`."""
+    """Where a kinematic body is at a time. Fields that are left out are as at the point before, at the first point as its
+    `pose`."""
 
     at: Annotated[float, Number("time", 0)] = Field(..., description="Time; later than that of the point before")
     xyz: Maybe[Point] = Field(ABSENT, description="Position of the body's frame in the world")

@@ -54,7 +54,7 @@ class Spacing(Reader):
 class Jitter(Strict):
     """Seeded perturbation of an array's elements: the same layout on every machine and in every engine."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("uniform", "radial")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("uniform", "radial")
 
     uniform: Maybe[Annotated[float, Number("length", 0)]] = Field(
         ABSENT, description="a: each coordinate of each element moves by U(−a, a); three draws per element: x, y, z"
@@ -70,7 +70,7 @@ class Array(Strict):
     """Copies of a root body with all its descendants, or of a model, named `<name>_<index>` with zeros in front to equal
     width. The elements are laid out in the frame that `pose` gives."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("grid", "line", "ring", "poses")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("grid", "line", "ring", "poses")
     COMPANIONS: ClassVar[Mapping[str, tuple[str, bool]]] = {
         "spacing": ("grid", True),
         "step": ("line", True),
@@ -116,7 +116,7 @@ class Array(Strict):
 
 
 class State(Strict):
-    """An initial state of a model. What it does not say is as the model's bodies say."""
+    """An initial state of a model. Values that it does not give are those of the model's bodies."""
 
     pose: Maybe[Pose] = Field(ABSENT, description="Pose of the root in the model, instead of its own")
     velocity: Maybe[Velocity] = Field(

@@ -1,4 +1,4 @@
-"""What is wrong between the parts of a spec: parents, roots, references to materials, groups and joints, masses."""
+"""Checks between the parts of a spec: parents, roots, references to materials, groups and joints, masses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from simspec.language.vocabulary import JOINT_KINDS
 DEFAULT_GROUP = "default"
 RESERVED = "world"
 """The world's own name, which no body may take."""
-_ONE_ROOT = "a model has exactly one root (a body without parent); this one has"
+_SINGLE_ROOT = "a model has exactly one root (a body without parent); this one has"
 _ONLY_FIXED = {
     "plane": ("plane", "a large flat box"),
     "heightfield": ("height field", "a mesh as pieces, or several boxes"),
@@ -81,9 +81,9 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
         yield document.problem(path, "a model has at least one body")
     elif len(roots) > 1:
         shown = ", ".join(roots[:6]) + (", ..." if len(roots) > 6 else "")
-        yield document.problem((*path, roots[1]), f"{_ONE_ROOT} {len(roots)}", key=True, found=shown, allowed="one")
+        yield document.problem((*path, roots[1]), f"{_SINGLE_ROOT} {len(roots)}", key=True, found=shown, allowed="one")
     elif not roots and not bodies.cycles():
-        yield document.problem(path, f"{_ONE_ROOT} none")
+        yield document.problem(path, f"{_SINGLE_ROOT} none")
     for name in roots:
         if bodies.field(name, "array") is not None:
             message, hint = (
@@ -102,7 +102,7 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:
-    fixed = bodies.still()
+    fixed = bodies.fixed_bodies()
     document = bodies.source.document
     for name in bodies.order():
         body = bodies.typed.get(name)
@@ -112,14 +112,15 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
                     message = f"a {noun} requires a body fixed to the world, and this body moves"
                     yield document.problem((*bodies.path, name, "shapes", index, kind), message, hint=hint)
     for top, members in bodies.moving_groups().items():
-        if not bodies.is_kinematic(top):  # whose mass counts for nothing
+        if not bodies.is_kinematic(top):  # the mass of a kinematic body has no effect
             for name, fault in group_faults(bodies, members):
                 yield fault_problem(document, (*bodies.path, name), fault)
 
 
 def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, Fault]]:
-    """What bodies that move as one lack to move, each with the body: of one that moves alone its own mass and three positive
-    moments, of several one mass among them. Whether their tensors together are regular shows in the resolved world."""
+    """The faults of the masses of bodies that move as one, each with its body: a body that moves alone needs a mass and three
+    positive moments, several bodies one mass among them. Whether their tensors together are regular is checked in the
+    resolved world."""
     typed = {name: bodies.typed.get(name) for name in members}
     top, *others = members
     carried = bodies.attached and bodies.parent(top) is None
@@ -141,7 +142,7 @@ def _weighs(body: Body) -> bool:
 
 
 def member_faults(body: Body) -> Iterator[Fault]:
-    """What is wrong with the mass of a body that moves with others."""
+    """The faults of the mass of a body that moves with others."""
     if _weighs(body):
         yield from (fault for fault in mass_faults(body) if fault.loc != ("inertia",))  # the group's tensor counts
     elif body.inertia is not None:
@@ -150,7 +151,7 @@ def member_faults(body: Body) -> Iterator[Fault]:
 
 
 def mass_faults(body: Body) -> Iterator[Fault]:
-    """What a moving body lacks to move: a positive mass and three positive principal moments."""
+    """The faults of the mass of a moving body, which needs a positive mass and three positive principal moments."""
     solid = [shape for shape in body.shapes if shape.has_volume]
     dense = [shape for shape in solid if shape.density is not None]
     if dense:
@@ -196,7 +197,7 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
 
 
 def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
-    """What is wrong with the states of a model, and with the one that it begins in."""
+    """The problems of the states of a model, and of the name of its initial state."""
     named = trees.states(source, bodies)
     roots = bodies.roots()
     kind = bodies.joint_type(roots[0]) if len(roots) == 1 else "free"
@@ -222,7 +223,7 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
 
 
 def _commands(state: trees.WrittenState, actuators: Sequence[str]) -> Iterator[Problem]:
-    """What is wrong with the names of commands by actuator."""
+    """The problems of the names of commands by actuator."""
     document, path, commands = state.source.document, (*state.path, "commands"), mapping(state.raw.get("commands"))
     if (many := too_many(commands)) is not None:
         yield fault_problem(document, path, many.faults[0])
@@ -239,7 +240,7 @@ def _commands(state: trees.WrittenState, actuators: Sequence[str]) -> Iterator[P
 def _starts(
     source: Source, document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], bodies: Bodies
 ) -> Iterator[Problem]:
-    """What is wrong with initial positions and velocities by joint, which ``document`` says at ``path``."""
+    """The problems of initial positions and velocities by joint, which ``document`` says at ``path``."""
     joints = {joint: (name, k) for name in bodies.raw for k, joint in enumerate(bodies.joint_names(name))}
     kinds = {joint: str(bodies.joint_types(owner)[index]) for joint, (owner, index) in joints.items()}
     following = trees.followers(source, bodies)
@@ -284,7 +285,7 @@ def _start(
     where: tuple[str, int],
     bodies: Bodies,
 ) -> list[Problem]:
-    """What is wrong with the initial position or velocity (by ``reader``) of one joint; ``where``: its body, and its index
+    """The problems of the initial position or velocity (by ``reader``) of a joint; ``where``: its body, and its index
     there."""
     if value is INVALID or kind not in JOINT_KINDS:
         return []
@@ -314,7 +315,8 @@ def _part(source: Source, name: str) -> Mapping[str, Any]:
 
 
 def _ignores(group: Any) -> list[tuple[int, str]]:
-    """The groups that a group ignores, with their places in the list; what is no name is reported where it is read."""
+    """The groups that a group ignores, with their places in the list; values that are not names are reported where they are
+    read."""
     ignored = listed(mapping(group).get("ignores"))
     return [(index, other) for index, other in enumerate(ignored) if isinstance(other, str)]
 
@@ -407,7 +409,7 @@ def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
 
 
 def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
-    """What is wrong with the pairs of model files: in each file, and where two say different laws of a pair of which the
+    """The problems of the pairs of model files: in each file, and where two say different laws of a pair of which the
     scenario says none."""
     pairs = source.file.contact.pairs if source.file is not None else []
     settled = {tuple(sorted(pair.between)) for pair in pairs}

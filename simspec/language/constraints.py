@@ -1,4 +1,4 @@
-"""Constraints: what holds joints and bodies together outside the tree."""
+"""Constraints between joints and bodies outside the tree."""
 
 from __future__ import annotations
 
@@ -187,13 +187,11 @@ class Sum(Strict):
 
 
 class Constraint(Strict):
-    """What holds joints or bodies together outside the tree of bodies."""
+    """A constraint between joints or bodies outside the tree of bodies."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("follow", "connect", "weld", "sum")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("follow", "connect", "weld", "sum")
 
     follow: Maybe[Follow] = Field(ABSENT, description="A joint follows another")
     connect: Maybe[Connect] = Field(ABSENT, description="Two bodies meet at a point")
     weld: Maybe[Weld] = Field(ABSENT, description="Two bodies are held rigidly")
-    sum: Maybe[Sum] = Field(
-        ABSENT, description="What acts along a weighted sum of joint positions: springs, friction, stops"
-    )
+    sum: Maybe[Sum] = Field(ABSENT, description="Springs, friction and stops along a weighted sum of joint positions")

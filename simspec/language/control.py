@@ -39,7 +39,7 @@ LAWS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """The laws of actuators, with the numbers that each has."""
 COMMANDS: Final = {"position": "position", "velocity": "velocity", "effort": "effort", "affine": ""}
-"""What the command of each law is: an entry of ``joints.DIMENSION`` ("": a plain number)."""
+"""The quantity of the command of each law: an entry of ``joints.DIMENSION`` ("": a plain number)."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ OF_JOINT: Final = {
 
 
 class Actuator(Strict):
-    """What turns a command u into the effort on one joint: g clip(f), f by the law, of the actuator's position g q."""
+    """An actuator, which turns a command u into the effort on a joint: g clip(f), f by the law, of the actuator's position g
+    q."""
 
     joint: NameOf = Field(..., description="The hinge or slide that it acts on, by its name in the model")
     law: Annotated[str, Word(tuple(LAWS))] = Field(
@@ -200,7 +201,7 @@ PER_JOINT: Mapping[str, PerJoint] = {
     "gear": PerJoint("", 1.0 / LARGEST_GEAR, LARGEST_GEAR),
     "rotor_inertia": PerJoint("armature"),
 }
-"""What a controller says of its joints one by one."""
+"""The fields of a controller that are given by joint."""
 
 
 class Controller(Strict):

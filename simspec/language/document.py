@@ -30,8 +30,8 @@ Key = str | int
 
 
 class Details(TypedDict, total=False):
-    """What a problem says besides its message (see :class:`simspec.errors.Problem`); ``key``: it is about the key at its path,
-    not the value."""
+    """The parts of a problem besides its message (see :class:`simspec.errors.Problem`); ``key``: it is about the key at its
+    path, not the value."""
 
     key: bool
     found: str | None
@@ -40,7 +40,7 @@ class Details(TypedDict, total=False):
 
 
 INVALID = object()
-"""Stands for a value that has been reported already: what reads the data later must not report it again."""
+"""Stands for a value that has been reported already: later readers of the data must not report it again."""
 
 Path_ = tuple[Key, ...]
 
@@ -190,7 +190,7 @@ def events(text: str, file: str) -> Iterator[Any]:
             if count > MOST_EVENTS:
                 break
             depth += _deeper(event)
-            if depth > DEEPEST + 1:  # whoever builds data has said it one level before, with its path
+            if depth > DEEPEST + 1:  # the builder of the data has reported it one level before, with its path
                 break
             yield event
     except ReaderError as error:

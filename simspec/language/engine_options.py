@@ -1,4 +1,4 @@
-"""What a scenario says to engines: solver settings, by timestep and by pairs of materials, and what is accepted."""
+"""Options of engines in a scenario: solver settings, by timestep and by pairs of materials, and accepted approximations."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SettingsAtTimestep(Strict):
 
 
 class EngineOptions(Strict):
-    """What a scenario says to one engine. Nothing here may change the model."""
+    """The options of an engine in a scenario. Nothing here may change the model."""
 
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
     pairs: list[PairSettings] = Field(

@@ -1,5 +1,5 @@
-"""What a scenario may expect of its runs: the kinds, and the parameters of each. How each is measured stands with the
-runner; what its words mean stands here."""
+"""Expectations of a scenario about its runs: the kinds, the parameters of each, and their meaning. The runner measures them
+(``runner/expectations.py``)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simspec.language.words import NAME, Name
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: what it is (with dimension and bounds), whether it must be given, and its meaning."""
+    """A parameter: its type (with dimension and bounds), whether it must be given, and its meaning."""
 
     reader: Reader
     meaning: str
@@ -26,7 +26,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of expectation: what it demands, its parameters, and parameters of which exactly one is wanted.
+    """A kind of expectation: its requirement, its parameters, and parameters of which exactly one must be given.
 
     ``of_end`` says whether a run that is cut short cannot answer it: it looks at the end of the run ("always"), or does so
     where a parameter of this name is not given; "" what must hold at all times must hold in every part of them.
@@ -34,7 +34,7 @@ class Kind:
 
     meaning: str
     parameters: Mapping[str, Parameter]
-    one_of: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
     of_end: str = ""
 
 
@@ -133,7 +133,7 @@ KINDS: Mapping[str, Kind] = {
             "tolerance": Parameter(_LENGTH, "Largest deviation"),
             "at": _AT,
         },
-        one_of=("xyz", "distance"),
+        alternatives=("xyz", "distance"),
         of_end="at",
     ),
     "apex_height": Kind(
@@ -218,14 +218,14 @@ def _model(name: str, kind: Kind) -> type[Strict]:
     }
     title = "".join(part.capitalize() for part in name.split("_"))
     model = create_model(title, __base__=_Parameters, __doc__=kind.meaning, **fields)
-    model.ONE_OF = kind.one_of
+    model.ALTERNATIVES = kind.alternatives
     return model
 
 
-class _OneKind(Strict):
+class _AnyExpectation(Strict):
     """Base of an entry of ``expect``."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = tuple(KINDS)
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = tuple(KINDS)
 
 
 _KINDS: dict[str, Any] = {
@@ -233,7 +233,7 @@ _KINDS: dict[str, Any] = {
 }
 Expectation: type[Strict] = create_model(
     "Expectation",
-    __base__=_OneKind,
+    __base__=_AnyExpectation,
     __doc__="One expectation: its kind, with its parameters.",
     **_KINDS,
 )

@@ -1,4 +1,4 @@
-"""Robot files of other languages: what an importer is, what it gives, and how its result becomes a document of this language.
+"""Robot files of other languages: importers, their results, and how a result becomes a document of this language.
 
 Importers are offered by entry points (:data:`GROUP`); none is imported here. An importer accounts for everything in a
 file: each element and attribute is carried, carried without effect, or lost.
@@ -38,7 +38,7 @@ GROUP = "simspec.importers"
 
 
 class Fate(StrEnum):
-    """What became of an element or attribute of a foreign file."""
+    """The fate of an element or attribute of a foreign file."""
 
     CARRIED = "carried"
     """The spec says the same."""
@@ -49,7 +49,7 @@ class Fate(StrEnum):
 
 
 class Severity(StrEnum):
-    """What a loss changes."""
+    """The effect of a loss."""
 
     PHYSICS = "physics"
     APPEARANCE = "appearance"
@@ -58,7 +58,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """What became of one element or attribute: ``what`` is its path in the file (``joint[elbow]/mimic/@multiplier``),
+    """The fate of an element or attribute: ``what`` is its path in the file (``joint[elbow]/mimic/@multiplier``),
     ``reason`` and ``hint`` (the way out) say why it is not carried."""
 
     location: Location
@@ -76,7 +76,7 @@ class Repair:
     rule: str
     location: Location
     what: str
-    """What is repaired, and to what, in one sentence."""
+    """The repaired value and the new one, in a sentence."""
     path: str = ""
     """The dotted path in the spec where the repair is seen; its comment is written there."""
 
@@ -105,7 +105,7 @@ class RequestedRepairs:
         return values[0] if values else None
 
     def problems(self, shown: str, rules: Iterable[str], with_value: Iterable[str] = ()) -> list[Problem]:
-        """What is wrong with the words: rules that the importer of the file ``shown`` does not have, values of rules that take
+        """The problems of the words: rules that the importer of the file ``shown`` does not have, values of rules that take
         none, two values of one rule. ``with_value``: the rules that take a value."""
         rules, with_value = tuple(rules), tuple(with_value)
         found, values = list[Problem](), dict[str, str]()
@@ -127,8 +127,8 @@ def _rule_of(word: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What a user says to an importer; ``project`` is the folder that no file may be outside of (None: any), beside the folders
-    of ``packages``."""
+    """The options of an import; ``project`` is the folder that no file may be outside of (None: any), except in the folders of
+    ``packages``."""
 
     packages: Mapping[str, str] = field(default_factory=dict)
     """Folders of packages by name, relative to the file that says so, or absolute."""
@@ -147,7 +147,7 @@ class ImportOptions:
     """The package that the file is in; files of it have its name in messages. Then ``project`` is the package's folder."""
 
     def shown(self, path: Path) -> str:
-        """What messages call a file."""
+        """The name of a file in messages."""
         return shown_path(path, self.package)
 
     allowed: tuple[str, ...] = ()
@@ -166,7 +166,7 @@ class ImportOptions:
         return "; ".join([*ways, "--allow-outside allows it", *filter(None, [more])])
 
     def together(self, more: ImportOptions) -> ImportOptions:
-        """What a placement says of its file, and what is said of all files (``more``, whose folders are absolute): rules of
+        """The options of a placement together with those of all files (``more``; its folders are absolute): rules of
         both, the placement's folders first, the arguments of all files and the values of their rules before its own."""
         valued = {_rule_of(word) for word in more.repair if "=" in word}
         return replace(
@@ -194,12 +194,12 @@ class ImportOptions:
 
 @dataclass
 class Imported:
-    """What an importer made of a file."""
+    """The result of an importer."""
 
     data: dict[str, Any]
     """A spec as plain data in SI units: a model file where the source has one tree, else a scenario."""
     places: dict[Path_, Location]
-    """Where values of ``data`` come from, by their path; what has no place has that of the nearest path around it."""
+    """Where values of ``data`` come from, by their path; a value without a place has that of the nearest path around it."""
     accounts: list[Account]
     """Every element and attribute of the source, in the order of the file."""
     repairs: list[Repair] = field(default_factory=list)
@@ -212,13 +212,13 @@ class Imported:
     comments: dict[str, str] = field(default_factory=dict)
     """A sentence to be written above a value, by its dotted path."""
     suspicious: list[Problem] = field(default_factory=list)
-    """What is allowed, and yet looks like a slip of the file, such as lengths in millimetres: warned of."""
+    """Warnings: values that are allowed and look like slips of the file, such as lengths in millimetres."""
 
     starts: list[Start] = field(default_factory=list)
     """Joints that begin at a limit, since the position of the file, or 0 where it has none, is beyond it."""
 
     def losses(self) -> list[Account]:
-        """What is not carried."""
+        """The accounts of elements that are not carried."""
         return [account for account in self.accounts if account.fate is Fate.LOST]
 
     def document(self, file: str) -> Document:
@@ -257,7 +257,7 @@ class Importer(Protocol):
         """Whether a file that begins so is of this language; for those that share a suffix."""
 
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
-        """A file as a spec. ``shown``: what messages call it. Raises SpecError with every problem and its place: defects of the
+        """A file as a spec. ``shown``: its name in messages. Raises SpecError with every problem and its place: defects of the
         source that no rule of ``options.repair`` repairs are problems."""
 
 
@@ -303,21 +303,21 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
     imported: Imported = fitting[0].read(path, shown, options)
     imported.starts += begin_within(imported.data, imported.comments)
     if not options.self_collision:
-        _keep_apart(imported, shown)
+        _without_self_collision(imported, shown)
     return imported
 
 
-def _keep_apart(imported: Imported, shown: str) -> None:
+def _without_self_collision(imported: Imported, shown: str) -> None:
     """Let the bodies of an imported model pass through each other. Raises SpecError for a file that is not one model."""
     if "model" not in imported.data:
         hint = "contact: groups or exclude, in the spec that simspec import writes"
         raise SpecError([Problem(f"{shown}: self_collision is of one model, and the file has several", hint=hint)])
     imported.data.setdefault("contact", {})["self_collision"] = False
-    imported.comments["contact.self_collision"] = "the file does not say so: asked for when it was imported"
+    imported.comments["contact.self_collision"] = "the file does not say so: an option of the import"
 
 
 _HEAD = 16 * 2**20
-"""Bytes by which the language of a file is found: what is particular to one may come late."""
+"""Bytes by which the language of a file is found: elements particular to a language may come late."""
 
 
 def _beginning(path: Path) -> bytes:
@@ -330,11 +330,8 @@ def _beginning(path: Path) -> bytes:
         raise SpecError([Problem(f"{path}: cannot be read: {error.strerror}")]) from None
 
 
-# What a placement of a file of another language says to its importer.
-
-
 class Import(Strict):
-    """What is said to the importer of a file of another language."""
+    """The options for the importer of a file of another language."""
 
     packages: dict[NameOf, Annotated[str, FileName()]] = Field(
         {}, description="Folders of packages that the file names, by their names, relative to this file"
@@ -366,7 +363,7 @@ class Import(Strict):
         )
 
 
-# What an import does not carry, and what it repaired, for people: counted, grouped, and as warnings.
+# The losses and repairs of an import as text: counted, grouped, and as warnings.
 
 _IN_BRACKETS: Final = re.compile(r"\[[^\]]*\]")
 ORDER: Final = (Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION)
@@ -381,7 +378,7 @@ class Group:
 
 
 def kind_of(account: Account) -> str:
-    """What an account is of, without names: ``joint/mimic/@multiplier``."""
+    """The subject of an account, without names: ``joint/mimic/@multiplier``."""
     return _IN_BRACKETS.sub("", account.what)
 
 

@@ -67,14 +67,14 @@ class Node:
 
 @dataclass
 class Entry:
-    """A key with its value, or an item of a list; comments above it, beside it, and below what is in it. "" among the
-    comments is an empty line."""
+    """A key with its value, or an item of a list; comments above it, at the end of its line, and below its content. "" among
+    the comments is an empty line."""
 
     node: Node
     key: str | None = None
     name: str | None = None
     above: list[str] = field(default_factory=list)
-    beside: list[str] = field(default_factory=list)
+    trailing: list[str] = field(default_factory=list)
     below: list[str] = field(default_factory=list)
 
 
@@ -157,7 +157,7 @@ def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) ->
 
 def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, field_name: str | None) -> list[str]:
     node = entry.node
-    alongside = f"  {' '.join(entry.beside)}" if entry.beside else ""
+    alongside = f"  {' '.join(entry.trailing)}" if entry.trailing else ""
     if node.kind == "scalar":
         return _scalar(node, head, alongside, indent)
     item_of = field_name if inner is None else None
@@ -165,7 +165,7 @@ def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, f
     if text is not None and len(head) + 1 + len(text) <= WIDTH:
         return [f"{head} {text}{alongside}"]
     block = _block(node, kind, indent + 2, inner)
-    if head.endswith("-") and not (entry.beside or block[0].lstrip().startswith("#")):
+    if head.endswith("-") and not (entry.trailing or block[0].lstrip().startswith("#")):
         # the item's first key stands on the line of the dash
         return [f"{head} {block[0].lstrip()}", *block[1:]]
     return [f"{head}{alongside}", *block]
@@ -191,7 +191,7 @@ def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str |
         return None
     parts = []
     for entry in _ordered(node, kind):
-        if any(entry.above) or entry.beside or entry.below:
+        if any(entry.above) or entry.trailing or entry.below:
             return None
         below = problems.child(kind, entry.name if node.kind == "mapping" and entry.name is not None else 0)
         inner = entry.name if problems.is_model(kind) else None
@@ -223,7 +223,7 @@ def comments(root: Node) -> Iterator[str]:
     while waiting:
         node = waiting.pop()
         for entry in node.entries:
-            yield from (line for line in (*entry.above, *entry.beside, *entry.below) if line)
+            yield from (line for line in (*entry.above, *entry.trailing, *entry.below) if line)
             waiting.append(entry.node)
 
 
@@ -391,7 +391,7 @@ class _Reader:
         first_of_line: set[int] = set()
         for comment in self.comments:
             if not comment.alone:
-                self._beside(comment, bisect.bisect_left(places, comment.index))
+                self._add_trailing(comment, bisect.bisect_left(places, comment.index))
                 continue
             gap = [""] if self._blank(comment.line) else []
             position = bisect.bisect_left(places, comment.index)
@@ -415,11 +415,11 @@ class _Reader:
                     mark.entry.above.append("")
             first_of_line.add(mark.line)
         for mark in placed:
-            # a value below its key can have a comment beside each; on one line the two would become one
-            mark.entry.above += mark.entry.beside[:-1]
-            del mark.entry.beside[:-1]
+            # a value below its key can have a comment on each line; on one line the two would become one
+            mark.entry.above += mark.entry.trailing[:-1]
+            del mark.entry.trailing[:-1]
 
-    def _beside(self, comment: _Comment, position: int) -> None:
+    def _add_trailing(self, comment: _Comment, position: int) -> None:
         """Give a comment at the end of a line to the outermost thing that begins on the line; ``position``: of the first
         thing that begins after it."""
         first = position
@@ -428,7 +428,7 @@ class _Reader:
         for mark in self._placed[first:position]:
             node = mark.entry.node
             if mark.item and node.kind != "scalar" and not node.flow:
-                continue  # the dash of a block: what stands on its line is its first key
-            mark.entry.beside.append(comment.text)
+                continue  # the dash of a block: its first key stands on its line
+            mark.entry.trailing.append(comment.text)
             return
-        (self._placed[position - 1].entry.beside if position else self.header).append(comment.text)
+        (self._placed[position - 1].entry.trailing if position else self.header).append(comment.text)

@@ -40,7 +40,7 @@ def matches(pattern: str, name: str) -> bool:
 
 
 def is_name_or_pattern(value: Any) -> bool:
-    """Whether a key may be the name of something in a model, or a pattern; what is neither is reported where it is read."""
+    """Whether a key may be the name of something in a model, or a pattern; other keys are reported where they are read."""
     return isinstance(value, str) and "/" not in value and PATTERN.fullmatch(value) is not None
 
 
@@ -74,7 +74,7 @@ def entry_of(entries: Mapping[str, Any], meant: Callable[[str], Iterable[str]]) 
 
 
 def clash_words(clash: Clash) -> str:
-    """What is wrong with a clash."""
+    """The message of a clash."""
     return f"{clash.name} has two values: from {clash.other!r} and from {clash.first!r}"
 
 

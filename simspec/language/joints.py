@@ -1,4 +1,4 @@
-"""Joints: what each field is, and what it means, follows from the joint's type."""
+"""Joints: the dimension and the meaning of each field follow from the joint's type."""
 
 from __future__ import annotations
 
@@ -252,7 +252,7 @@ def angle_of(turn: Orientation) -> float:
 
 
 def beyond_cone(turn: Orientation, largest: float) -> bool:
-    """Whether a rotation is by more than the largest angle (rad) of a ball joint, beside round-off of the angle."""
+    """Whether a rotation is by more than the largest angle (rad) of a ball joint, up to round-off of the angle."""
     return angle_of(turn) > largest + ROUND_OFF
 
 
@@ -358,7 +358,7 @@ def _read_free(key: str, value: Any) -> tuple[float, float]:
 
 
 def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
-    """`limits` or `spring` with its numbers read; what could not be read is left out, or 0 where it is required."""
+    """`limits` or `spring` with its numbers read; a number that could not be read is left out, or 0 where it is required."""
     if isinstance(value, BaseModel):
         value = value.model_dump(exclude_unset=True)
     if not isinstance(value, dict):

@@ -123,8 +123,8 @@ class Spec:
         return resolve(self.source)
 
     def warnings(self, world: World | None = None) -> list[Problem]:
-        """What looks like a slip though it is allowed, each with its place and the way out; ``world`` where the spec has been
-        resolved already. Raises SpecError as :meth:`resolve`."""
+        """Warnings: values that are allowed and look like slips, each with its place and a hint; ``world`` where the spec has
+        been resolved already. Raises SpecError as :meth:`resolve`."""
         from simspec.resolve.warnings import warnings
 
         return warnings(self.source, world or self.resolve())
@@ -172,7 +172,7 @@ def _checked(
         problems = apply(document, sets) if isinstance(document.data, dict) else []
     package = options.package if options is not None else None
     project = package.root if package is not None else project_folder(place)
-    # what is said of one file's package is not said of the files that it uses
+    # the package of a file is not that of the files that it uses
     others = replace(options, package=None) if options is not None else None
     collector = Collector(None if allow_outside else project, others)
     changed = {text.partition("=")[0].strip() for text in sets}
@@ -197,7 +197,7 @@ def _validated(
         problems = [*problems, *document.problems, *more]
         source = Source(document, folder, file, imported=imported, package=package, path=path)
         collector.collect(source, (place.resolve(),))
-        # what is looked at for each model that holds it is looked at only where that has an end
+        # checks that visit a file for each model that uses it are made only where their number is bounded
         problems += [*collector.problems, *(too_much(source) or check(source))]
         if file is not None:
             problems += [*check_sweep(document, file.sweep), *without_effect(document, file, changed)]

@@ -125,7 +125,7 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
     if placed is None:
         return
     bodies = placed
-    index, of_joint = _own_joint(bodies, short, rest)
+    index, of_joint = _joint_of(bodies, short, rest)
     if of_joint[:1] in (("position",), ("velocity",)) and short in bodies.raw:
         part = {"position": "positions", "velocity": "velocities"}[of_joint[0]]
         joint = bodies.joint_names(short)[index]
@@ -216,9 +216,9 @@ def _base(name: str, names: Mapping[str, Any]) -> str:
     return element[1] if name not in names and element is not None and element[1] in names else name
 
 
-def _own_joint(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
+def _joint_of(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
     """Which of its joints a path below a body speaks of (−1: the last one), and the path below that joint; () where it speaks
-    of none. What moves with the first of several joints stands in the world under its joint's name
+    of none. The carrier that moves with the first of several joints has its joint's name in the world
     (``world/kinematics.py``)."""
     if rest[:1] == ("joint",):
         return -1, rest[1:]
@@ -232,7 +232,7 @@ def _in_tree(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> Iterator
         return
     document, path = bodies.source.document, (*bodies.path, name)
     if several := bodies.several(name):
-        index, of_joint = _own_joint(bodies, name, rest)
+        index, of_joint = _joint_of(bodies, name, rest)
         if of_joint:
             yield from _whole(document, (*path, "joints", str(index % len(several)), *of_joint))
             rest = ("joints", str(index % len(several)), *of_joint)

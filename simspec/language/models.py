@@ -99,16 +99,16 @@ class Body(Strict):
         yield from _mass(data)
 
 
-_ONE_OF_THEM = "one of them"
+_EITHER = "one of them"
 _PLACED_BY_MOTION = "exclude each other: motion says where it is"
 
 
 def _in_a_row(data: Mapping[str, Any], several: Sequence[Mapping[str, Any]]) -> Iterable[Fault]:
-    """What is wrong with several joints together."""
+    """The faults of several joints together."""
     if "joints" not in data:
         return
     if "joint" in data:
-        yield Fault(("joints",), "joint and joints exclude each other", None, _ONE_OF_THEM)
+        yield Fault(("joints",), "joint and joints exclude each other", None, _EITHER)
     joints = data["joints"]
     if not isinstance(joints, list) or len(several) != len(joints):
         return  # reported where they are read
@@ -134,7 +134,7 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
         "fixed": "write joint: {type: fixed}",
         "pose": "write joint: {origin: ...}",
         "velocity": "write joint: {velocity: ...}",
-        "kinematic": "a kinematic body hangs on nothing; what it carries moves with it",
+        "kinematic": "a kinematic body has no parent; bodies that it carries move with it",
     }.items():
         if key in data:
             yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint)
@@ -149,15 +149,15 @@ def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Itera
     if data.get("kinematic") is True:
         for key in ("fixed", "velocity", "joint", "joints"):
             if data.get(key) not in (None, False):
-                yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", None, _ONE_OF_THEM)
+                yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", None, _EITHER)
     if data.get("fixed") is True and ("joint" in data or "joints" in data):
         key = "joint" if "joint" in data else "joints"
-        yield Fault((key,), f"fixed and {key} exclude each other", None, _ONE_OF_THEM)
+        yield Fault((key,), f"fixed and {key} exclude each other", None, _EITHER)
     elif "fixed" in data and data.get("fixed") is False and kind == "fixed":
         yield Fault(("fixed",), "fixed: false contradicts the fixed joint")
     if "pose" in data and joint.get("origin") is not None:
         message = "pose and joint.origin exclude each other: both place the root in the world"
-        yield Fault(("pose",), message, None, _ONE_OF_THEM)
+        yield Fault(("pose",), message, None, _EITHER)
     immovable = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
     if "velocity" in data and immovable:
         hint = "write joint: {velocity: ...}" if kind in TREE_JOINTS else "remove it"
@@ -189,7 +189,7 @@ class _WithUse(Strict):
 
 
 _IMPORT: dict[str, Any] = {  # `import` is no name that a class body may have
-    "import": (Import, Field(ABSENT, description="For a file of another language: what its importer is told"))
+    "import": (Import, Field(ABSENT, description="For a file of another language: options of its importer"))
 }
 _WithImport: type[_WithUse] = create_model("_WithImport", __base__=_WithUse, **_IMPORT)
 
@@ -198,21 +198,23 @@ class Use(_WithImport):
     """A model placed in the scenario: the file's (`use`), or one written here (`bodies`). Its bodies are called
     `<model>/<body>`, its joints `<model>/<joint>`."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
     bodies: Maybe[dict[NameOf, Body]] = Field(
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
-    frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies of the model, beside those of its file")
+    frames: dict[NameOf, Frame] = Field(
+        {}, description="Named frames on bodies of the model, in addition to those of its file"
+    )
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
     actuators: dict[NameOf, Actuator] = Field(
-        {}, description="Actuators of the model, by name, beside those of its file; `control` says which act"
+        {}, description="Actuators of the model, by name, in addition to those of its file; `control` says which act"
     )
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="Constraints within the model, by name; joints and bodies by their names in the model"
     )
     states: dict[NameOf, State] = Field(
-        {}, description="Initial states of the model, by name, beside those of its file"
+        {}, description="Initial states of the model, by name, in addition to those of its file"
     )
     state: Maybe[Annotated[str, Name()]] = Field(
         ABSENT, description="Name of the initial state; `positions` and `velocities` are said on top of it"
@@ -259,7 +261,7 @@ class Use(_WithImport):
 class Model(Strict):
     """The one model of a model file: bodies with exactly one root, or another model file's model."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
     use: Maybe[Annotated[str, FileName()]] = Field(
         ABSENT, description="Path of another model file, relative to this file"
@@ -347,7 +349,7 @@ class Physics(Strict):
 
 
 class Record(Strict):
-    """What a run records."""
+    """The recording of a run."""
 
     every: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
         ABSENT, description="Time between two records, a whole number of steps; default: one step"
@@ -375,7 +377,7 @@ class File(Strict):
     model: Maybe[Model] = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
     frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies: tool points, places of sensors")
     constraints: dict[NameOf, Constraint] = Field(
-        {}, description="What holds joints and bodies together outside the tree, by name"
+        {}, description="Constraints between joints and bodies outside the tree, by name"
     )
     actuators: dict[NameOf, Actuator] = Field(
         {}, description="Actuators of loose bodies, by name; `control` says which act"
@@ -388,8 +390,8 @@ class File(Strict):
     motion: dict[Annotated[str, Name(path=True)], Motion] = Field(
         {}, description="Motions of kinematic bodies, by full name; one without stands still"
     )
-    record: Record = Field(Record(), description="What a run records")
-    expect: list[Expectation] = Field([], description="What must be true of every run")
+    record: Record = Field(Record(), description="The recording of a run")
+    expect: list[Expectation] = Field([], description="Statements that must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
     sweep: Maybe[Sweep] = Field(
         ABSENT, description="Many runs of this scenario; changes nothing in the scenario itself"

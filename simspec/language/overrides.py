@@ -19,11 +19,11 @@ from simspec.language.sweep import Sweep
 from simspec.language.sweep_values import Distribution, same
 
 FILE = "--set"
-"""What stands for the file in the location of an override's value; the line is the override's number."""
+"""The file in the location of an override's value; the line is the override's number."""
 
 
 class Override(NamedTuple):
-    """A plain value and the dotted path that it is put at. ``place``: where somebody wrote the path, ``value_place``: the
+    """A plain value and the dotted path that it is put at. ``place``: where the path is written, ``value_place``: the
     value; None for a spec that was made in Python."""
 
     path: str
@@ -122,7 +122,7 @@ def kind_at(document: Document, path: str, place: Location | None) -> Any:
 
 
 def without_effect(document: Document, file: File, changed: Iterable[str]) -> Iterator[Problem]:
-    """The problems of solver settings that somebody puts in and that `at_timestep` replaces at this timestep: each of them by
+    """The problems of solver settings that are put in and that `at_timestep` replaces at this timestep: each of them by
     itself, or with all that stands around it in ``settings`` or ``pairs``."""
     timestep = file.physics.timestep
     for path in changed:
@@ -256,7 +256,7 @@ Placed = list[tuple[tuple[Key, ...], Any]]
 
 def check_sweep(document: Document, sweep: Sweep | None) -> Iterator[Problem]:
     """Every problem of a sweep's paths, checked as ``--set`` checks them, and of the values whose type is known before the spec
-    is resolved. What shows only in a world that a value makes is a problem of that run."""
+    is resolved. Errors that only the resolved world of a value shows are problems of that run."""
     if sweep is None:
         return
     for place, path, values, alike in _axes(document, sweep):

@@ -75,7 +75,7 @@ class PackagedFile:
 
     @property
     def shown(self) -> str:
-        """What messages and provenance call the file."""
+        """The name of the file in messages and provenance."""
         return self.package.named(self.path) or str(self.path)
 
 
@@ -197,8 +197,8 @@ def _of_package(name: str, inside: PurePosixPath, text: str) -> PackagedFile:
 
 @functools.lru_cache(maxsize=64)
 def _packages(name: str, places: tuple[str, ...], working_folder: Path) -> tuple[Package, ...]:
-    """The folders of a package, each once for all files that are named in it. ``places`` and ``working_folder``: what they
-    depend on. Raises SpecError."""
+    """The folders of a package, each once for all files that are named in it. They depend on ``places`` and
+    ``working_folder``. Raises SpecError."""
     folders = package_folders(name)
     version = _version(name)
     return tuple(Package(f"{PACKAGE}{name}", folder, version) for folder in folders)

@@ -99,7 +99,7 @@ def models(kind: Any) -> dict[str, type[Strict]]:
 
 
 MOST_LOOKED_AT = 2000
-"""Problems of one file that are told with their places and hints: all that can be read; a second's worth."""
+"""Problems of a file that are reported with their places and hints: as many as can be read; a second's worth."""
 _WANTED = {
     "dict_type": "expected a mapping (key: value)",
     "list_type": "expected a list",

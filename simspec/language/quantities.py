@@ -15,7 +15,8 @@ from simspec.language.strict import Faults, fault, raised, read_each, show, unre
 
 class Reader:
     """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``.
-    ``WORDS``, ``UNIT`` and ``SCHEMA``: what :meth:`describe`, :meth:`unit` and :meth:`schema` return where it is fixed."""
+    ``WORDS``, ``UNIT`` and ``SCHEMA``: the results of :meth:`describe`, :meth:`unit` and :meth:`schema` where these are
+    fixed."""
 
     WORDS: ClassVar[str] = ""
     UNIT: ClassVar[str] = ""
@@ -168,7 +169,7 @@ class Direction(Reader):
 
 @dataclass(frozen=True)
 class UnitQuaternion(Reader):
-    """w x y z of unit length to 1 % (then normalised): what is further off is no rounding but a mistake."""
+    """w x y z of unit length to 1 % (then normalised): a larger deviation is a mistake, not rounding."""
 
     WORDS = "a unit quaternion w x y z"
     SCHEMA = Vector(Number(), 4).schema()

@@ -38,12 +38,12 @@ def json_schema(of: str = "language") -> dict[str, Any]:
     """The schema of a spec, or of another kind of file (:data:`LANGUAGES`): units are allowed where numbers are, unknown keys
     nowhere."""
     root, title = LANGUAGES[of]
-    models = {**problems.models(root), **(beside() if root is not FiguresFile else {})}
+    models = {**problems.models(root), **(nested_models() if root is not FiguresFile else {})}
     definitions = {name: _model(model) for name, model in sorted(models.items())}
     return {"$schema": DIALECT, "title": title, **definitions.pop(root.__name__), "definitions": definitions}
 
 
-def beside() -> dict[str, type[Strict]]:
+def nested_models() -> dict[str, type[Strict]]:
     """Models that stand inside values that readers read, by name."""
     return {model.__name__: model for model in (Orientation, Range)}
 
@@ -68,7 +68,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         field = model.model_fields[name]
         described = {"description": field.description} if field.description else {}
         default = {} if field.is_required() else _default(problems.default(kind, field))
-        # draft 07 ignores what stands beside a $ref
+        # draft 07 ignores the keys next to a $ref
         what = {"allOf": [_kind(kind)]} if problems.is_model(kind) else _kind(kind)
         properties[name] = {**described, **what, **default}
     if model is Contact:
@@ -112,10 +112,10 @@ def _default(value: Any) -> dict[str, Any]:
 
 
 def _rules(model: type[Strict]) -> list[dict[str, Any]]:
-    """What a model says beyond its single fields."""
+    """The rules of a model between its fields."""
     rules: list[dict[str, Any]] = []
-    if model.ONE_OF:
-        rules.append({"oneOf": [{"required": [name]} for name in model.ONE_OF]})
+    if model.ALTERNATIVES:
+        rules.append({"oneOf": [{"required": [name]} for name in model.ALTERNATIVES]})
     fields = problems.fields(model)
     if "rpy" in fields and "quat" in fields:
         rules.append({"not": {"required": ["rpy", "quat"]}})
@@ -135,7 +135,7 @@ EXPECTATIONS = "Expectation"
 def tables() -> dict[str, str]:
     """A Markdown table for every model of the language, by the model's name; ``Expectation``: all kinds in one."""
     tables = {}
-    for name, model in {**problems.models(File), **beside()}.items():
+    for name, model in {**problems.models(File), **nested_models()}.items():
         if model is not Expectation and model.__module__ != Expectation.__module__:
             tables[name] = "\n".join(_table(model))
     tables[EXPECTATIONS] = "\n".join(_expectations())
@@ -144,7 +144,7 @@ def tables() -> dict[str, str]:
 
 def study_tables() -> dict[str, str]:
     """The same for the models of studies and their figures, whose other models are those of specs."""
-    known = {**problems.models(File), **beside()}
+    known = {**problems.models(File), **nested_models()}
     models = {**problems.models(StudyFile), **problems.models(FiguresFile)}
     new = {name: "\n".join(_table(model)) for name, model in models.items() if name not in known}
     return {name: text.replace("(#sweep)", "(../reference/language.md#sweep)") for name, text in new.items()}
@@ -175,9 +175,9 @@ def _table(model: type[Strict]) -> Iterator[str]:
         default = "required" if field.is_required() else _default_cell(problems.default(kind, field))
         unit = kind.unit() if isinstance(kind, Reader) else ""
         yield f"| `{name}` | {_what(kind)} | {unit} | {default} | {_cell(field.description or '')} |"
-    if model.ONE_OF:
+    if model.ALTERNATIVES:
         yield ""
-        yield f"Exactly one of {', '.join(f'`{name}`' for name in model.ONE_OF)}."
+        yield f"Exactly one of {', '.join(f'`{name}`' for name in model.ALTERNATIVES)}."
 
 
 def _expectations() -> Iterator[str]:
@@ -186,7 +186,7 @@ def _expectations() -> Iterator[str]:
     for name, kind in KINDS.items():
         for index, (key, parameter) in enumerate(kind.parameters.items()):
             first = (f"`{name}`", _cell(kind.meaning)) if index == 0 else ("", "")
-            needed = "yes" if parameter.required else ("one of them" if key in kind.one_of else "no")
+            needed = "yes" if parameter.required else ("one of them" if key in kind.alternatives else "no")
             reader = parameter.reader
             yield (
                 "| "

@@ -1,4 +1,4 @@
-"""Poses, velocities, shapes and inertias: what a body is made of."""
+"""Poses, velocities, shapes and inertias of bodies."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class HeightRows(Reader):
 class Heightfield(Strict):
     """Ground of uneven height: the x-y rectangle `size` about the origin of the shape's frame, with heights over a grid of
     points. Each cell of the grid is two triangles, which meet along the diagonal from its corner at the least x and y to that
-    at the greatest. What is below them is solid, down to `base` below the lowest point. Only on bodies that cannot move."""
+    at the greatest. The space below them is solid, down to `base` below the lowest point. Only on bodies that cannot move."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("rows", "file")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("rows", "file")
 
     rows: Maybe[Annotated[tuple[tuple[float, ...], ...], HeightRows()]] = Field(
         ABSENT,
@@ -135,7 +135,7 @@ class Scale(Reader):
 
 @dataclass(frozen=True)
 class Taken(Word):
-    """What a mesh is taken as."""
+    """The solid that a mesh stands for."""
 
     def read(self, value: Any) -> str:
         if value == SURFACE:
@@ -181,7 +181,7 @@ class Mesh(_FileAs):
     )
     mass_from: Annotated[str, Word((SURFACE, HULL))] = Field(
         SURFACE,
-        description="What `density`, or the body's `mass` without `inertia`, fills: the closed `surface`, or the `hull`",
+        description="The solid of `density`, or of the body's `mass` without `inertia`: the closed `surface`, or the `hull`",
     )
 
     @classmethod
@@ -316,7 +316,7 @@ class Plane(Strict):
 class Shape(Strict):
     """One collision and/or visual shape of a body."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
     name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_<index>`, with a number appended if that name is taken"
@@ -384,7 +384,7 @@ class Inertia(Rotated):
     """Moments of inertia about the centre of mass: a tensor, or principal moments with the orientation of their axes. No
     body has a principal moment above the sum of the other two; such values are refused."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("tensor", "principal")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("tensor", "principal")
 
     tensor: Maybe[Tensor] = Field(ABSENT, description="The tensor in the body's axes")
     principal: Maybe[Moments] = Field(ABSENT, description="Principal moments, about the principal axes x, y, z")

@@ -45,7 +45,7 @@ class Source:
     meshes: dict[str, Path] = field(default_factory=dict)
     """The files of shapes (`mesh.file`, `heightfield.file`), found and allowed, by the texts that name them."""
     imported: Imported | None = None
-    """What an importer made of a file of another language; None for a spec."""
+    """The result of the importer of a file of another language; None for a spec."""
     package: Package | None = None
     """The installed package that the file is in; None for a file that a path names."""
     path: Path | None = None
@@ -113,7 +113,7 @@ def use_key(placed: Mapping[str, Any]) -> str:
 
 
 def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:
-    """What is said to the importer of a file of a package: only the package's folder may be read, and the package's arguments
+    """The options for the importer of a file of a package: only the package's folder may be read, and the package's arguments
     come after those of ``options``."""
     arguments = {**found.arguments, **options.arguments}
     return replace(options, project=found.package.root, package=found.package, arguments=arguments)
@@ -141,12 +141,12 @@ class Collector:
         self.project = project
         """The folder that must not be left; None: any file may be used."""
         self.options = options or ImportOptions()
-        """What is said to importers, unless a placement says it."""
+        """The options for importers, unless a placement gives them."""
         self.problems: list[Problem] = []
         self._read: dict[tuple[Path, str], Source | None] = {}
 
     def again(self) -> Collector:
-        """A collector for the same spec with other values: what this one has read, it does not read again."""
+        """A collector for the same spec with other values: it does not read again the files that this one has read."""
         other = Collector(self.project, self.options)
         other._read = {key: source for key, source in self._read.items() if source is not None}
         return other
@@ -293,7 +293,7 @@ def open_document(path: Path, shown: str, options: ImportOptions) -> tuple[Docum
 
 
 def _options(said: Any, folder: Path, project: Path | None) -> ImportOptions | None:
-    """What a placement says to an importer; None where it has errors."""
+    """The options for an importer that a placement gives; None where it has errors."""
     try:
         return (said if isinstance(said, Import) else Import.model_validate(said)).options(folder, project)
     except ValidationError:

@@ -33,7 +33,7 @@ REPORTED = "simspec_reported"
 
 
 class Fault(NamedTuple):
-    """What is wrong, at ``loc`` below the model (or value) that reports it."""
+    """A fault, at ``loc`` below the model (or value) that reports it."""
 
     loc: tuple[str | int, ...]
     message: str
@@ -69,7 +69,7 @@ def show(value: Any) -> str:
 @contextlib.contextmanager
 def bounded_suggestions() -> Iterator[None]:
     """Within it, :func:`near` compares at most :data:`MOST_COMPARED` words in all: a thousand wrong names among a thousand
-    right ones would take minutes. What is reported stays complete; the later problems only lack a suggestion."""
+    right ones would take minutes. All problems are reported; the later ones only lack a suggestion."""
     token = _left.set([MOST_COMPARED])
     try:
         yield
@@ -174,7 +174,7 @@ if TYPE_CHECKING:
 else:
 
     class Maybe:
-        """The type of a field that need not be given: whoever reads it has to reckon with None, which a spec cannot say."""
+        """The type of a field that need not be given: its readers have to expect None, which a spec cannot say."""
 
         def __class_getitem__(cls, given: Any) -> Any:
             return given
@@ -192,7 +192,7 @@ class Strict(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=(), defer_build=True)
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ()
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ()
     """Fields of which exactly one must be given."""
 
     @classmethod
@@ -202,7 +202,7 @@ class Strict(BaseModel):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        """What is wrong between fields. The data are as written: any value may have any type."""
+        """The faults between fields. The data are as written: any value may have any type."""
         return ()
 
     @model_validator(mode="wrap")
@@ -213,14 +213,14 @@ class Strict(BaseModel):
         if not isinstance(data, dict):
             if isinstance(data, cls):
                 return handler(data)
-            empty = not any(field.is_required() for field in cls.model_fields.values()) and not cls.ONE_OF
+            empty = not any(field.is_required() for field in cls.model_fields.values()) and not cls.ALTERNATIVES
             hint = "write {}" if data is None and empty else None
             words = ", ".join(cls.model_fields)
             allowed = f"the keys {words}" if words else "{}"
             raise raised([Fault((), "expected a mapping (key: value)", show(data), allowed, hint)], None)
         faults = list(cls.faults(data))
-        if cls.ONE_OF:
-            faults += _exactly_one(cls.ONE_OF, data, cls.model_fields)
+        if cls.ALTERNATIVES:
+            faults += _exclusive(cls.ALTERNATIVES, data, cls.model_fields)
         prepared, more = cls.prepare(data)
         faults += more
         try:
@@ -232,7 +232,7 @@ class Strict(BaseModel):
         return model
 
 
-def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[str]) -> Iterable[Fault]:
+def _exclusive(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[str]) -> Iterable[Fault]:
     present = [name for name in names if name in data]
     allowed = "exactly one of " + ", ".join(names)
     if len(present) > 1:

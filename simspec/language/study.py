@@ -25,7 +25,7 @@ SHOWN = (
     *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
     *("divergence", "distributions", "consistency", "conservation", "penetration", "attribution"),
 )
-"""What can be shown of a sweep."""
+"""The parts of a page that a sweep can have."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")
 """Quantities of figures from elsewhere."""
 MOST_GAP_SEEDS = 100
@@ -39,7 +39,7 @@ Words = Annotated[str, Text()]
 
 
 class Small(Strict):
-    """What differs when a study is done small (`--small`)."""
+    """The differences of the small study (`--small`)."""
 
     set: dict[PathOf, Annotated[Any, Plain()]] = Field({}, description="Values besides those of the whole study")
     sweep: Maybe[Sweep] = Field(ABSENT, description="Words of the sweep that replace those of the whole study")
@@ -52,7 +52,7 @@ class StudySweep(Strict):
     set: dict[PathOf, Annotated[Any, Plain()]] = Field({}, description="Values that are put into the scenario, by path")
     sweep: Maybe[Sweep] = Field(ABSENT, description="Words of the sweep; each replaces that of the scenario's own")
     small: Maybe[Small] = Field(
-        ABSENT, description="What differs with `--small`; without it, the sweep is no part of the small study"
+        ABSENT, description="The differences with `--small`; without it, the sweep is no part of the small study"
     )
     unequal: dict[NameOf, dict[Label, NameOf]] = Field(
         {},
@@ -67,7 +67,7 @@ class StudySweep(Strict):
         description="A second pass: how many runs of each engine are moved by the size of the engines' first gap, known when "
         "the first runs are done; for `show: [divergence]`",
     )
-    show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="What is shown of it")
+    show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="The parts of the page about it")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -125,7 +125,7 @@ class StudyFile(Strict):
         ..., description="Version of the language of studies"
     )
     name: NameOf = Field(..., description="Name of the study, and of the folder of its results")
-    description: Words = Field("", description="What the study shows, in a sentence")
+    description: Words = Field("", description="The subject of the study, in a sentence")
     figures: Maybe[Annotated[str, FileName()]] = Field(
         ABSENT, description="File of figures from elsewhere, to hold the results against; relative to the study's file"
     )
@@ -143,7 +143,7 @@ class Figure(Strict):
     """Figures of one engine from elsewhere: a series over the timestep, or a single one."""
 
     sweep: NameOf = Field(..., description="The sweep of the study that they are held against")
-    quantity: Annotated[str, Word(QUANTITIES)] = Field(..., description="What was measured")
+    quantity: Annotated[str, Word(QUANTITIES)] = Field(..., description="The measured quantity")
     engine: NameOf = Field(..., description="Where it was measured; any name")
     models: NameOf = Field(
         "as-published", description="Which models: a case of the sweep, a comparison of its `unequal`, or any name"
@@ -163,7 +163,7 @@ class Figure(Strict):
 
 
 class FiguresFile(Strict):
-    """Figures from elsewhere: what a paper says, with its source."""
+    """Figures from elsewhere, such as a paper, with their source."""
 
     simspec_figures: Annotated[int, Whole(VERSION, VERSION)] = Field(
         ..., description="Version of the form of this file"

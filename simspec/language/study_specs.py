@@ -96,7 +96,7 @@ class StudySource:
         return SweepOfStudy(name, words, spec.with_overrides(overrides) if overrides else spec, changed)
 
     def _parts(self, place: tuple[str, ...], small: bool) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
-        """What is said of a sweep as plain data, what comes later before what came earlier."""
+        """The parts of a sweep as plain data; later ones take precedence."""
         whole = self._document.data["sweeps"][place[-1]]
         yield place, whole
         if small:

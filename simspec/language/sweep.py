@@ -26,7 +26,7 @@ MOST_REPEATS = 100_000
 """Repetitions of one run."""
 MEASURES = ("physics", "speed")
 EXACT, ROUND_UP = TIMES = ("exact", "round_up")
-"""What becomes of times that are no whole number of a run's timesteps (:mod:`simspec.experiments.cases`)."""
+"""The treatment of times that are no whole number of a run's timesteps (:mod:`simspec.experiments.cases`)."""
 
 
 class Samples(Strict):
@@ -35,7 +35,7 @@ class Samples(Strict):
 
     count: Annotated[int, Whole(1, MOST_CELLS)] = Field(..., description="How many samples; each draws all values anew")
     seed: Annotated[int, Whole()] = Field(..., description="Seed of the generators (Python's random.Random)")
-    values: dict[PathOf, Distribution] = Field(..., description="What is drawn, by the dotted path of the value")
+    values: dict[PathOf, Distribution] = Field(..., description="The distributions, by the dotted path of the value")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -77,7 +77,7 @@ class Sweep(Strict):
     repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="How often each run is done")
     measure: Annotated[str, Word(MEASURES)] = Field(
         "physics",
-        description="physics: what happens, with runs side by side; speed: what it costs, with one run at a time",
+        description="physics: the motion, with runs side by side; speed: the cost, with one run at a time",
     )
     times: Annotated[str, Word(TIMES)] = Field(
         EXACT,

@@ -1,4 +1,4 @@
-"""What stands in a sweep: paths, values, ranges of values, and distributions that values are drawn from."""
+"""The content of a sweep: paths, values, ranges of values, and distributions that values are drawn from."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class EngineLabel(Reader):
 
 @dataclass(frozen=True)
 class Plain(Reader):
-    """Any value that a spec can have; what it must be follows from the path that it is put at."""
+    """Any value that a spec can have; its type follows from the path that it is put at."""
 
     WORDS = "a value"
     SCHEMA: ClassVar = {"not": {"type": "null"}}
@@ -185,7 +185,7 @@ class Quantities(Reader):
         if not isinstance(value, (list, tuple)) or len(value) != 2:
             raise fault("expected two numbers", show(value), self.describe())
         first, second = read_each(enumerate(value), amount_of)
-        faults = _one_unit(first, second, (1,), value[1])
+        faults = _same_unit(first, second, (1,), value[1])
         if self.rising and first.number >= second.number:
             faults.append(Fault((1,), "must be above the first number", show(value[1]), f"above {show(value[0])}"))
         if self.positive and first.number <= 0:
@@ -200,7 +200,7 @@ class Quantities(Reader):
         return "[mean, standard deviation]" if self.spread else "[lower, upper]"
 
 
-def _one_unit(first: Amount, second: Amount, loc: tuple[str | int, ...], shown: Any) -> list[Fault]:
+def _same_unit(first: Amount, second: Amount, loc: tuple[str | int, ...], shown: Any) -> list[Fault]:
     if first.unit == second.unit:
         return []
     message, allowed = "both numbers must have the same unit", first.unit or "no unit"
@@ -221,7 +221,7 @@ class _Range(Strict):
             begin, end = amount_of(data.get("from")), amount_of(data.get("to"))
         except Faults:
             return  # reported where they are read
-        yield from _one_unit(begin, end, ("to",), data["to"])
+        yield from _same_unit(begin, end, ("to",), data["to"])
         if begin.number == end.number:
             yield Fault(("to",), "from and to are equal", show(data["to"]), None, "a list of one value: [...]")
         if data.get("spacing") == "logarithmic":
@@ -263,7 +263,7 @@ Range: type[_Range] = create_model("Range", __base__=_Range, __doc__="Values spr
 
 @dataclass(frozen=True)
 class Axis(Reader):
-    """What one path goes through: a list of values, or a range."""
+    """The values of a path: a list, or a range."""
 
     WORDS = "a list of values, or a [Range](#range)"
     SCHEMA: ClassVar = {"anyOf": [Values().schema(), {"$ref": "#/definitions/Range"}]}
@@ -283,9 +283,9 @@ PathOf = Annotated[str, DottedPath()]
 
 
 class Distribution(Strict):
-    """What the samples of one value are drawn from."""
+    """The distribution of the samples of a value."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = ("uniform", "normal", "log_uniform", "choice")
+    ALTERNATIVES: ClassVar[tuple[str, ...]] = ("uniform", "normal", "log_uniform", "choice")
 
     uniform: Maybe[Annotated[tuple[Any, Any], Quantities()]] = Field(
         ABSENT, description="Evenly distributed between two numbers"

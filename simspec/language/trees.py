@@ -86,7 +86,7 @@ class Bodies:
         return kind
 
     def is_kinematic(self, name: str) -> bool:
-        """Whether a body is a root that moves as it is told."""
+        """Whether a body is a root that moves as `motion` says."""
         if self.field(name, "parent") is not None or self.attached:
             return False
         return self.field(name, "kinematic") is True if self.kinematic is None else self.kinematic
@@ -161,8 +161,8 @@ class Bodies:
             waiting.extend(reversed(children.get(name, ())))
         return order
 
-    def still(self) -> set[str]:
-        """Bodies that cannot move: fixed to the world through fixed joints only. What is attached may move with its
+    def fixed_bodies(self) -> set[str]:
+        """Bodies that cannot move: fixed to the world through fixed joints only. An attached model may move with its
         carrier."""
         static: set[str] = set()
         if self.attached:
@@ -175,7 +175,7 @@ class Bodies:
 
     def moving_groups(self) -> dict[str, list[str]]:
         """The bodies that move as one, joined through fixed joints, by the topmost, which stands first."""
-        static, top, groups = self.still(), dict[str, str](), dict[str, list[str]]()
+        static, top, groups = self.fixed_bodies(), dict[str, str](), dict[str, list[str]]()
         for name in self.order():
             if name not in static:
                 parent = self.parent(name) or ""

@@ -108,7 +108,7 @@ _QUANTITY = re.compile(
 _TERM = re.compile(r"(?P<operator>\s*[*/]\s*|\s+|)(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)(?P<power>-?[1-9])(?![0-9.]))?")
 _SIGNS = (("%", "percent"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("²", "^2"), ("³", "^3"), ("−", "-"))
 _LONGEST = 80
-"""Characters of a quantity: nobody writes more, and arithmetic on a megabyte of digits takes long."""
+"""Characters of a quantity: no user writes more, and arithmetic on a megabyte of digits takes long."""
 
 
 class UnitError(ValueError):

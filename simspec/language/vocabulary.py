@@ -21,13 +21,13 @@ STATIC_SHAPES = ("plane", "heightfield")
 
 FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
 HARDNESS_WORDS = ("common", "native")
-"""Kinds of hardness that have no numbers."""
+"""Kinds of hardness without numbers."""
 HARDNESS_KINDS = ("common", "time-constant", "stiffness", "native")
 LAW_QUANTITIES = ("friction", "restitution", "torsional_friction", "rolling_friction", "restitution_threshold")
 """The numbers of the law of two materials."""
 COMBINED_QUANTITIES = ("friction", "torsional_friction", "rolling_friction", "restitution")
-"""Those that engines combine from two shapes, in the order in which they depend on each other; what one word for `combine`
-stands for."""
+"""Those that engines combine from two shapes, in the order in which they depend on each other; a single word for `combine`
+stands for all of them."""
 COMBINATIONS = ("min", "max", "product", "mean", "geometric-mean")
 """How the language makes the law of a pair from two materials."""
 ENGINE_RULES = ("max", "min", "product", "mean", "harmonic", "cross", "table", "none")
@@ -42,4 +42,4 @@ MOTION_INTERPOLATIONS = ("linear", "cubic", "quintic")
 """Those that a body in contact can follow: one that jumps has no velocity."""
 
 CHANNELS = ("pose", "velocity", "contacts", "energy")
-"""What a run records."""
+"""The channels that a run can record."""

@@ -108,7 +108,7 @@ def built(place: Path, build: Callable[[Path], None], patience: float, anew: boo
 
 
 def is_there(place: Path) -> bool:
-    """Whether the file is there; it is then said to be used. Raises PermissionError where somebody else may have made it."""
+    """Whether the file is there; it is then said to be used. Raises PermissionError where another user may have made it."""
     try:
         status = os.lstat(place)
     except FileNotFoundError:
@@ -164,7 +164,7 @@ def _sync(path: Path) -> None:
 
 # Folders that other programs fill for simspec: a file in each says that simspec began it, and whether it is whole.
 #
-# One that broke off is not used, and is begun anew; a folder without that file is nobody's to touch.
+# One that broke off is not used, and is begun anew; a folder without that file is not touched.
 
 BEGUN: Final = "simspec-begun.json"
 """The file that says whose a folder is: ``{"name": NAME, "whole": true or false}``, with the folder's own name."""

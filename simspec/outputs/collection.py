@@ -33,7 +33,7 @@ TEMPORARY = "tmp"
 """What is being written, below the collection: the rename stays on one disk."""
 LOCK_FILE = "lock"
 ASIDE = "damaged"
-"""Where what is not what its name says is moved to: it may still be of use to somebody."""
+"""Where what is not what its name says is moved to: it may still be of use."""
 LOOK_EVERY = 0.2
 """s between two looks at a lock that another process has."""
 MOST_HOLDER = 200
@@ -42,8 +42,8 @@ _TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
 
 
 def open_collection(folder: Path, kind: str, files: Mapping[str, Content]) -> Collection:
-    """The collection in ``folder``, made with ``files`` where there is none. Raises SpecError when the folder is somebody
-    else's, or a folder of another kind (:mod:`simspec.outputs.targets`)."""
+    """The collection in ``folder``, made with ``files`` where there is none. Raises SpecError when the folder belongs to
+    another program, or a folder of another kind (:mod:`simspec.outputs.targets`)."""
     place, marker = check_folder(folder, kind)
     if marker is None:
         update_folder(lambda there: files if there is None else None, folder, kind)
@@ -53,9 +53,9 @@ def open_collection(folder: Path, kind: str, files: Mapping[str, Content]) -> Co
 class Collection:
     """A marked folder: ``path`` is its real path, ``told`` the one that messages name."""
 
-    def __init__(self, path: Path, told: Path):
+    def __init__(self, path: Path, shown: Path):
         self.path = path
-        self.told = told
+        self.shown = shown
 
     @contextlib.contextmanager
     def alone(self, holder: str, wait: bool = False) -> Iterator[None]:
@@ -87,14 +87,14 @@ class Collection:
                 holder = os.pread(lock, MOST_HOLDER, 0).decode(errors="replace")
             except OSError as error:
                 os.close(lock)
-                raise self._error(f"{self.told / LOCK_FILE} cannot be locked: {error.strerror}") from None
+                raise self._error(f"{self.shown / LOCK_FILE} cannot be locked: {error.strerror}") from None
             except BaseException:
                 os.close(lock)
                 raise
             os.close(lock)
             if not wait:
                 raise self._error(
-                    f"{self.told}: another process is writing here{f' ({holder})' if holder else ''}",
+                    f"{self.shown}: another process is writing here{f' ({holder})' if holder else ''}",
                     "wait until it has ended (--wait), or use another folder",
                 )
             time.sleep(LOOK_EVERY)
@@ -105,11 +105,11 @@ class Collection:
         try:
             lock = os.open(path, flags, 0o644)
         except OSError as error:
-            raise self._error(f"{self.told / LOCK_FILE} cannot be opened: {error.strerror}") from None
+            raise self._error(f"{self.shown / LOCK_FILE} cannot be opened: {error.strerror}") from None
         mode = os.fstat(lock).st_mode
         if not stat.S_ISREG(mode):
             os.close(lock)
-            raise self._error(f"{self.told / LOCK_FILE} is {kind_of(mode)}, not a regular file")
+            raise self._error(f"{self.shown / LOCK_FILE} is {kind_of(mode)}, not a regular file")
         return lock
 
     def has(self, name: str) -> bool:
@@ -127,8 +127,8 @@ class Collection:
 
     def replace_file(self, name: str, content: Content) -> None:
         """Write a file over the one of this name, whole or not at all."""
-        check_names([name], self.told)
-        with named_errors(self.told), self._fresh() as fresh:
+        check_names([name], self.shown)
+        with named_errors(self.shown), self._fresh() as fresh:
             put(fresh, content)
             sync(fresh)
             parent = self._folder(str(PurePosixPath(name).parent))
@@ -155,10 +155,10 @@ class Collection:
             sync_folder((self.path / name).parent)
 
     def _place(self, name: str, build: Callable[[Path], None], make: Callable[[Path], None] | None) -> bool:
-        check_names([name], self.told)
+        check_names([name], self.shown)
         if self.has(name):
             return False
-        with named_errors(self.told), self._fresh() as fresh:
+        with named_errors(self.shown), self._fresh() as fresh:
             if make is not None:
                 make(fresh)
             build(fresh)
@@ -170,7 +170,7 @@ class Collection:
             except OSError as error:
                 if error.errno not in _TAKEN:
                     raise
-                return False  # somebody was first
+                return False  # another process was first
             sync_folder(parent)
         return True
 
@@ -276,14 +276,14 @@ class Entries:
             return False
         try:
             # not synced: what a power cut leaves half is no entry
-            write_file(place / f"{key}.json", content, self._is_own, lasting=False)
+            write_file(place / f"{key}.json", content, self._is_ours, lasting=False)
             if key.startswith("0"):
                 self._shrink(place)
         except (OSError, SpecError):
             return False
         return True
 
-    def _is_own(self, content: bytes) -> bool:
+    def _is_ours(self, content: bytes) -> bool:
         return content.startswith(self.head) or self.head.startswith(content)
 
     def _shrink(self, place: Path) -> None:
@@ -303,7 +303,7 @@ class Entries:
                     return
                 path = place / name
                 try:
-                    if self._is_own(read_bytes(path, self.largest, place)[: len(self.head)]):
+                    if self._is_ours(read_bytes(path, self.largest, place)[: len(self.head)]):
                         path.unlink()
                 except (FileNotFoundError, SpecError):
                     continue  # another process was faster, or it is not simspec's

@@ -1,4 +1,4 @@
-"""How a target is written: beside it, synced, then put in its place by one rename; whole or not at all.
+"""How a target is written: next to it, synced, then put in its place by one rename; whole or not at all.
 
 A *stage* is a folder ``.simspec-<16 digits>`` beside the target, with a marker of its own that its writer keeps locked. When
 the lock is free, the writer is dead: whoever writes next in the same folder completes or removes what it left.
@@ -142,7 +142,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _try_lock(folder: Path) -> tuple[int, Path | None] | None:
-    """Lock the folder itself, or a file in it where folders cannot be locked; None when somebody else has the lock."""
+    """Lock the folder itself, or a file in it where folders cannot be locked; None when another process has the lock."""
     handle, path = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC), None
     try:
         try:

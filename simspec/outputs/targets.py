@@ -21,7 +21,7 @@ from simspec.stored import FolderMarker, read_as
 
 # The marker: the file in a folder that says that simspec made it, as what, and which of its files are simspec's.
 #
-# What is not listed is somebody else's, and stays.
+# Files that are not listed belong to others, and stay.
 
 MARKER_FILE = "simspec-folder.json"
 VERSION = 1
@@ -92,7 +92,7 @@ def read_marker(folder: Path) -> Marker | None:
     return Marker(found.kind, frozenset(found.files))
 
 
-LARGEST_OWN = 64 * 2**20
+LARGEST_MARKER = 64 * 2**20
 """Bytes of a single file that may be looked at to see whether simspec wrote it."""
 ELSEWHERE = "use a new folder: --out build/NAME"
 REMOVE = "remove it if it contains nothing of yours; it is then created again"
@@ -191,7 +191,7 @@ def check_file(path: Path, ours: Callable[[bytes], bool]) -> Place:
         raise _error(path, f"is {kind_of(mode)}, which simspec does not replace", OTHER_FILE)
     if not os.access(place.path, os.W_OK):
         raise _error(path, "cannot be written: permission denied", OTHER_FILE)
-    if ours is NEVER or not ours(read_bytes(place.path, LARGEST_OWN)):
+    if ours is NEVER or not ours(read_bytes(place.path, LARGEST_MARKER)):
         why = "exists; it is never overwritten" if ours is NEVER else "exists, and simspec did not write it"
         raise _error(path, why, OTHER_FILE)
     return place

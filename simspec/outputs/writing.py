@@ -74,7 +74,7 @@ def write_private(files: Mapping[str, Content], folder: Path) -> None:
 def write_folder(files: Mapping[str, Content], folder: Path, kind: str) -> Path:
     """Write ``files`` as the whole of what simspec has in ``folder``; files of others in it stay. Returns the real path.
 
-    Raises SpecError when the folder may not be written, or one of the files would take the place of somebody else's.
+    Raises SpecError when the folder may not be written, or one of the files would take the place of another program's.
     """
 
     def build(fresh: Path) -> Iterable[str]:

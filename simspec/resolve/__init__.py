@@ -51,13 +51,13 @@ def resolve(spec: Source) -> World:
         named, misnamed = named_frames(spec, expansion.bodies, expansion.arrays)
         actual = constraints(spec, expansion, named)
         expansion.bodies = actual.bodies
-        expansion.held += actual.joined
+        expansion.joined_pairs += actual.joined
         beyond: list[Problem] = []
         if not expansion.problems and not actual.problems:
             expansion.bodies, beyond = beginning_within(spec, expansion.bodies)
         moved = motions(spec, expansion.bodies, () if expansion.problems else expansion.kinematic)
         expansion.bodies = moved.bodies
-        expansion.excluded += moved.apart
+        expansion.excluded += moved.separated
         laws, problems = contact(spec, expansion, time.timestep)
         driven = controllers(spec, expansion.bodies, actual.followers)
         applied, pushed = (

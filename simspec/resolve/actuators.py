@@ -46,7 +46,7 @@ class WrittenActuator:
 
 
 class AtJoint(NamedTuple):
-    """An actuator at its joint (SI): what the world's law has of it. ``target`` None: where the joint begins."""
+    """An actuator at its joint (SI), as in the world's law. ``target`` None: where the joint begins."""
 
     kp: float
     kd: float
@@ -406,7 +406,7 @@ def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str
 
 
 def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecGrasp]]:
-    """The grasps of the model files that lead to a model; what holds its bodies comes first."""
+    """The grasps of the model files that lead to a model; the one with its bodies comes first."""
     for file in reversed(files):
         model = file.file.model if file.file is not None else None
         for name, grasp in (model.grasps if model is not None else {}).items():

@@ -125,7 +125,7 @@ def _copied(
 
 
 def places_of(bodies: Iterable[Body], named: Iterable[Frame]) -> dict[str, tuple[str, Pose]]:
-    """What may be named where a point of a body is meant: bodies, each its own frame, and frames."""
+    """The names that can stand for a point of a body: bodies, each with its own frame, and frames."""
     return {body.name: (body.name, Pose()) for body in bodies} | {
         frame.name: (frame.body, frame.pose) for frame in named
     }
@@ -149,7 +149,7 @@ class Expansion:
     bodies: tuple[Body, ...] = ()
     excluded: list[tuple[str, str]] = field(default_factory=list)
     touching: list[tuple[str, str]] = field(default_factory=list)
-    held: list[tuple[str, str]] = field(default_factory=list)
+    joined_pairs: list[tuple[str, str]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
     files: ShapeFiles = field(default_factory=ShapeFiles)
     positions: set[str] = field(default_factory=set)
@@ -158,7 +158,7 @@ class Expansion:
     boxes: bool = False
     """Whether bodies get the boxes by which they feel a fluid."""
     kinematic: list[str] = field(default_factory=list)
-    """Full names of the roots that move as they are told."""
+    """Full names of the roots that move as `motion` says."""
     frames: Mapping[str, WrittenFrame] = field(default_factory=dict)
     """The named frames as they are written, by their full names."""
 
@@ -189,7 +189,7 @@ def expand(source: Source, boxes: bool = False) -> Expansion:
     )
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, expansion)), expansion)
-    instances = [*_loose(source, only, expansion), *models, *_own_model(source, only, expansion)]
+    instances = [*_loose(source, only, expansion), *models, *_single_model(source, only, expansion)]
     made = tuple(body for instance in instances for body in instance.bodies)
     expansion.problems += [*too_many(source, made), *too_many_heights(source, made)]
     if not expansion.problems:
@@ -252,14 +252,15 @@ def _copy(
     copies = []
     for index, body in enumerate(tree.bodies):
         joint, name = body.joint, full(body.name)
-        joint_name = full(joint.name) if joint.name in tree.own_names else _implied(joint.name, body.name, name)
+        joint_name = full(joint.name) if joint.name in tree.given_names else _implied(joint.name, body.name, name)
         if index == 0:
             joint = _root_joint(joint, place, velocity)
         parent = None if joint.parent is None else full(joint.parent)
         joint = replace(joint, name=joint_name, parent=parent)
         shapes = tuple(
             replace(
-                shape, name=full(shape.name) if shape.name in tree.own_names else _implied(shape.name, body.name, name)
+                shape,
+                name=full(shape.name) if shape.name in tree.given_names else _implied(shape.name, body.name, name),
             )
             for shape in body.shapes
         )
@@ -332,7 +333,7 @@ def _attached(joint: Joint, carrier: str, named: Mapping[str, WrittenFrame]) -> 
     return replace(joint, parent=frame.body, origin=frames.compose(pose(frame.content.pose), joint.origin))
 
 
-def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
+def _single_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
     bodies = trees.model_of(source)
     if bodies is None:
         return

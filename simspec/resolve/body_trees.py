@@ -24,7 +24,7 @@ class Tree:
     ``velocities``: the joints whose initial ones are stated."""
 
     bodies: tuple[Body, ...]
-    own_names: frozenset[str]
+    given_names: frozenset[str]
     placement: Pose
     velocity: tuple[Vector3, Vector3]
     positions: frozenset[str] = frozenset()

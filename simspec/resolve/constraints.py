@@ -34,7 +34,7 @@ from simspec.world.types import Body, Connect, Constraint, Follow, Frame, Pose, 
 
 AGREE = 1e-9
 """How far an initial position or velocity of a follower that is stated may be from its leader's, relative to the larger of it
-and 1 (rad, m, and per second): round-off of a spec's arithmetic. What is off is taken back in the first step, at φ/dt."""
+and 1 (rad, m, and per second): round-off of a spec's arithmetic. The first step removes the deviation, at φ/dt."""
 MEET = 1e-6
 """The same for the two points of a connect and the two frames of a weld (m, rad), whose places follow from positions that are
 written with as many digits as somebody cares to: at 1 ms it is taken back at 1 mm/s."""
@@ -42,7 +42,7 @@ MOST_NAMED = 8
 
 
 class Constrained(NamedTuple):
-    """What `constraints` makes of a world.
+    """The result of `constraints`.
 
     constraints  sorted by name
     sums         those along which something acts, sorted by name
@@ -125,7 +125,7 @@ def _all(source: Source, expansion: Expansion) -> Iterator[_WrittenConstraint]:
 
 
 def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecConstraint]]:
-    """The constraints of the model files that lead to a model; what holds its bodies comes first."""
+    """The constraints of the model files that lead to a model; the one with its bodies comes first."""
     for file in reversed(files):
         model = file.file.model if file.file is not None else None
         for name, content in (model.constraints if model is not None else {}).items():
@@ -196,11 +196,11 @@ class _Draft:
         if content.follow is not None:
             self._follow(written, content.follow)
         elif content.connect is not None:
-            self._held(written, "connect", content.connect)
+            self._loop(written, "connect", content.connect)
         elif content.sum is not None:
             self._sum(written, content.sum)
         else:
-            self._held(written, "weld", required(content.weld))
+            self._loop(written, "weld", required(content.weld))
 
     def _follow(self, written: _WrittenConstraint, content: SpecFollow) -> None:
         names = {"joint": written.joint(content.joint), "leader": written.joint(content.leader)}
@@ -246,7 +246,7 @@ class _Draft:
         numbers = content.stiffness, content.rest, content.damping
         self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits, content.dry_friction)
 
-    def _held(self, written: _WrittenConstraint, kind: str, content: SpecConnect | SpecWeld) -> None:
+    def _loop(self, written: _WrittenConstraint, kind: str, content: SpecConnect | SpecWeld) -> None:
         ends = [written.body(name) for name in content.bodies]
         for index, name in enumerate(ends):
             if name not in self.places:
@@ -258,7 +258,7 @@ class _Draft:
             message = f"{first} and {second} are joined rigidly already"
             self.problem(written, (kind, "bodies"), message, hint="remove the constraint")
             return
-        # what is not said follows from the initial positions, in ``close``
+        # values that are not given follow from the initial positions, in ``close``
         if isinstance(content, SpecConnect):
             at = frames.compose(near_end, Pose(content.at)).position
             second_at = (math.nan,) * 3

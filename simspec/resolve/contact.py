@@ -59,8 +59,8 @@ _Said = Mapping[tuple[str, ...], tuple[Pair, Source, int]]
 
 
 def _said(source: Source) -> _Said:
-    """What is said of pairs, by their sorted names, each with its file and its number there; a scenario replaces what models
-    say."""
+    """The laws of pairs in the files, by their sorted names, each with its file and its number there; a scenario replaces
+    what models say."""
     members = [member for member in source.all() if member is not source]
     return {
         tuple(sorted(pair.between)): (pair, member, index)
@@ -175,7 +175,7 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                     hint = near(name, bodies)
                     problems.append(source.document.problem(path, f"there is no body {name!r}", found=name, hint=hint))
     excluded = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
-    together = {sorted_pair(*pair) for pair in expansion.held} | joined(expansion.bodies)
+    together = {sorted_pair(*pair) for pair in expansion.joined_pairs} | joined(expansion.bodies)
     if not problems and not expansion.problems:
         problems += _untouchable(source, expansion, excluded, together)
     touching = {sorted_pair(*pair) for pair in (*written.touch, *expansion.touching)}

@@ -31,7 +31,7 @@ MOST_NAMED = 8
 
 
 class Driven(NamedTuple):
-    """What `control` makes of a world.
+    """The result of `control`.
 
     controllers      sorted by name
     bodies           the world's bodies, rotors' inertia added to the armature of their joints
@@ -50,7 +50,7 @@ class Driven(NamedTuple):
 
 def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, str] = MappingProxyType({})) -> Driven:
     """The controllers of a spec, and what they say of the ``bodies`` (those of the world, in its order). ``followers``: the
-    joints that follow others, with their leaders; patterns leave them out, and whoever names one is told."""
+    joints that follow others, with their leaders; patterns leave them out, and naming one is an error."""
     problems: list[Problem] = []
     local = {body.joint.name: body.joint.velocity_limit for body in bodies}
     limits = {name: limit for name, limit in local.items() if limit is not None}
@@ -114,7 +114,7 @@ def _without_law(bodies: Sequence[Body]) -> Body | None:
 
 
 def _without_dynamics(source: Source, world: World) -> list[Problem]:
-    """Controllers whose law asks for the dynamics of a tree that the law has none of: with a ball or a free joint."""
+    """Controllers with a law that needs the dynamics of a tree that the law has none of: with a ball or a free joint."""
     problems = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}

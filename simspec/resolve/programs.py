@@ -34,7 +34,7 @@ LARGEST_JUMP = 0.5
 FEWEST = 4
 """Points of a move or a grip at least: fewer do not show its minimum-jerk course."""
 SETTLING = 8
-"""Points at each end of a wait: what a spline swings where a move ends is a quarter from point to point, but would last as
+"""Points at each end of a wait: the swing of a spline where a move ends is a quarter from point to point, but would last as
 long as the wait without them."""
 DECIMALS = 8
 """Of the ways from the initial positions (rad, m), and of efforts: 10 nm at a metre. Libraries of algebra round differently on
@@ -58,7 +58,7 @@ class Rows:
 
 
 class _Stop(Exception):
-    """A step cannot be done; what follows has no beginning."""
+    """A step cannot be done; the following steps have no beginning."""
 
     def __init__(self, message: str, place: tuple[Key, ...] = (), **more: Unpack[Details]):
         super().__init__(message)

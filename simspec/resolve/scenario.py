@@ -65,7 +65,7 @@ def shortened(time: Physics, until: float | None) -> Physics:
 
 
 def record(written: SpecRecord, time: Physics) -> Record:
-    """What to record, and every how many steps."""
+    """The recorded channels, and every how many steps."""
     every = 1 if written.every is None else whole_steps(written.every, time.timestep)
     if not every:
         raise ValueError("a validated recording interval is a whole number of steps")
@@ -85,7 +85,7 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
 
 
 def too_much(source: Source, world: World) -> list[Problem]:
-    """The problem of a recording that would be larger than is kept; contacts, whose number nobody knows, are not counted."""
+    """The problem of a recording that would be larger than is kept; contacts, of unknown number, are not counted."""
     where = layout_of(world)
     energy = 2 * ("energy" in world.record.channels)
     driven = sum(len(controller.joints) for controller in world.controllers)
@@ -127,8 +127,8 @@ def expectations(
 ) -> tuple[tuple[Expectation, ...], list[Problem]]:
     """The expectations in the order of the file, and the problems of those that no run could answer.
 
-    ``whole`` is the time of the whole scenario, ``time`` that of the run, which `trajectory.until` may cut short: what looks
-    at a later time, or at the end of the whole, is then checked, but not asked of the run.
+    ``whole`` is the time of the whole scenario, ``time`` that of the run, which `trajectory.until` may cut short: an
+    expectation at a later time, or at the end of the whole, is then checked, but not required of the run.
     """
     names = {body.name for body in bodies}
     resolved, problems = [], []
@@ -345,17 +345,17 @@ LEAST = 1.0
 
 
 class Kinematic(NamedTuple):
-    """What `kinematic` and `motion` make of a world.
+    """The result of `kinematic` and `motion`.
 
     motions   one for each kinematic body, in the order of the world's bodies
     bodies    the world's bodies, kinematic ones with their mass, and where they begin
-    apart     pairs of bodies that nothing pushes apart: both are where they are told to be
+    separated pairs of bodies that nothing pushes apart: both are where `motion` says
     problems  what is wrong
     """
 
     motions: tuple[Motion, ...]
     bodies: tuple[Body, ...]
-    apart: list[tuple[str, str]]
+    separated: list[tuple[str, str]]
     problems: list[Problem]
 
 

@@ -145,7 +145,7 @@ def options_of(mesh: Mesh) -> MeshOptions:
 
 
 Meshes: TypeAlias = "Mapping[tuple[Path, MeshOptions], MadeMesh]"
-"""What was made of each file, by how it is taken."""
+"""The solids of each file, by the options of the mesh."""
 
 
 def mesh_shapes(source: Source) -> Iterator[MeshShape]:
@@ -279,7 +279,7 @@ PIECE = "_piece_"
 
 @dataclass(frozen=True)
 class ShapeFiles:
-    """What the files that shapes name hold."""
+    """The content of the files that shapes name."""
 
     meshes: Meshes = field(default_factory=dict)
     grids: Grids = field(default_factory=dict)
@@ -287,7 +287,7 @@ class ShapeFiles:
 
 @dataclass(frozen=True)
 class Fill:
-    """What a shape fills: its volume (m³), and the part of a body that it is when it has a mass (kg)."""
+    """The volume (m³) that a shape fills, and its part of a body for a mass (kg)."""
 
     volume: float
     part: Callable[[float], inertia.Part]

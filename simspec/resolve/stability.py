@@ -70,7 +70,8 @@ def _problem(source: Source, body: Body, found: str, allowed: str, nearest: str)
 
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:
-    """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, nothing can be told."""
+    """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, no statement is
+    possible."""
     local = any(
         body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in world.bodies
     )

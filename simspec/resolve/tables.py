@@ -28,7 +28,7 @@ LONGEST_NAME = 200
 MOST_ARRAYS = 20
 """Arrays of a file; six mean something."""
 SUFFIXES = {"": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "efforts"}
-"""What stands behind the colon in a CSV's header, and what it is."""
+"""The suffixes after the colon in a CSV's header, and their quantities."""
 QUANTITIES = tuple(SUFFIXES.values())
 _UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, TypeError, SyntaxError, OverflowError),
@@ -39,8 +39,8 @@ _UNREADABLE = (
 
 @dataclass
 class Table:
-    """What a file says: times (n,), joints, and arrays (n, joints) by quantity; ``wrong``: why it cannot be used, where the
-    file shows it (message, found, allowed)."""
+    """The content of a file: times (n,), joints, and arrays (n, joints) by quantity; ``wrong``: why it cannot be used, where
+    the file shows it (message, found, allowed)."""
 
     times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     joints: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""What follows from a world's numbers and is wrong in every engine alike: rotations that gain energy at the timestep, and
+"""Warnings that follow from a world's numbers, alike in every engine: rotations that gain energy at the timestep, and
 bodies that pass others between two steps.
 """
 
@@ -148,7 +148,7 @@ def _longest(way: _Way) -> float:
 
 
 def _first(world: World, way: _Way, obstacles: list[_Solid]) -> Passage | None:
-    """What is in the way first, where the way of a step there is more than the two half thicknesses; else None."""
+    """The first obstacle, where the way of a step there is more than the two half thicknesses; else None."""
     allowed = CollisionFilter(world)
     steps = np.linalg.norm(np.diff(way.places, axis=0), axis=1)
     best: tuple[int, float, _Solid] | None = None
@@ -168,7 +168,7 @@ def _first(world: World, way: _Way, obstacles: list[_Solid]) -> Passage | None:
         return None
     step = world.physics.timestep
     speed = float(steps[row] / step)
-    # what begins as fast as that has not become so by falling
+    # a body that begins as fast as that has not become so by falling
     falls = way.falls and steps[0] <= room
     return Passage(way.solid.body.name, other.body.name, speed, room, row * step, falls, way.kinematic)
 

@@ -29,8 +29,8 @@ SHORTEST = 1e-9
 EDGE = 1e-8
 """rad or m that a point may stand beyond a limit: round-off of degrees, and of a program's points."""
 SWING = 1e-3
-"""How far a curve may swing beyond a limit between its points, as a share of the joint's whole way: what a spline does behind
-a point that stands at the limit."""
+"""How far a curve may swing beyond a limit between its points, as a share of the joint's whole way: the overshoot of a spline
+behind a point at the limit."""
 SLACK = 1e-6
 """Relative: a speed that stands at its limit by intention is not above it for its round-off."""
 MOST_REPORTED = 10
@@ -40,7 +40,7 @@ MOST_REPORTED = 10
 @dataclasses.dataclass
 class _Draft:
     """Joints, times and arrays by quantity, before they are checked. ``place``: the path in the spec of a row and a joint;
-    ``label``: what messages call a row, besides its time."""
+    ``label``: the name of a row in messages, besides its time."""
 
     joints: tuple[str, ...]
     times: np.ndarray
@@ -97,7 +97,7 @@ def trajectory(
 
 
 def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, Details]]:
-    """Names that are no joints, and joints that nobody drives: (name, what is wrong, more)."""
+    """Names that are no joints, and joints without a controller: (name, what is wrong, more)."""
     known = {body.joint.name for body in world.bodies}
     driven = {joint for controller in world.controllers for joint in controller.joints}
     for name in names:
@@ -258,7 +258,7 @@ def _of_program(source: Source, world: World, known: Mapping[str, Grasp], proble
 
 
 class _Check:
-    """What must hold of a trajectory: at its points, and between them as it will be followed."""
+    """The checks of a trajectory: at its points, and between them as it will be followed."""
 
     def __init__(self, source: Source, world: World, draft: _Draft, made: Trajectory):
         self._source, self._draft, self._made = source, draft, made

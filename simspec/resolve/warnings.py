@@ -1,6 +1,6 @@
-"""What is allowed and yet looks like a slip: angles in degrees without their unit, a squeeze that no finger can give, bodies
-that begin inside each other, scenes that take no time, lengths and masses of another unit, motions that are too fast for the
-timestep."""
+"""Warnings about values that are allowed and look like slips: angles in degrees without their unit, a squeeze that no finger
+can give, bodies that begin inside each other, scenes that take no time, lengths and masses of another unit, motions that are
+too fast for the timestep."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ STRONGEST_GRAVITY = 100.0
 
 
 def warnings(spec: Source, world: World) -> list[Problem]:
-    """What looks like a slip in ``spec``, whose world is ``world``; in file order, each with its place and the way out.
+    """The warnings of ``spec``, with the world ``world``; in file order, each with its place and the way out.
 
     Of several at one place the first is given, with their number; at most ``MOST_WARNINGS`` in all.
     """
@@ -95,7 +95,7 @@ def _counted(group: list[Problem]) -> Problem:
 
 
 def _losses(spec: Source) -> Warned:
-    """What looks like a slip to importers, and what they lost of physics, each kind once."""
+    """The warnings of importers, and their losses of physics, each kind once."""
     for source in spec.all():
         if source.imported is not None:
             for problem in source.imported.suspicious:
@@ -272,7 +272,7 @@ def _written_densities(spec: Source) -> Iterator[tuple[str, Location | None, flo
 
 
 def _meshes(spec: Source) -> Warned:
-    """What a hull adds to a mesh, what it loses by fewer vertices, and solids that may be counted twice."""
+    """The volume that a hull adds to a mesh or loses by fewer vertices, and solids that may be counted twice."""
     meshes = read_meshes(spec) if any(True for _ in mesh_shapes(spec)) else {}
     for shape in mesh_shapes(spec):
         made = meshes[shape.file, shape.options]

@@ -57,7 +57,7 @@ def compiled_folder(case: Case, artifacts: Path | None = None, python: str | Non
 
 
 CHANNEL_NEEDS: Mapping[str, Capability] = {"energy": Capability.ENERGY, "contacts": Capability.CONTACTS}
-"""The capability that a channel takes beside an engine's core."""
+"""The capability that a channel needs in addition to an engine's core."""
 
 
 def unrecordable(channels: Iterable[str], engine: type[Engine]) -> dict[str, str]:

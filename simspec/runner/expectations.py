@@ -339,7 +339,7 @@ def _keeps_place(run: Run, parameters: Parameters) -> Measured:
     return Measured(farthest.value, parameters["distance"], "m", f"{parameters['body']} {where}")
 
 
-def _bodies_apart(run: Run, parameters: Parameters) -> Measured:
+def _distance_of_bodies(run: Run, parameters: Parameters) -> Measured:
     """The smallest distance of two bodies' origins."""
 
     def near(poses: np.ndarray) -> np.ndarray:
@@ -368,7 +368,7 @@ MEASURES: Mapping[str, Measure] = {
     "angular_speed": _angular_speed,
     "stays_within": _stays_within,
     "keeps_place": _keeps_place,
-    "bodies_apart": _bodies_apart,
+    "bodies_apart": _distance_of_bodies,
 }
 """How each kind of expectation is measured. The language offers exactly these."""
 

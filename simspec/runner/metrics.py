@@ -32,7 +32,7 @@ def moving_bodies(world: World) -> np.ndarray:
 @dataclass(frozen=True)
 class Masses:
     """The world's mass properties as arrays: mass (n,), centre (n, 3) and inertia (n, 3, 3) in the body frames. Kinematic
-    bodies have none: their energy and momentum are nobody's."""
+    bodies have none: their energy and momentum are not counted."""
 
     mass: np.ndarray
     centre: np.ndarray

@@ -114,7 +114,7 @@ class Run:
         return self._column("v", self.coordinates.v_columns, name)
 
     def target(self, name: str) -> np.ndarray:
-        """The position q* (rows,) that a driven joint was asked for, by its name. Raises SpecError when there is none."""
+        """The position q* (rows,) that was requested of a driven joint, by its name. Raises SpecError when there is none."""
         return self._driven("control.target", name)
 
     def effort(self, name: str) -> np.ndarray:

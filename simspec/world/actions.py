@@ -1,4 +1,4 @@
-"""What acts on bodies and joints, besides gravity and contact: controllers and trajectories, forces, motions of kinematic
+"""Actions on bodies and joints besides gravity and contact: controllers and trajectories, forces, motions of kinematic
 bodies, a fluid, springs along sums of joint positions. Frozen, SI units, all resolved.
 """
 
@@ -146,7 +146,7 @@ class Force:
 
     body     its full name
     force    N, world axes, at ``at``
-    torque   N m, world axes; a couple, beside that of the force
+    torque   N m, world axes; a couple, in addition to that of the force
     at       the point, in the body's frame (m); it moves with the body
     start    s, from which on it acts
     until    s, up to which it acts; None: to the end of the run

@@ -33,7 +33,7 @@ _KEPT: dict[int, dict[Hashable, object]] = {}
 def derived(function: Callable[Concatenate[World, More], Result]) -> Callable[Concatenate[World, More], Result]:
     """``function`` of a world and of further hashable arguments by position, called once for each world and arguments.
 
-    What it gives is shared by everybody who asks: it must be immutable (or be treated so), and must not hold the world, which
+    Its result is shared by all callers: it must be immutable (or be treated so), and must not hold the world, which
     would then never end.
     """
 

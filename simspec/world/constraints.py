@@ -61,7 +61,9 @@ class Violation:
                 ends += [(first, points[0], start), (second, points[1], start)]
             start += ROWS[constraint.kind]
         columns = list(zip(*follows, strict=True)) if follows else [()] * 5
-        self._follow_rows, self._own, self._lead = (np.array(column, dtype=np.intp) for column in columns[:3])
+        self._follow_rows, self._follower_row, self._leader_row = (
+            np.array(column, dtype=np.intp) for column in columns[:3]
+        )
         self._ratio, self._offset = (np.array(column, dtype=float) for column in columns[3:])
         self._end_body = np.array([body for body, _, _ in ends], dtype=np.intp)
         self._end_point = np.array([point for _, point, _ in ends], dtype=float).reshape(-1, 3)
@@ -112,7 +114,7 @@ class Violation:
     def of(self, q: Array, poses: Array) -> Array:
         """φ (rows,) at positions ``q`` (nq,), where bodies are at ``poses`` (bodies, 7) x y z w x y z."""
         violation = np.zeros(self.count)
-        violation[self._follow_rows] = q[self._own] - self._ratio * q[self._lead] - self._offset
+        violation[self._follow_rows] = q[self._follower_row] - self._ratio * q[self._leader_row] - self._offset
         if len(self._end_body):
             points = self._points(poses, matrices(poses[:, 3:]))
             violation[self._end_rows] = points[::2] - points[1::2]
@@ -155,7 +157,7 @@ def _turned(turns: Array, vectors: Array) -> Array:
 def impulse(mass: Array, jacobian: Array, velocity: Array, violation: Array, timestep: float) -> Array:
     """What the law J v⁺ = −φ/dt adds to a velocity (nv,): −M⁻¹ Jᵀ λ, with J M⁻¹ Jᵀ λ = J v + φ/dt. Rows that say the same twice
     count once: of λ the smallest. Not finite where M has no inverse, as in motion that has diverged: slides that are 1e100 m
-    away leave no digit of what is beside them."""
+    away leave no digit of the other coordinates."""
     try:
         moved = np.linalg.solve(mass, jacobian.T)
     except np.linalg.LinAlgError:
@@ -170,7 +172,7 @@ def multipliers(mobility: Array, wanted: Array) -> Array:
         return np.full(len(wanted), np.nan)
     moved = np.diag(mobility)
     scale = np.sqrt(np.maximum(moved, max(UNMOVED * float(moved.max(initial=0.0)), 1e-300)))
-    # numpy's pinv of a symmetric matrix, with its bits, without what it asks of others
+    # numpy's pinv of a symmetric matrix, bit for bit, without its checks
     values, axes = np.linalg.eigh(mobility / (scale[:, None] * scale))
     order = np.argsort(np.abs(values))[::-1]
     values, axes = values[order], axes[:, order]
@@ -201,7 +203,7 @@ axis of a planar loop. Scaled like others it would be taken for motion; real row
 # law J v⁺ = −φ/dt of another point is another by θ ω d: 2.7e-9 m in 2,000 steps, 3 m away (measured).
 
 GROUND = "ground of the anchors/"
-"""A body that does not move, beside those of the world; no name of a world ends so."""
+"""A body that does not move, in addition to those of the world; no name of a world ends so."""
 
 
 def anchors(world: World) -> Mapping[str, Vector3]:

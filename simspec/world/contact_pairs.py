@@ -161,11 +161,11 @@ def shape_pairs(world: World, pairs: Iterable[Pair]) -> Iterator[tuple[str, str]
 
 @derived
 def excluded_pairs(world: World) -> tuple[Pair, ...]:
-    """Every pair of bodies in the *same rigid group* that moves, and every explicitly excluded pair, sorted: what an engine's
-    filter has to be told.
+    """Every pair of bodies in the *same rigid group* that moves, and every explicitly excluded pair, sorted: the pairs that an
+    engine's filter needs.
 
     Bodies without collision shapes are left out. What both cannot move needs no filter: no engine tests static bodies
-    against each other in a way that moves anything. Collision groups are written apart, by each dialect's own means.
+    against each other in a way that moves anything. Collision groups are written separately, by each dialect's own means.
     """
     solid = {body.name for body in world.bodies if solid_shapes(body)}
     pairs = {pair for pair in world.contact.excluded_bodies if pair[0] in solid and pair[1] in solid}

@@ -285,7 +285,7 @@ def inset(size: tuple[float, ...], depth: float) -> tuple[float, ...]:
 
 
 def hull_within_margin(size: tuple[float, ...], margin: float) -> tuple[float, ...]:
-    """The hull that is told to an engine which keeps a ``margin`` (m) around its points: :func:`inset` by that, or where the
+    """The hull that is passed to an engine which keeps a ``margin`` (m) around its points: :func:`inset` by that, or where the
     hull is too thin for it by what leaves a third of its least half, so that its faces are :func:`margin_excess` of where
     they should be.
     Raises OpenHullError as :func:`corners`."""

@@ -131,12 +131,12 @@ def combined_inertial(parts: Sequence[Part], mass: float | None = None) -> Inert
     return Inertial(total if mass is None else mass, centre, inertia)
 
 
-# Rigid groups whose inertia engines are told as one: bodies without mass and point masses that are fixed to others.
+# Rigid groups whose inertia engines receive as one: bodies without mass and point masses that are fixed to others.
 #
 # Bodies joined through fixed joints move as one body, and only the sum of their inertias acts. Engines ask more of single
 # bodies than mechanics does: one takes a root without mass for the ground, another refuses a moving body without moments of
 # inertia. So where a body of a rigid group has no inertia of its own that is regular, and this matters to an engine, the
-# group's topmost body is told the inertia of all, and the others none. The motion is the same, to round-off.
+# group's topmost body receives the inertia of all, and the others none. The motion is the same, to round-off.
 
 SINGULAR = 1e-12
 """Of the principal moments the smallest, relative to the largest, up to which a tensor is singular: a rod that is written in
@@ -207,8 +207,8 @@ def summed_inertial(parts: Iterable[tuple[Inertial, Pose]]) -> Inertial:
 
 @derived
 def lumped(world: World) -> Mapping[str, Inertial]:
-    """What engines are told of the bodies whose inertia is gathered on the topmost body of their rigid group, by name: that
-    body has the whole, the others nothing. Empty where no group needs it."""
+    """The inertia that engines receive for bodies whose inertia is gathered on the topmost body of their rigid group, by
+    name: that body has the whole, the others nothing. Empty where no group needs it."""
     inertials: dict[str, Inertial] = {}
     for top, members in rigid_members(world.bodies).items():
         (head, _), *others = members
@@ -231,7 +231,7 @@ def lumped_gravity_scale(world: World, body: Body) -> float:
 
 
 def lumped_inertial(world: World, body: Body) -> Inertial:
-    """The inertia that engines are told of a body. Its centre of mass is, of a free root, the point whose position is
+    """The inertia that engines receive for a body. Its centre of mass is, of a free root, the point whose position is
     integrated."""
     return lumped(world).get(body.name, body.inertial)
 

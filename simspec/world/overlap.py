@@ -1,7 +1,7 @@
 """Which solid shapes overlap deeply at the start: geometry of the world alone, no engine and no collision library.
 
 All solid shapes but planes and height fields are convex, and a height field is looked at as the convex solids below its
-triangles. Two such shapes, their centres d apart, overlap along a direction n by
+triangles. Two such shapes, with the distance d of their centres, overlap along a direction n by
 h₁(n) + h₂(−n) − d·n, with h the support function (how far a shape reaches along n from its centre); the depth is the least of
 that over all n. A direction along which it is small proves that they do not overlap deeply, which most pairs
 show at once; for the others the least is sought from many directions, and then around the best.

@@ -15,8 +15,6 @@ from simspec.world.kinematics import layout, layout_of
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, World
 
-# What springs and dampers along weighted sums of joint positions do to the joints, in simspec's generalised coordinates.
-
 Array = NDArray[np.float64]
 
 
@@ -57,7 +55,7 @@ class JointSums:
         return effort
 
     def energy(self, q: Array) -> float:
-        """What the springs store (J)."""
+        """The energy of the springs (J)."""
         stretch = self.lengths(q) - self.rest
         return 0.5 * float(self.stiffness @ (stretch * stretch))
 
@@ -79,12 +77,9 @@ def beyond_limits(world: World, states: Array) -> str | None:
     return None
 
 
-# Damping and springs of joints as efforts of the state, explicit in time.
-
-
 class JointForces:
     """−d q̇ − k (q − rest) of hinges and slides, −d ω − k log R of balls, of ``bodies`` in the order of their coordinates.
-    The damping of free bodies is not among them: engines are given it beside (``dialects/kit/joints.py``)."""
+    The damping of free bodies is not among them: engines receive it separately (``dialects/kit/joints.py``)."""
 
     def __init__(self, bodies: Sequence[Body]):
         layout = layout_of(World("", tuple(bodies)))
@@ -115,11 +110,8 @@ class JointForces:
         return found
 
 
-# The law of ``world/actions.py`` for many boxes at once, with numpy alone.
-
-
 class Drag:
-    """What ``fluid`` does to boxes with ``edges`` (n, 3), m."""
+    """The drag of ``fluid`` on boxes with ``edges`` (n, 3), m: the law of ``world/actions.py``."""
 
     def __init__(self, edges: ArrayLike, fluid: Fluid):
         sizes: Array = np.asarray(edges, dtype=float).reshape(-1, 3)

@@ -3,7 +3,7 @@
 Conventions, here and in all of simspec. A quaternion is (w, x, y, z), of unit length unless a function says otherwise, and
 active: it turns a vector given in the axes of the turned body into the axes that the body is turned in, so that R v is
 ``rotate(q, v)`` and ``multiply(a, b)`` is ``a`` after ``b``. q and −q are one rotation. A rotation vector is log R: the unit
-axis times the angle (rad). Programs that have x y z w are converted where they are asked (:func:`to_xyzw`, :func:`from_xyzw`).
+axis times the angle (rad). Programs that have x y z w are converted where they are called (:func:`to_xyzw`, :func:`from_xyzw`).
 
 Arrays hold quaternions (..., 4), vectors (..., 3) and matrices (..., 3, 3) in their last axes; leading axes broadcast, and
 nothing is normalised unless said. The functions whose names end in ``_of`` do the same for one rotation as plain floats: in the

@@ -60,7 +60,7 @@ class Inertial:
 
 @dataclass(frozen=True, slots=True)
 class Hardness:
-    """What holds two bodies apart, for each point of contact; r is the gap (m, negative = overlap), v = dr/dt.
+    """The normal force between two bodies, for each point of contact; r is the gap (m, negative = overlap), v = dr/dt.
 
     common         rigid: v' ≥ β (−r)/dt − e v in every step, β = 0.01, the same equation in every engine
     time-constant  r̈ = −(2/T) v − r/(T ζ)², whatever the masses: T ``time_constant`` (s), ζ ``damping_ratio``

@@ -130,7 +130,7 @@ def test_a_damaged_run_is_named_moved_aside_and_to_be_done_again(store, damage):
     with store.writing():
         index = refresh(store, repair=True)
     assert set(index.rows) == set(KEYS[1:3])
-    assert [note for note in index.notes if f"moved to {store.told}/damaged/{KEYS[0]}" in note]
+    assert [note for note in index.notes if f"moved to {store.shown}/damaged/{KEYS[0]}" in note]
     assert not store.has(KEYS[0])
     assert os.path.isdir(store.path / "damaged" / KEYS[0])
     with store.writing():
@@ -268,7 +268,7 @@ def test_a_store_of_another_form_is_refused(store, content, given):
     (store.path / "store.json").write_text(content)
     for create in (False, True):
         with pytest.raises(SpecError, match=given):
-            Store.open(store.told, create=create)
+            Store.open(store.shown, create=create)
     assert store.has(KEYS[0])
 
 

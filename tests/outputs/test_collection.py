@@ -66,7 +66,7 @@ def test_on_a_full_disk_nothing_is_half_written_and_the_next_try_works(there, mo
                 patch.setattr(module.os, "rename", fail)
             with pytest.raises(OSError, match="No space left") as caught:
                 there.place("runs/ab/abc", half if moment == "build" else build)
-        assert caught.value.filename == str(there.told)
+        assert caught.value.filename == str(there.shown)
         assert not there.has("runs/ab/abc")
         assert os.listdir(there.path / "tmp") == []
         assert there.place("runs/ab/abc", build)
@@ -86,7 +86,7 @@ with there.alone("process of a test"):
 
 
 def test_one_writes_at_a_time_and_a_lock_ends_with_its_process(there):
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(there.told)], stdout=subprocess.PIPE, text=True)
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(there.shown)], stdout=subprocess.PIPE, text=True)
     try:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"

@@ -75,7 +75,7 @@ class Executor(Protocol):
     and is no result of anything."""
 
     def demand(self, engines: Collection[str]) -> None:
-        """Raise ExecutorError where nobody does tasks of one of these engines (labels): asked before any task is given."""
+        """Raise ExecutorError where no worker does tasks of one of these engines (labels): called before any task is given."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
         """Do all tasks; they are made while others are at work, so no more are asked for than are needed soon."""

@@ -236,7 +236,7 @@ def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packe
         if not isinstance(key, str) or not isinstance(engine, str) or not isinstance(proof, str | None):
             raise SpecError([Problem(f"{study}: {sweep} does not name the runs that are played back")])
         if not store.has(key):
-            notes.append(f"{engine}: the run is not in the store {store.told}: it is not played back")
+            notes.append(f"{engine}: the run is not in the store {store.shown}: it is not played back")
             continue
         runs[engine] = store.load(key)
         text = store.certificate_text(proof) if proof else None
