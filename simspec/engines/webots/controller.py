@@ -46,38 +46,23 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "wb_supervisor_field_get_name": (ctypes.c_char_p, (FIELD,)),
     "wb_supervisor_field_get_type_name": (ctypes.c_char_p, (FIELD,)),
     "wb_supervisor_field_get_count": (ctypes.c_int, (FIELD,)),
-    "wb_supervisor_field_get_sf_bool": (ctypes.c_bool, (FIELD,)),
-    "wb_supervisor_field_get_sf_int32": (ctypes.c_int, (FIELD,)),
-    "wb_supervisor_field_get_sf_float": (ctypes.c_double, (FIELD,)),
-    "wb_supervisor_field_get_sf_vec2f": (DOUBLES, (FIELD,)),
-    "wb_supervisor_field_get_sf_vec3f": (DOUBLES, (FIELD,)),
-    "wb_supervisor_field_get_sf_rotation": (DOUBLES, (FIELD,)),
-    "wb_supervisor_field_get_sf_color": (DOUBLES, (FIELD,)),
-    "wb_supervisor_field_get_sf_string": (ctypes.c_char_p, (FIELD,)),
-    "wb_supervisor_field_get_sf_node": (NODE, (FIELD,)),
-    "wb_supervisor_field_get_mf_bool": (ctypes.c_bool, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_int32": (ctypes.c_int, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_float": (ctypes.c_double, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_vec2f": (DOUBLES, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_vec3f": (DOUBLES, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_rotation": (DOUBLES, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_color": (DOUBLES, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_string": (ctypes.c_char_p, (FIELD, ctypes.c_int)),
-    "wb_supervisor_field_get_mf_node": (NODE, (FIELD, ctypes.c_int)),
 }
 """Result and arguments of each function."""
-KINDS = {
-    "Bool": ("bool", 0),
-    "Int32": ("int32", 0),
-    "Float": ("float", 0),
-    "Vec2f": ("vec2f", 2),
-    "Vec3f": ("vec3f", 3),
-    "Rotation": ("rotation", 4),
-    "Color": ("color", 3),
-    "String": ("string", 0),
-    "Node": ("node", 0),
+KINDS: dict[str, tuple[str, Any, int]] = {
+    "Bool": ("bool", ctypes.c_bool, 0),
+    "Int32": ("int32", ctypes.c_int, 0),
+    "Float": ("float", ctypes.c_double, 0),
+    "Vec2f": ("vec2f", DOUBLES, 2),
+    "Vec3f": ("vec3f", DOUBLES, 3),
+    "Rotation": ("rotation", DOUBLES, 4),
+    "Color": ("color", DOUBLES, 3),
+    "String": ("string", ctypes.c_char_p, 0),
+    "Node": ("node", NODE, 0),
 }
-"""By the kind of a field, without SF or MF: the end of the functions that read it, and how many numbers a vector has."""
+"""By the kind of a field, without SF or MF: the end of the functions that read it, their result, and the length of a vector."""
+for _end, _result, _ in KINDS.values():
+    FUNCTIONS[f"wb_supervisor_field_get_sf_{_end}"] = (_result, (FIELD,))
+    FUNCTIONS[f"wb_supervisor_field_get_mf_{_end}"] = (_result, (FIELD, ctypes.c_int))
 
 
 class Controller:
@@ -189,7 +174,7 @@ class Controller:
         """The values of a field, those of vectors one after the other."""
         lib = self._library
         kind = lib.wb_supervisor_field_get_type_name(field).decode()
-        end, size = KINDS[kind[2:]]
+        end, _, size = KINDS[kind[2:]]
         if kind.startswith("MF"):
             get = getattr(lib, f"wb_supervisor_field_get_mf_{end}")
             found = [get(field, index) for index in range(lib.wb_supervisor_field_get_count(field))]
