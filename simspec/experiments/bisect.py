@@ -48,7 +48,7 @@ class Reading:
     stored: bool = False
 
     def differs(self, other: Reading) -> bool:
-        """Whether the two are further apart than either interval of values that are not distinguished."""
+        """Whether the two differ by more than either interval of values that are not distinguished."""
         return abs(self.value - other.value) > self.half + other.half
 
 

@@ -25,7 +25,7 @@ MOST_MODELS = 20_000
 
 
 def request_of(source: StudySource, study: SweepOfStudy) -> str:
-    """The hash of what a study asks for in a sweep, beside its models: repetitions, seeds, what is shown, figures from
+    """The hash of the request of a study in a sweep, except its models: repetitions, seeds, what is shown, figures from
     elsewhere."""
     figures = [figure.model_dump(mode="json") for figure in source.figures if figure.sweep == study.name]
     words = study.words

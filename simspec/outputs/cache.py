@@ -1,6 +1,6 @@
 """The user's cache folder, and files in it that a program makes: each whole or not at all, made by one process at a time.
 
-Imports the standard library alone: an engine's process asks for such files too, in whatever interpreter it lives.
+Imports the standard library alone: an engine's process requests such files too, in whatever interpreter it lives.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
 def written_by_others(folder: Path) -> str | None:
     """Why other users may have written into a folder, or put another in its place: a part of its path that is another user's
     (but root's), or that everybody can write (but a parent with the sticky bit, as /tmp). Both the path as it is given and the
-    one without links count: a link in a folder that everybody can write leads where its last writer wants. None where nobody
-    else can."""
+    one without links count: a link in a folder that everybody can write leads where its last writer wants. None where no other
+    user can."""
     given, place = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
     for part in dict.fromkeys((place, *place.parents, *given.parents)):
         try:

@@ -12,8 +12,8 @@ from simspec.files import kind
 
 # Reading what others may have put there: regular files only, of bounded size, never through a link.
 #
-# A FIFO hangs its reader, a device never ends, and a symbolic link in a folder from a stranger would have its target's content
-# read, and perhaps copied, in the stranger's name.
+# A FIFO hangs its reader, a device never ends, and a symbolic link in an untrusted folder would have its target's content
+# read, and perhaps copied, in the name of its author.
 
 MOST_FILES = 100_000
 """Entries of one folder of output: the largest scenario has one file for each of 10,000 bodies."""

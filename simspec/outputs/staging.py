@@ -43,7 +43,7 @@ _NO_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
 class Stage:
-    """A place beside a target. ``fresh`` is where the new content is built, by the caller."""
+    """A place next to a target. ``fresh`` is where the new content is built, by the caller."""
 
     def __init__(self, folder: Path, target: str, lock: int, lasting: bool = True):
         self.lasting = lasting
@@ -83,7 +83,7 @@ def alone(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def begun(target: Path, lasting: bool = True) -> Iterator[Stage]:
-    """A stage beside ``target`` (a real path), of which nothing is left afterwards. Its folder must be locked throughout.
+    """A stage next to ``target`` (a real path), of which nothing is left afterwards. Its folder must be locked throughout.
 
     ``lasting``: whether all is synced, so that also a power cut leaves the old or the new.
     """

@@ -1,4 +1,4 @@
-"""What may be written: asked before any work is done.
+"""The targets that may be written: checked before any work is done.
 
 A folder may be written when it is not there yet, is empty, or has simspec's marker of the same kind. A file may be written when
 it is not there yet, or when its own content says that simspec wrote it. Everything else stays as it is, and is an error.

@@ -49,7 +49,7 @@ def shapes_of(world: World) -> list[tuple[str, str]]:
 
 def side_names(world: World, labels: Labels) -> list[str]:
     """The label of every number of a contact's side: names of shapes, then of groups. Raises ValueError for groups of shapes
-    that there are not, of several bodies, or that are told twice."""
+    that there are not, of several bodies, or that are given twice."""
     body_of = {name: body for body, name in shapes_of(world)}
     names = list(body_of)
     for group in labels.groups or ():

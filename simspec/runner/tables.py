@@ -254,7 +254,7 @@ def open_parquet(file: Any, size: int) -> parquet.ParquetFile:
 def read_blocks(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> Iterator[tuple[slice, pa.Table]]:
     """The table of a Parquet file, which must have these columns and this many rows, one block of rows after the other.
 
-    How much it would be is told by its metadata and looked at before anything is unpacked. Raises ValueError with what is wrong
+    Its metadata says how much it would be, and is read before anything is unpacked. Raises ValueError with what is wrong
     (pyarrow's errors are ValueErrors or OSErrors).
     """
     import pyarrow as pa

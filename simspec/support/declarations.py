@@ -95,7 +95,7 @@ class Absence(StrEnum):
     """Why a feature is not supported, the weaker reason first."""
 
     NOT_YET = "not_yet"
-    """The engine could; nobody has built it. An attempt fails today, and the shared tests say when it works."""
+    """The engine could; simspec has not built it. An attempt fails today, and the shared tests say when it works."""
     NEVER = "never"
     """The engine, or the language of its files, cannot."""
 
@@ -268,7 +268,7 @@ def never(why: str) -> Support:
 
 
 def not_yet(why: str, attempt: Attempt) -> Support:
-    """Not supported, since nobody has built it; ``attempt`` is how the shared tests see that it works."""
+    """Not supported, since simspec has not built it; ``attempt`` is how the shared tests see that it works."""
     return Support(Level.UNSUPPORTED, why, absence=Absence.NOT_YET, attempt=attempt)
 
 

@@ -124,7 +124,7 @@ def _near(solids: Sequence[Solid], longest: float) -> Iterator[tuple[Solid, Soli
 
 
 MANY = 400
-"""Classes of bodies up to which excluded pairs are told apart one by one; beyond, such bodies count as their class does."""
+"""Classes of bodies up to which excluded pairs are distinguished one by one; beyond, such bodies count as their class does."""
 WITHIN = 4.0
 """A box lies within another's face where the face is this many times as wide as the box's diagonal, as floors are: it may be
 pushed over an edge all the same, but few bodies are there at a time."""
@@ -145,7 +145,7 @@ class Reach:
     layers   how many such bodies can lie on each other, 3 standing for more
     kinds    of the shapes of bodies that move and touch so, sorted
     crosses  a box may lie on another so that their edges cross: neither is so small that it lies within the other's faces
-    squeezes a body with faces may be pressed on one by a body on a joint, and touch another beside it
+    squeezes a body with faces may be pressed on one by a body on a joint, and touch another next to it
     jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on; or may be
              between two walls, as a drawer in its slot
     plane    a body that moves may touch a plane, of any material

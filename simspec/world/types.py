@@ -416,7 +416,7 @@ class ReadBack:
 
     ``inventory`` is everything else that the live engine holds and that can act, by the engine's own names
     (``opt.solver``, ``geom.floor_0.gap``, ``count.tendon``); lists stand for tuples, since it comes as JSON. ``neutral``: what
-    the same engine holds of such things when it is told nothing, by names of the engine's module's choice. What the
+    the same engine holds of such things when it is given nothing, by names of the engine's module's choice. What the
     inventory must be says :meth:`simspec.engines.kit.contract.Engine.expected_inventory`. That of an independent reader holds
     the solver settings that stand in the engine's own file, as ``settings.NAME``.
     """
@@ -433,7 +433,7 @@ class ReadBack:
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
     frames: tuple[Frame, ...] | None = field(default=None, metadata=LEFT_OUT)
-    """The named frames, sorted by name; None: it is told none."""
+    """The named frames, sorted by name; None: it receives none."""
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
     laws: tuple[PairContact, ...] = field(default=(), metadata=LEFT_OUT)
     """The laws of materials, of an engine that holds a table of them (``contact/rules.py``)."""

@@ -65,7 +65,7 @@ Publish = Callable[[Task, TaskResult], None]
 
 
 class ExecutorError(SimspecError):
-    """Tasks cannot be done: nobody is there who does them, or not any more. What was published is stored."""
+    """Tasks cannot be done: no worker is there, or not any more. What was published is stored."""
 
     exit_code = EXIT_ENGINE
 
@@ -78,7 +78,7 @@ class Executor(Protocol):
         """Raise ExecutorError where no worker does tasks of one of these engines (labels): called before any task is given."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
-        """Do all tasks; they are made while others are at work, so no more are asked for than are needed soon."""
+        """Do all tasks; they are made while others are at work, so no more are taken than are needed soon."""
 
     def close(self) -> None:
         """Let go of what is held for further tasks."""

@@ -159,7 +159,7 @@ that is no result of theirs."""
 
 
 class RefusedError(SimspecError):
-    """A worker cannot do what it was asked for, or failed as a machine does. The message is the reason."""
+    """A worker cannot do its task, or failed as a machine does. The message is the reason."""
 
 
 class EndedError(Exception):
