@@ -25,18 +25,18 @@ def lowered(world: World):
 @pytest.mark.parametrize("world", [*SHARED.values(), lambda _: worlds.every_joint()])
 def test_lower_and_raise_are_inverse(world):
     world = world("drake")
-    told = lowered(world)
-    model = DrakeDialect().raise_(told.tree, told.sidecar)
+    given = lowered(world)
+    model = DrakeDialect().raise_(given.tree, given.sidecar)
     checks = compare(world, model, Drake.RULES, Drake.LAYERS, text=True)
     assert len(checks) > 5
     assert [(check.name, check.where, check.detail) for check in checks if not check.passed] == []
 
 
 def test_free_roots_stand_at_their_centres_of_mass():
-    told = lowered(WORLDS["model"]("drake"))
-    moved = told.sidecar.offsets
+    given = lowered(WORLDS["model"]("drake"))
+    moved = given.sidecar.offsets
     assert moved
-    for body in told.tree.bodies:
+    for body in given.tree.bodies:
         if body.name in moved:
             assert body.joint.kind == "free"
             assert body.centre_of_mass == (0.0, 0.0, 0.0)
@@ -55,15 +55,15 @@ def _offset(document: JsonWorld, sidecar):
     ],
 )
 def test_document_and_sidecar_are_of_one_world(change, said):
-    told = lowered(WORLDS["surfaces"]("drake"))
+    given = lowered(WORLDS["surfaces"]("drake"))
     with pytest.raises(ValueError, match=said):
-        DrakeDialect().raise_(*change(told.tree, told.sidecar))
+        DrakeDialect().raise_(*change(given.tree, given.sidecar))
 
 
 def test_frames_of_free_roots_alone_are_moved():
-    told = lowered(WORLDS["surfaces"]("drake"))
-    assert told.sidecar.bodies[0].kind == "fixed"
-    _, sidecar = _offset(told.tree, told.sidecar)
+    given = lowered(WORLDS["surfaces"]("drake"))
+    assert given.sidecar.bodies[0].kind == "fixed"
+    _, sidecar = _offset(given.tree, given.sidecar)
     with pytest.raises(ValueError, match=re.escape("which is not a free root")):
         type(sidecar).of(sidecar.plain())
 
@@ -85,6 +85,6 @@ def test_what_cannot_move_and_has_no_mass_has_no_moments_either():
     floor = dataclasses.replace(
         world.bodies[0], inertial=Inertial(0.0, (0.1, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     )
-    told = lowered(dataclasses.replace(world, bodies=(floor, *world.bodies[1:]))).tree.bodies[0]
+    body = lowered(dataclasses.replace(world, bodies=(floor, *world.bodies[1:]))).tree.bodies[0]
     assert floor.joint.kind == "fixed"
-    assert (told.mass, told.centre_of_mass, told.inertia) == (0.0, (0.0,) * 3, (0.0,) * 6)
+    assert (body.mass, body.centre_of_mass, body.inertia) == (0.0, (0.0,) * 3, (0.0,) * 6)

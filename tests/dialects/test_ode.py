@@ -29,8 +29,8 @@ def failures(world, model):
 @pytest.mark.parametrize("world", [*SHARED.values(), lambda _: worlds.every_joint()])
 def test_lower_and_raise_are_inverse(world):
     world = world("ode")
-    told = lowered(world)
-    assert failures(world, OdeDialect().raise_(told.tree, told.sidecar)) == []
+    given = lowered(world)
+    assert failures(world, OdeDialect().raise_(given.tree, given.sidecar)) == []
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_lower_and_raise_are_inverse(world):
 )
 def test_a_table_that_differs_is_seen(change, name):
     world = WORLDS["surfaces"]("ode")
-    told = lowered(world)
-    model = OdeDialect().raise_(told.tree, told.sidecar)
+    given = lowered(world)
+    model = OdeDialect().raise_(given.tree, given.sidecar)
     assert {found for found, _, _ in failures(world, dataclasses.replace(model, laws=change(model.laws)))} == {name}
 
 
@@ -56,28 +56,30 @@ def test_a_plan_of_more_than_meets_is_told_whole():
     """As in probes of two materials, of which not all pairs meet."""
     world = WORLDS["surfaces"]("ode")
     names = [body.name for body in world.bodies]
-    pairs = tuple((one, other) for one in sorted(names) for other in sorted(names) if one < other)
-    apart = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=pairs))
-    told = OdeDialect().lower(apart, target_of(world, Ode))
-    assert told.sidecar.laws == lowered(world).sidecar.laws
-    assert OdeDialect().raise_(told.tree, told.sidecar).laws == told.sidecar.laws
+    pairs = tuple((name, other) for name in sorted(names) for other in sorted(names) if name < other)
+    separate = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=pairs))
+    lower = OdeDialect().lower(separate, target_of(world, Ode))
+    assert lower.sidecar.laws == lowered(world).sidecar.laws
+    assert OdeDialect().raise_(lower.tree, lower.sidecar).laws == lower.sidecar.laws
 
 
 def test_numbers_of_shapes_that_nothing_goes_by_are_refused():
-    told = lowered(WORLDS["surfaces"]("ode"))
-    body = next(body for body in told.tree.bodies if body.shapes)
+    given = lowered(WORLDS["surfaces"]("ode"))
+    body = next(body for body in given.tree.bodies if body.shapes)
     copy = dataclasses.replace(body.shapes[0].copies[0], friction=0.5)
     shape = dataclasses.replace(body.shapes[0], copies=(copy,))
-    bodies = tuple(dataclasses.replace(one, shapes=(shape,)) if one is body else one for one in told.tree.bodies)
+    bodies = tuple(
+        dataclasses.replace(entry, shapes=(shape,)) if entry is body else entry for entry in given.tree.bodies
+    )
     with pytest.raises(ValueError, match="has numbers beside"):
-        OdeDialect().raise_(dataclasses.replace(told.tree, bodies=bodies), told.sidecar)
+        OdeDialect().raise_(dataclasses.replace(given.tree, bodies=bodies), given.sidecar)
 
 
 def test_laws_are_those_of_the_materials_that_meet():
-    told = lowered(WORLDS["surfaces"]("ode"))
+    given = lowered(WORLDS["surfaces"]("ode"))
     with pytest.raises(ValueError, match=r"not those of sidecar\.laws"):
-        OdeDialect().raise_(told.tree, dataclasses.replace(told.sidecar, laws=told.sidecar.laws[1:]))
-    content = told.sidecar.plain()
+        OdeDialect().raise_(given.tree, dataclasses.replace(given.sidecar, laws=given.sidecar.laws[1:]))
+    content = given.sidecar.plain()
     content["laws"][0] |= {"first": content["laws"][0]["second"] + "z"}
     with pytest.raises(ValueError, match="not sorted"):
         LawSidecar.of(content)

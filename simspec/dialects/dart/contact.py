@@ -48,27 +48,27 @@ class Nodes:
             for body, names in materials.items()
         }
 
-    def _meet(self, one: Part, other: Part) -> bool | None:
+    def _meet(self, part: Part, other: Part) -> bool | None:
         """Whether two parts touch; None where it does not matter, as no two bodies of these materials ever meet."""
-        pair = (min(one[0], other[0]), max(one[0], other[0]))
+        pair = (min(part[0], other[0]), max(part[0], other[0]))
         if pair in self._passing:
             return False
         layer = self._layer_of.get(pair)
-        return None if layer is None else one[1] == other[1] == layer
+        return None if layer is None else part[1] == other[1] == layer
 
     def _split(self, parts: list[Part]) -> list[tuple[Part, ...]]:
         """Each part joins the first node whose parts meet and leave the same others as it does."""
         found: list[tuple[list[Part], dict[Part, bool]]] = []
         for part in parts:
             row = {other: met for other in self._parts if (met := self._meet(part, other)) is not None}
-            for held, known in found:
+            for actual, known in found:
                 if all(known.get(other, met) == met for other, met in row.items()):
-                    held.append(part)
+                    actual.append(part)
                     known.update(row)
                     break
             else:
                 found.append(([part], row))
-        return [tuple(held) for held, _ in found] or [()]
+        return [tuple(actual) for actual, _ in found] or [()]
 
     def layers(self) -> list[tuple[str, str, int | None]]:
         """For every pair of materials that meets, or passes through each other, the layer it meets in (None = none)."""
@@ -89,10 +89,10 @@ class Nodes:
         """The pairs of classes whose nodes must not touch."""
         names = list(self.classes())
         return [
-            (one, other)
-            for index, one in enumerate(names)
+            (name, other)
+            for index, name in enumerate(names)
             for other in names[index:]
-            if any(self._meet(a, b) is False for a in one for b in other)
+            if any(self._meet(a, b) is False for a in name for b in other)
         ]
 
 
@@ -312,8 +312,8 @@ def accepted_contact(world: World, detector: str, engine: str, kind: str) -> str
     if kind not in _accepted(world, engine):
         return None
     wrong = flaws(detector, (pair for pair in meeting_kinds(world) if kind in pair))
-    told = "; ".join(f"{one} and {other}: {flaw}" for (one, other), flaw in wrong.items())
-    return f"with its collision detector {detector}, {told}" if wrong else None
+    text = "; ".join(f"{name} and {other}: {flaw}" for (name, other), flaw in wrong.items())
+    return f"with its collision detector {detector}, {text}" if wrong else None
 
 
 def overlooked(world: World, setting: str, engine: str, kind: str) -> str | None:
@@ -327,8 +327,8 @@ def overlooked(world: World, setting: str, engine: str, kind: str) -> str | None
         return None
     detector = detector_of(world, engine, setting)
     found = sorted(pairs & set(OVERLOOKED.get(detector, {})) & meeting_kinds(world))
-    told = "; ".join(f"{one} and {other}: {OVERLOOKED[detector][one, other]}" for one, other in found)
-    return f"here its collision detector {detector} has {told}" if found else None
+    text = "; ".join(f"{name} and {other}: {OVERLOOKED[detector][name, other]}" for name, other in found)
+    return f"here its collision detector {detector} has {text}" if found else None
 
 
 def _rarer(pair: tuple[str, str]) -> str:
@@ -358,11 +358,11 @@ def problems(world: World, detector: str, engine: str) -> list[Problem]:
 
 
 def _unsupported(world: World, pair: tuple[str, str], flaw: str, engine: str) -> Problem:
-    one, other = pair
+    name, other = pair
     return Problem(
-        f"{engine} does not support contact between {one} and {other}: {flaw}",
-        _first(world, one),
-        found=f"shapes of kinds {one} and {other} that may touch",
+        f"{engine} does not support contact between {name} and {other}: {flaw}",
+        _first(world, name),
+        found=f"shapes of kinds {name} and {other} that may touch",
         hint="keep them apart by collision groups or contact.exclude, use other shapes, or run without this engine",
     )
 
@@ -393,23 +393,23 @@ def check_filter(sidecar: DartSidecar, nodes: set[str], fixed: set[str]) -> None
     Shapes of two bodies that never touch may meet in any number of layers; what is told of them has no effect.
     """
     classes, pairs = sidecar.filter.classes, sidecar.filter.apart
-    unknown = sorted({node for held in classes.values() for node in held} - nodes)
+    unknown = sorted({node for class_ in classes.values() for node in class_} - nodes)
     if unknown or {name for pair in pairs for name in pair} != set(classes):
         raise ValueError(f"the filter's classes do not fit the file: unknown nodes {unknown}")
-    of = {node: name for name, held in classes.items() for node in held}
-    apart = {frozenset(pair) for pair in pairs}
-    layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar.filter.layers}
-    for one in classes:
+    of = {node: name for name, class_ in classes.items() for node in class_}
+    separate = {frozenset(pair) for pair in pairs}
+    layer_of = {frozenset((name, other)): layer for name, other, layer in sidecar.filter.layers}
+    for entry in classes:
         for other in classes:
-            for (a, layer), (b, other_layer) in itertools.product(_parts(one), _parts(other)):
+            for (a, layer), (b, other_layer) in itertools.product(_parts(entry), _parts(other)):
                 pair = frozenset((a, b))
                 meet = layer_of.get(pair, -1) == layer == other_layer
-                if pair in layer_of and meet == (frozenset((one, other)) in apart):
+                if pair in layer_of and meet == (frozenset((entry, other)) in separate):
                     raise ValueError(
-                        f"{one} and {other} {'do not ' if meet else ''}touch, against the layers of {a}, {b}"
+                        f"{entry} and {other} {'do not ' if meet else ''}touch, against the layers of {a}, {b}"
                     )
     for copies, other_copies in _meeting(sidecar, of, fixed):
-        met = [(a, b) for a in copies for b in other_copies if frozenset((a, b)) not in apart]
+        met = [(a, b) for a in copies for b in other_copies if frozenset((a, b)) not in separate]
         if len(met) > 1:
             raise ValueError(f"copies of the same two shapes meet {len(met)} times: {met}")
 
@@ -425,26 +425,26 @@ def _meeting(sidecar: DartSidecar, of: Mapping[str, str], fixed: set[str]) -> se
     for shape in sidecar.shapes:
         if shape.surfaces:
             copies.setdefault(shape.body, set()).add(tuple(of.get(copy.node, "") for copy in shape.surfaces))
-    if all(len(one) < 2 for held in copies.values() for one in held):
+    if all(len(entry) < 2 for copy in copies.values() for entry in copy):
         return set()
     group = {name: key for key, names in sidecar.groups.items() for name in names}
     ignored = {frozenset(pair) for pair in sidecar.ignored_groups}
     excluded = {frozenset(pair) for pair in sidecar.excluded}
     special = {name for pair in excluded for name in pair}
     chosen: dict[tuple[Any, ...], list[str]] = {}
-    for name, held in copies.items():
-        key = (frozenset(held), group.get(name), name in fixed, name if name in special else "")
+    for name, actual in copies.items():
+        key = (frozenset(actual), group.get(name), name in fixed, name if name in special else "")
         alike = chosen.setdefault(key, [])
         if len(alike) < 2:
             alike.append(name)
     bodies = [name for names in chosen.values() for name in names]
     return {
         (a, b)
-        for index, one in enumerate(bodies)
+        for index, body in enumerate(bodies)
         for other in bodies[index + 1 :]
-        if not (one in fixed and other in fixed)
-        and frozenset((one, other)) not in excluded
-        and (one not in group or other not in group or frozenset((group[one], group[other])) not in ignored)
-        for a in copies[one]
+        if not (body in fixed and other in fixed)
+        and frozenset((body, other)) not in excluded
+        and (body not in group or other not in group or frozenset((group[body], group[other])) not in ignored)
+        for a in copies[body]
         for b in copies[other]
     }

@@ -94,15 +94,15 @@ def _cone(content: dict[str, Any]) -> None:
 
 def _copy_filter(content: dict[str, Any]) -> None:
     """Ice and rubber meet in each other's wrong layer."""
-    layer = next(layer for first, other, layer in content["filter"]["layers"] if (first, other) == ("ice", "rubber"))
+    layer = next(layer for entry, other, layer in content["filter"]["layers"] if (entry, other) == ("ice", "rubber"))
     wrong = 1 - layer
     content["filter"]["apart"].remove([f"ice.{wrong}", f"rubber.{wrong}"])
     content["filter"]["apart"].append([f"ice.{layer}", f"rubber.{layer}"])
 
 
 def _passing_pair(content: dict[str, Any]) -> None:
-    apart = content["filter"]["apart"]
-    apart[:] = [pair for pair in apart if {name.rpartition(".")[0] for name in pair} != {"ghost", "ice"}]
+    separate = content["filter"]["apart"]
+    separate[:] = [pair for pair in separate if {name.rpartition(".")[0] for name in pair} != {"ghost", "ice"}]
 
 
 def _not_solid(content: dict[str, Any]) -> None:

@@ -94,8 +94,8 @@ class DartDialect(Dialect):
             for root, bodies in trees(moved).items()
         )
         detector = collision_detector(world, target)
-        told = format.SkelWorld(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
-        return Lowered(told, _sidecar(world, target, nodes, offsets))
+        tree = format.SkelWorld(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
+        return Lowered(tree, _sidecar(world, target, nodes, offsets))
 
     def raise_(self, document: SkelDocument, sidecar: DartSidecar) -> ReadBack:
         """See ``dialects/dart/raising.py``."""
@@ -106,8 +106,8 @@ class DartDialect(Dialect):
 
 def node_name(node: Node) -> str:
     """The name of a body's node in the file."""
-    own = file_name(node.body)
-    return own if node.index == 0 else COPY.format(body=own, index=node.index)
+    name = file_name(node.body)
+    return name if node.index == 0 else COPY.format(body=name, index=node.index)
 
 
 def contact_solver(world: World, target: Target) -> str:
@@ -264,14 +264,14 @@ def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> tuple[S
 
 def _filter(nodes: Nodes) -> NodeFilter:
     """Only the classes that a pair names."""
-    apart = nodes.apart()
-    named = {parts for pair in apart for parts in pair}
+    excluded = nodes.apart()
+    named = {parts for pair in excluded for parts in pair}
     return NodeFilter(
         {
             class_name(parts): tuple(node_name(node) for node in group)
             for parts, group in nodes.classes().items()
             if parts in named
         },
-        tuple((class_name(one), class_name(other)) for one, other in apart),
-        tuple(nodes.layers()) if apart else (),
+        tuple((class_name(first), class_name(second)) for first, second in excluded),
+        tuple(nodes.layers()) if excluded else (),
     )

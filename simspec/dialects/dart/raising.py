@@ -68,10 +68,10 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
         joint = joints[name]
         if joint.parent is not None:
             joint = replace(joint, parent=BACK.get(joint.parent, joint.parent))
-        own_nodes = {node: elements[node] for node in (name, *nodes.get(name, ()))}
+        body_nodes = {node: elements[node] for node in (name, *nodes.get(name, ()))}
         inertial = _needed(elements[name].item, elements[name].inertial, "inertia")
         bodies[entry.name] = Body(
-            entry.name, model, inertial, joint, _shapes(own_nodes, name, shapes.get(entry.name, ()), document.meshes)
+            entry.name, model, inertial, joint, _shapes(body_nodes, name, shapes.get(entry.name, ()), document.meshes)
         )
     _complete_joints(bodies, sidecar)
     physics = document.item
@@ -233,14 +233,14 @@ def _check_meshes(document: skel.SkelDocument) -> None:
 
 def _shapes(
     nodes: Mapping[str, skel.SkelBodyItem],
-    own: str,
+    name_of_first: str,
     entries: Sequence[ShapeEntry],
     meshes: Mapping[str, tuple[float, ...]],
 ) -> tuple[Shape, ...]:
     """The shapes of a body in the order of the sidecar, which says which of them are visual and on which nodes they are
-    solid. ``nodes`` are the body's, ``own`` the name of the one that has the visual shapes."""
+    solid. ``nodes`` are the body's, ``name_of_first`` the name of the one that has the visual shapes."""
     solid = {name: list(node.collision) for name, node in nodes.items()}
-    visual = list(nodes[own].visual)
+    visual = list(nodes[name_of_first].visual)
     shapes = []
     for entry in entries:
         name = entry.name
@@ -251,7 +251,7 @@ def _shapes(
             read.append(_shape(name, solid[copy.node].pop(0), meshes))
         if entry.visual:
             if not visual:
-                raise ValueError(f"body {own!r} has too few visual shapes for {name!r}")
+                raise ValueError(f"body {name_of_first!r} has too few visual shapes for {name!r}")
             element = visual.pop(0)
             red, green, blue, opacity = _needed(element.item, element.item.numbers_of("color", 4), "color")
             read.append(replace(_shape(name, element, meshes), colour=(red, green, blue, opacity)))
@@ -261,7 +261,7 @@ def _shapes(
             raise ValueError(f"visual and collision of shape {name!r}, or two of its copies, differ")
         surfaces = tuple(Surface(copy.friction, restitution=copy.restitution) for copy in entry.surfaces)
         shapes.append(replace(read[-1], visual=entry.visual, collision=bool(surfaces), surfaces=surfaces))
-    left = [name for name, elements in (*solid.items(), (own, visual)) if elements]
+    left = [name for name, elements in (*solid.items(), (name_of_first, visual)) if elements]
     if left:
         raise ValueError(f"nodes {left} have shapes that the sidecar does not name")
     return tuple(shapes)

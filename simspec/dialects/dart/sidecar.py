@@ -102,7 +102,7 @@ class DartSidecar(Sidecar):
                 raise ValueError(f"sidecar.shapes.{index} has the material {shape.material!r} and no surface of it")
         check_distinct((node for nodes in self.filter.classes.values() for node in nodes), "sidecar.filter.classes")
         _check_used(self.filter.classes, self.filter.apart, "sidecar.filter.classes")
-        check_distinct(((one, other) for one, other, _ in self.filter.layers), "sidecar.filter.layers")
+        check_distinct(((name, other) for name, other, _ in self.filter.layers), "sidecar.filter.layers")
 
 
 def _check_used(sets: Mapping[str, Names], pairs: NamePairs, at: str) -> None:

@@ -101,11 +101,11 @@ def problems(world: World) -> list[Problem]:
 
 def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> Problem:
     first, second = next(iter(values))
-    told = "; ".join(f"{one}, {other}: {value}" for (one, other), value in values.items())
+    text = "; ".join(f"{name}, {other}: {value}" for (name, other), value in values.items())
     return Problem(
         f"PyBullet supports only {what}",
         f"contact.pairs.{first}.{second}.{field}",
-        found=told,
+        found=text,
         hint="make them equal, or run without this engine",
     )
 
@@ -136,10 +136,10 @@ def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
             by_body.setdefault(body.name, []).append(name)
     classes = sorted(links, key=lambda key: (key[0], key[1], sorted(key[2])))
 
-    def touch(one: Key, other: Key) -> bool:
-        if (one[0] and other[0]) or (min(one[1], other[1]), max(one[1], other[1])) in ignored:
+    def touch(key: Key, other: Key) -> bool:
+        if (key[0] and other[0]) or (min(key[1], other[1]), max(key[1], other[1])) in ignored:
             return False
-        return not one[2].isdisjoint(holds[other])
+        return not key[2].isdisjoint(holds[other])
 
     excluded = {
         (min(a, b), max(a, b))
@@ -175,10 +175,10 @@ def _apart(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> set[tupl
     names: Iterable[str] = sorted(of)
     ordered = list(names)
     return {
-        (one, other)
-        for index, one in enumerate(ordered)
+        (name, other)
+        for index, name in enumerate(ordered)
         for other in ordered[index + 1 :]
-        if not touch(of[one], of[other])
+        if not touch(of[name], of[other])
     }
 
 
@@ -195,11 +195,11 @@ LINK_MARGIN: Final = 1e-3
 """m, around hulls on links other than bases."""
 
 
-def told_shapes(body: Body, parts: Sequence[CollisionPart], own_margin: float) -> dict[str, Shape]:
+def told_shapes(body: Body, parts: Sequence[CollisionPart], local_margin: float) -> dict[str, Shape]:
     """The shapes of a body by name, those that touch within the margin of the link that carries them: ``own_margin`` on its
     own."""
     margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}
-    margins |= {shape.name: own_margin for shape in parts[0].shapes}
+    margins |= {shape.name: local_margin for shape in parts[0].shapes}
     return {shape.name: _within(shape, margins.get(shape.name, 0.0)) for shape in body.shapes}
 
 
@@ -216,13 +216,13 @@ def faces_meet(world: World, plan: ContactPlan, base_margin: float) -> bool:
 def margins_of(kind: str, body: Body, plan: ContactPlan, base_margin: float) -> Iterator[tuple[Shape, float]]:
     """The shapes of a ``kind`` of a body that touch, each with the margin (m) of a link that carries it; a copied one more than
     once."""
-    own, *carried = parts(body, plan) or (None,)
+    local, *carried = parts(body, plan) or (None,)
     root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
     on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
-    for part in () if own is None else (own, *carried):
+    for part in () if local is None else (local, *carried):
         for shape in part.shapes:
             if shape.kind == kind:
-                yield shape, base_margin if part is own and on_base else LINK_MARGIN
+                yield shape, base_margin if part is local and on_base else LINK_MARGIN
 
 
 def _within(shape: Shape, margin: float) -> Shape:

@@ -136,10 +136,10 @@ def _no_groups(content: dict[str, Any]) -> None:
 def _group(content: dict[str, Any]) -> None:
     """The quiet body goes into the class of the cube."""
     classes = content["collision_filter"]["classes"]
-    for one_class in classes:
-        if "quiet" in one_class["links"]:
-            one_class["links"].remove("quiet")
-    next(one_class for one_class in classes if "cube" in one_class["links"])["links"].append("quiet")
+    for class_ in classes:
+        if "quiet" in class_["links"]:
+            class_["links"].remove("quiet")
+    next(single_class for single_class in classes if "cube" in single_class["links"])["links"].append("quiet")
 
 
 def _class_of(content: dict[str, Any], link: str) -> dict[str, Any]:
@@ -150,9 +150,9 @@ def _class_of(content: dict[str, Any], link: str) -> dict[str, Any]:
 def _copy_filter(content: dict[str, Any]) -> None:
     """The rubber cube and its copy change places in the filter."""
     instance = next(instance for instance in content["instances"] if instance["bodies"] == ["rubber_cube"])
-    own, copy = "rubber_cube", instance["copies"][0]["link"]
-    for one_class in content["collision_filter"]["classes"]:
-        one_class["links"] = [{own: copy, copy: own}.get(link, link) for link in one_class["links"]]
+    text, copy = "rubber_cube", instance["copies"][0]["link"]
+    for single_class in content["collision_filter"]["classes"]:
+        single_class["links"] = [{text: copy, copy: text}.get(link, link) for link in single_class["links"]]
 
 
 def _passing(content: dict[str, Any]) -> None:

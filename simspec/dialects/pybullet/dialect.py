@@ -155,17 +155,17 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Urdf
     world_link = unlike(root.name + WORLD_SUFFIX, {body.name for body in bodies})
     if has_world_link(root):
         links.append(_carrier(world_link, Surface(), ()))
-    told: dict[str, dict[str, Shape]] = {}
+    shapes_by_body: dict[str, dict[str, Shape]] = {}
     for body in bodies:
-        own = parts[body.name][0]
+        local = parts[body.name][0]
         margin = LINK_MARGIN if links else base_margin
-        shapes = told[body.name] = told_shapes(body, parts[body.name], margin)
+        shapes = shapes_by_body[body.name] = told_shapes(body, parts[body.name], margin)
         links.append(
             UrdfLink(
                 body.name,
                 principal_inertial(body.inertial),
-                *_shown(tuple(shapes.values()), tuple(shapes[shape.name] for shape in own.shapes)),
-                extensions=(_contact(own.surface),),
+                *_shown(tuple(shapes.values()), tuple(shapes[shape.name] for shape in local.shapes)),
+                extensions=(_contact(local.surface),),
             )
         )
         if body.joint.parent is not None:
@@ -175,7 +175,7 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Urdf
     for body in bodies:
         for part in parts[body.name][1:]:
             name = copy_name(part)
-            carried = tuple(told[body.name][shape.name] for shape in part.shapes)
+            carried = tuple(shapes_by_body[body.name][shape.name] for shape in part.shapes)
             links.append(_carrier(name, part.surface, carried))
             joints.append(UrdfJoint(f"{name}.joint", JOINT_TYPES["fixed"], body.name, name, UrdfOrigin(), NO_AXIS))
     return UrdfRobot(root.model, tuple(links), tuple(joints))
@@ -283,9 +283,9 @@ class PybulletDialect(Dialect):
         coordinates = Coordinates(world)
         files = RobotFiles({SIDECAR})
         instances = []
-        beside = held_beside(world)
+        alongside = held_beside(world)
         for tree in trees(moved).values():
-            bodies = tuple(body for body in tree if body.name not in beside)
+            bodies = tuple(body for body in tree if body.name not in alongside)
             parts = {body.name: split(body, target.plan) for body in bodies}
             robot = robot_of(bodies, parts, float(target.settings["collision_margin"]))
             instances.append(instance_of(files.add(robot), bodies, parts, coordinates))
@@ -299,7 +299,7 @@ class PybulletDialect(Dialect):
             collision_filter=collision_filter(world, target.plan),
             restitution_threshold=restitution_threshold(world),
             native_contact=native_contact(world),
-            frames=tuple(frame_of(body) for body in moved.bodies if body.name in beside) or None,
+            frames=tuple(frame_of(body) for body in moved.bodies if body.name in alongside) or None,
             sleepers=tuple(sorted(free_rigid(world))) if target.settings.get("sleeping", False) else None,
         )
         return Lowered(files.robots, sidecar)
@@ -311,9 +311,9 @@ class PybulletDialect(Dialect):
 def _check(world: World, target: Target) -> None:
     """Raise UnsupportedError with all that PyBullet cannot have of this world."""
     refused = problems(world)
-    beside = held_beside(world)
+    alongside = held_beside(world)
     for root, tree in trees(world).items():
-        bodies = [body for body in tree if body.name not in beside]
+        bodies = [body for body in tree if body.name not in alongside]
         links = sum(len(split(body, target.plan)) for body in bodies)
         if links > MOST_LINKS:
             refused.append(

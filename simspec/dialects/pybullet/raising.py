@@ -189,13 +189,13 @@ def _shapes(file: _File, link: UrdfLinkNode, names: Sequence[str], copied: bool 
     if set(shapes) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
     margin = file.base_margin if link is file.links[0] else LINK_MARGIN
-    held = {
+    actual = {
         name: dataclasses.replace(shape, surfaces=(surface,), rounding=margin if shape.kind in MARGINS else 0.0)
         if shape.collision
         else shape
         for name, shape in shapes.items()
     }
-    return tuple(held[name] for name in names if name in held)
+    return tuple(actual[name] for name in names if name in actual)
 
 
 def _joint(joint: UrdfJointNode) -> Joint:
@@ -243,11 +243,11 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
     if skipped:
         check_empty(file.links[0])
     copies = _copies(file, carriers, first, instance)
-    own_name = dict(zip(first.bodies, instance.bodies, strict=True))
+    local_name = dict(zip(first.bodies, instance.bodies, strict=True))
     bodies = []
     q, v = list(instance.position), list(instance.velocity)
     for place, link in enumerate(links):
-        joint = _joint_above(file, link, instance, world_link, own_name)
+        joint = _joint_above(file, link, instance, world_link, local_name)
         position = tuple(q[: POSITION_SIZE[joint.kind]])
         velocity = tuple(v[: VELOCITY_SIZE[joint.kind]])
         del q[: POSITION_SIZE[joint.kind]], v[: VELOCITY_SIZE[joint.kind]]
@@ -256,8 +256,8 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
             velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))  # type: ignore[arg-type]
         name, names_in_file = instance.bodies[place], first.shapes[place]
         carried = copies.get(name, [])
-        own_shapes = _shapes(file, link, names_in_file, copied=bool(carried))
-        whole = {shape.name: shape for shape in _with_copies(own_shapes, instance.layers[place], carried)}
+        local_shapes = _shapes(file, link, names_in_file, copied=bool(carried))
+        whole = {shape.name: shape for shape in _with_copies(local_shapes, instance.layers[place], carried)}
         if set(whole) != set(names_in_file):
             raise ValueError(f"body {name!r} has the shapes {sorted(whole)}, the sidecar names {sorted(names_in_file)}")
         shapes = zip(names_in_file, instance.shapes[place], strict=True)
@@ -267,14 +267,14 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
                 instance.model,
                 inertial_of(link.inertial),
                 dataclasses.replace(joint, name=instance.joints[place], position=position, velocity=velocity),
-                tuple(dataclasses.replace(whole[in_file], name=own) for in_file, own in shapes),
+                tuple(dataclasses.replace(whole[in_file], name=text) for in_file, text in shapes),
             )
         )
     return bodies
 
 
 def _joint_above(
-    file: _File, link: UrdfLinkNode, instance: Instance, world_link: str | None, own_name: Mapping[str, str]
+    file: _File, link: UrdfLinkNode, instance: Instance, world_link: str | None, local_name: Mapping[str, str]
 ) -> Joint:
     """The joint above a link, with its parent's own name; the root's is what the instance says."""
     if link.name not in file.joints:
@@ -282,29 +282,29 @@ def _joint_above(
     joint = _joint(file.joints[link.name])
     if joint.parent == world_link:
         return dataclasses.replace(joint, parent=None, origin=frames.compose(instance.base, joint.origin))
-    if joint.parent is None or joint.parent not in own_name:
+    if joint.parent is None or joint.parent not in local_name:
         raise ValueError(f"{instance.file}: link {link.name!r} has the parent {joint.parent!r}, which is not a body")
-    return dataclasses.replace(joint, parent=own_name[joint.parent])
+    return dataclasses.replace(joint, parent=local_name[joint.parent])
 
 
 def _copies(file: _File, carriers: Sequence[UrdfLinkNode], first: Instance, instance: Instance) -> dict[str, Layers]:
     """Of each body of this instance the layers and shapes that other links carry, under the file's names."""
     copies: dict[str, Layers] = {}
-    for link, in_file, own in zip(carriers, first.copies, instance.copies, strict=True):
+    for link, in_file, copy in zip(carriers, first.copies, instance.copies, strict=True):
         joint = file.joints[link.name]
         if joint.type != "fixed" or joint.parent != in_file.body or pose_of(joint.origin) != Pose():
             raise joint.node.error(f"link {link.name!r} is not welded onto the body of its shapes, {in_file.body!r}")
         if inertial_of(link.inertial).mass:
             raise link.node.error(f"link {link.name!r} only carries shapes, and has a mass")
         shapes = _shapes(file, link, in_file.shapes)
-        copies.setdefault(own.body, []).append((own.layer, shapes))
+        copies.setdefault(copy.body, []).append((copy.layer, shapes))
     return copies
 
 
-def _with_copies(own: tuple[Shape, ...], layer: int, copies: Layers) -> tuple[Shape, ...]:
+def _with_copies(local: tuple[Shape, ...], layer: int, copies: Layers) -> tuple[Shape, ...]:
     """The shapes of a body: those of its own link in ``layer``, and those of other links, each once with all surfaces."""
-    known = {shape.name: shape for shape in own}
-    layers = {shape.name: [(layer, shape.surfaces[0])] for shape in own if shape.collision}
+    known = {shape.name: shape for shape in local}
+    layers = {shape.name: [(layer, shape.surfaces[0])] for shape in local if shape.collision}
     for number, shapes in copies:
         for shape in shapes:
             before = known.setdefault(shape.name, shape)

@@ -115,9 +115,9 @@ class PybulletSidecar(Sidecar):
 
     def check(self) -> None:
         kinds = {body.name: body.kind for body in self.bodies}
-        told = [instance.bodies for instance in self.instances]
-        check_every_body([*told, [frame.name for frame in self.frames or ()]], kinds)
-        _check_frames(self.frames or (), {name for bodies in told for name in bodies}, kinds)
+        given = [instance.bodies for instance in self.instances]
+        check_every_body([*given, [frame.name for frame in self.frames or ()]], kinds)
+        _check_frames(self.frames or (), {name for bodies in given for name in bodies}, kinds)
         solid: set[str] = set()
         for index, instance in enumerate(self.instances):
             _check_instance(instance, kinds, f"sidecar.instances.{index}")
@@ -136,9 +136,9 @@ class PybulletSidecar(Sidecar):
             raise ValueError("sidecar.sleepers and the setting sleeping disagree")
 
 
-def _check_frames(frames: Sequence[Frame], told: set[str], kinds: Mapping[str, str]) -> None:
+def _check_frames(frames: Sequence[Frame], given: set[str], kinds: Mapping[str, str]) -> None:
     """Every frame is fixed to a body that PyBullet is told, or to a frame before it."""
-    known = set(told)
+    known = set(given)
     for frame in frames:
         check_known((frame.parent,), known, f"sidecar.frames, {frame.name!r}")
         if kinds[frame.name] != "fixed":
@@ -192,9 +192,9 @@ def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None
         raise ValueError(f"{at}.base is not where {at}.position puts it")
     turns: list[Sequence[float]] = [base.quaternion]
     for body in instance.bodies:
-        own = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
+        local = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
         if kinds[body] in QUATERNION_JOINTS:
-            turns.append(own[-4:])
+            turns.append(local[-4:])
     check_unit(turns, at)
 
 
@@ -219,8 +219,8 @@ def held_beside(world: World) -> frozenset[str]:
 
 
 def _room(world: World) -> Refinement | None:
-    beside = held_beside(world)
-    most = max((sum(body.name not in beside for body in bodies) for bodies in trees(world).values()), default=0)
+    alongside = held_beside(world)
+    most = max((sum(body.name not in alongside for body in bodies) for bodies in trees(world).values()), default=0)
     return BESIDE if most <= MOST_LINKS else None
 
 

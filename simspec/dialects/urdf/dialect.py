@@ -88,9 +88,9 @@ class UrdfDialect(Dialect):
         instances = []
         for bodies in trees(moved).values():
             robot = standard_robot(bodies, LANGUAGE_KINDS)
-            beside = tuple(tuple(shape.kind in BESIDE for shape in body.shapes) for body in bodies)
+            alongside = tuple(tuple(shape.kind in BESIDE for shape in body.shapes) for body in bodies)
             root = robot.links[0].name
-            instances.append(_instance(files.add(robot, beside), root, bodies, coordinates))
+            instances.append(_instance(files.add(robot, alongside), root, bodies, coordinates))
         sidecar = UrdfSidecar(
             **common_fields(self.NAME, self.FORMAT, world, target, offsets),
             gravity=world.physics.gravity,
@@ -179,8 +179,8 @@ def _pairs(world: World, plan: ContactPlan) -> Iterator[ShapePair]:
     wanted = plan.missed if plan.explicit is None else plan.explicit
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
     for first, second in shape_pairs(world, wanted):
-        one, other = sorted((material[first], material[second]))
-        law = laws[one, other]
+        name, other = sorted((material[first], material[second]))
+        law = laws[name, other]
         yield ShapePair(
             first, second, law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness
         )

@@ -59,14 +59,14 @@ def raised(document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
             raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
     check_meshes(document)
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
-    beside = {entry.shape: entry for entry in sidecar.beside}
+    alongside = {entry.shape: entry for entry in sidecar.beside}
     first: dict[str, Instance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
         if instance.file not in document.robots:
             raise ValueError(f"the file {instance.file!r} is missing")
         pattern = first.setdefault(instance.file, instance)
-        tree = _Tree(document.robots[instance.file], document.meshes, pattern, instance, surfaces, beside)
+        tree = _Tree(document.robots[instance.file], document.meshes, pattern, instance, surfaces, alongside)
         for body in tree.bodies():
             bodies[body.name] = body
     if unused := document.robots.keys() - first.keys():
@@ -110,8 +110,8 @@ class _Tree:
         surfaces: Mapping[str, Surface],
         beside: Mapping[str, BesideShape],
     ):
-        own = robot.links if instance.free else robot.links[1:]
-        if [link.name for link in own] != list(first.bodies) or robot.root != first.root_link:
+        links = robot.links if instance.free else robot.links[1:]
+        if [link.name for link in links] != list(first.bodies) or robot.root != first.root_link:
             raise ValueError(f"{instance.file}: the links are not those of the sidecar, {list(first.bodies)}")
         if not robot.links or robot.links[0].name != robot.root or instance.free != first.free:
             raise ValueError(f"{instance.file}: its root is not the sidecar's")
@@ -119,7 +119,7 @@ class _Tree:
             raise ValueError(f"{instance.file}: two instances have other links")
         if not instance.free:
             check_empty(robot.links[0])
-        self._links, self._first, self._instance, self._meshes = own, first, instance, meshes
+        self._links, self._first, self._instance, self._meshes = links, first, instance, meshes
         self._joints = {joint.child: joint for joint in robot.joints}
         self._own_name = dict(zip(first.bodies, instance.bodies, strict=True))
         self._surfaces, self._beside = surfaces, beside
@@ -160,10 +160,10 @@ class _Tree:
     def _shapes(self, place: int, link: UrdfLinkNode) -> tuple[Shape, ...]:
         """The shapes of a body, in the sidecar's order: of the file, or of the sidecar itself."""
         in_file = shapes_of(link, partial(size_of, meshes=self._meshes))
-        names, own = self._first.shapes[place], self._instance.shapes[place]
+        names, local = self._first.shapes[place], self._instance.shapes[place]
         materials = self._instance.materials[place]
         whole = []
-        for name_in_file, name, material in zip(names, own, materials, strict=True):
+        for name_in_file, name, material in zip(names, local, materials, strict=True):
             entry = self._beside.get(name)
             shape = _shape(entry) if entry is not None else in_file.pop(name_in_file, None)
             if shape is None:
@@ -172,8 +172,8 @@ class _Tree:
                 raise link.node.error(
                     f"shape {name_in_file!r} and the sidecar differ on whether it is a collision shape"
                 )
-            held = (self._surfaces[material],) if shape.collision else ()
-            whole.append(dataclasses.replace(shape, name=name, surfaces=held))
+            actual = (self._surfaces[material],) if shape.collision else ()
+            whole.append(dataclasses.replace(shape, name=name, surfaces=actual))
         if in_file:
             raise link.node.error(f"link {link.name!r} has shapes that the sidecar does not name: {sorted(in_file)}")
         return tuple(whole)

@@ -151,7 +151,7 @@ class UrdfSidecar(Sidecar):
         check_known(used, materials, "sidecar.instances, materials")
         check_known({name for pair in self.pairs for name in (pair.first, pair.second)}, shapes, "sidecar.pairs")
         check_distinct((entry.shape for entry in self.beside), "sidecar.beside")
-        own = {
+        local = {
             shape: body
             for instance in self.instances
             for body, names in zip(instance.bodies, instance.shapes, strict=True)
@@ -160,7 +160,7 @@ class UrdfSidecar(Sidecar):
         for index, entry in enumerate(self.beside):
             at = f"sidecar.beside.{index}"
             check_known((entry.kind,), BESIDE, at)
-            if own.get(entry.shape) != entry.body:
+            if local.get(entry.shape) != entry.body:
                 raise ValueError(f"{at}: body {entry.body!r} has no shape {entry.shape!r}")
             wrong = SHAPES[entry.kind].wrong_size(entry.size)
             if wrong is not None:

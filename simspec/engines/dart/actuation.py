@@ -58,10 +58,10 @@ def _alone_on_servos(world: World, pushed: Container[str]) -> Refinement | None:
 def none_along_servos(world: World) -> Refinement | None:
     """Not supported where a spring or damper acts along a sum of which a joint is natively driven."""
     owner = {body.joint.name: body for body in world.bodies}
-    for one in world.sums:
-        if served := natively_driven([owner[joint] for joint, _ in one.joints], world):
+    for sum_ in world.sums:
+        if served := natively_driven([owner[joint] for joint, _ in sum_.joints], world):
             return unsupported_if(
-                f"DART's servos let no other effort act on their joint, and {served[0]!r} is in {one.name!r}"
+                f"DART's servos let no other effort act on their joint, and {served[0]!r} is in {sum_.name!r}"
             )
     return None
 

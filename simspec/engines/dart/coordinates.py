@@ -80,12 +80,12 @@ class Tree:
         found = np.zeros((len(self.block), len(self.block)))
         for row, place in self.straight:
             found[row, column[place]] = 1.0
-        for one in self.turners:
-            row, first = one.start, column[one.v.start]
-            if one.kind == "ball":
+        for turner in self.turners:
+            row, first = turner.start, column[turner.v.start]
+            if turner.kind == "ball":
                 found[row : row + 3, first : first + 3] = np.eye(3)
             else:
-                turn = exponential_of(one.joint.getPositions()[:3].tolist())
+                turn = exponential_of(turner.joint.getPositions()[:3].tolist())
                 found[row : row + 3, first + 3 : first + 6] = frames.matrix(turn)
                 found[row + 3 : row + 6, first : first + 3] = np.eye(3)
         return found
@@ -103,11 +103,11 @@ class Coordinates:
         rows: dict[str, list[tuple[Any, str, slice, slice]]] = {}
         for body, kind in zip(bodies, kinds, strict=True):
             joint = body.getParentJoint()
-            held = JOINT_KINDS.get(joint.getType())
-            if held is None:
+            joint_kind = JOINT_KINDS.get(joint.getType())
+            if joint_kind is None:
                 raise EngineError(NAME, f"holds the joint {joint.getName()!r} as {joint.getType()}, unknown here")
-            if held != kind:
-                raise EngineError(NAME, f"joint {joint.getName()!r} is a {held} joint, the sidecar says {kind}")
+            if joint_kind != kind:
+                raise EngineError(NAME, f"joint {joint.getName()!r} is a {joint_kind} joint, the sidecar says {kind}")
             q = slice(self.nq, self.nq + POSITION_SIZE[kind])
             v = slice(self.nv, self.nv + VELOCITY_SIZE[kind])
             self.q_places.append(q)
@@ -117,7 +117,7 @@ class Coordinates:
         self.trees = [
             self._tree(entries) for entries in rows.values() if any(VELOCITY_SIZE[kind] for _, kind, _, _ in entries)
         ]
-        self.turners = [one for tree in self.trees for one in tree.turners]
+        self.turners = [turner for tree in self.trees for turner in tree.turners]
         self._index()
 
     def _tree(self, entries: list[tuple[Any, str, slice, slice]]) -> Tree:
@@ -143,15 +143,15 @@ class Coordinates:
         """Index arrays for all joints of a kind at once."""
         table = np.array(self._straight, dtype=np.intp).reshape(-1, 3)
         self._dof, self._q, self._v = table[:, 0], table[:, 1], table[:, 2]
-        balls = [one for one in self.turners if one.kind == "ball"]
-        free = [one for one in self.turners if one.kind == "free"]
+        balls = [turner for turner in self.turners if turner.kind == "ball"]
+        free = [turner for turner in self.turners if turner.kind == "free"]
 
         def places(starts: list[int], count: int) -> np.ndarray:
             return np.array(starts, dtype=np.intp).reshape(-1, 1) + np.arange(count)
 
-        self._ball_dof = places([one.dof for one in balls], 3)
+        self._ball_dof = places([ball.dof for ball in balls], 3)
         self._ball_q, self._ball_v = places([b.q.start for b in balls], 4), places([b.v.start for b in balls], 3)
-        self._free_dof = places([one.dof for one in free], 6)
+        self._free_dof = places([turner.dof for turner in free], 6)
         self._free_q, self._free_v = places([f.q.start for f in free], 7), places([f.v.start for f in free], 6)
 
     def positions(self) -> np.ndarray:
@@ -168,13 +168,13 @@ class Coordinates:
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """(q, v) of the present state."""
-        held, rate = self.positions(), self.velocities()
+        values, rate = self.positions(), self.velocities()
         q, v = np.zeros(self.nq), np.zeros(self.nv)
-        q[self._q], v[self._v] = held[self._dof], rate[self._dof]
+        q[self._q], v[self._v] = values[self._dof], rate[self._dof]
         if len(self._ball_q):
-            q[self._ball_q], v[self._ball_v] = exponential(held[self._ball_dof]), rate[self._ball_dof]
+            q[self._ball_q], v[self._ball_v] = exponential(values[self._ball_dof]), rate[self._ball_dof]
         if len(self._free_q):
-            place, motion = held[self._free_dof], rate[self._free_dof]
+            place, motion = values[self._free_dof], rate[self._free_dof]
             turns = exponential(place[:, :3])
             q[self._free_q] = np.concatenate([place[:, 3:], turns], axis=1)
             v[self._free_v] = np.concatenate([motion[:, 3:], rotate(conjugate(turns), motion[:, :3])], axis=1)
@@ -183,22 +183,22 @@ class Coordinates:
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put all skeletons into the state (q, v), without accelerations, forces or impulses of before."""
         q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
-        held, rate = np.zeros(self.count), np.zeros(self.count)
-        held[self._dof], rate[self._dof] = q[self._q], v[self._v]
-        for one in self.turners:
-            given = q[one.q].tolist()
-            turn = one.turn = frames.normalise(tuple(given[-4:]))
-            first, motion = one.dof, v[one.v]
-            held[first : first + 3] = vector_of(turn)
-            if one.kind == "ball":
+        values, rate = np.zeros(self.count), np.zeros(self.count)
+        values[self._dof], rate[self._dof] = q[self._q], v[self._v]
+        for turner in self.turners:
+            given = q[turner.q].tolist()
+            turn = turner.turn = frames.normalise(tuple(given[-4:]))
+            first, motion = turner.dof, v[turner.v]
+            values[first : first + 3] = vector_of(turn)
+            if turner.kind == "ball":
                 rate[first : first + 3] = motion
             else:
-                held[first + 3 : first + 6] = given[:3]
+                values[first + 3 : first + 6] = given[:3]
                 rate[first : first + 3] = frames.rotate(turn, tuple(motion[3:].tolist()))
                 rate[first + 3 : first + 6] = motion[:3]
         for tree in self.trees:
             skeleton = tree.skeleton
-            skeleton.setPositions(held[tree.dofs])
+            skeleton.setPositions(values[tree.dofs])
             skeleton.setVelocities(rate[tree.dofs])
             skeleton.setAccelerations(np.zeros(tree.dofs.stop - tree.dofs.start))
             skeleton.clearInternalForces()
@@ -274,11 +274,11 @@ class Efforts:
         found = np.zeros(tree.dofs.stop - tree.dofs.start)
         for start, place in tree.straight:
             found[start] = effort[place]
-        for one in tree.turners:
-            given = effort[one.v]
-            found[one.start : one.start + 3] = given[-3:]
-            if one.kind == "free":
-                found[one.start + 3 : one.start + 6] = given[:3]
+        for turner in tree.turners:
+            given = effort[turner.v]
+            found[turner.start : turner.start + 3] = given[-3:]
+            if turner.kind == "free":
+                found[turner.start + 3 : turner.start + 6] = given[:3]
         return found
 
     def apply(self, tree: Tree) -> None:
@@ -289,10 +289,10 @@ class Efforts:
             total = np.zeros(dofs.stop - dofs.start)
         else:
             total = given.copy()
-            for one in tree.turners:
-                if one.kind == "free":
-                    turn = one.turn or exponential_of(one.joint.getPositions()[:3].tolist())
-                    place = slice(one.start, one.start + 3)
+            for turner in tree.turners:
+                if turner.kind == "free":
+                    turn = turner.turn or exponential_of(turner.joint.getPositions()[:3].tolist())
+                    place = slice(turner.start, turner.start + 3)
                     total[place] = frames.rotate(turn, tuple(given[place].tolist()))
         if name in self._driven:
             total -= self._loss[dofs] * skeleton.getVelocities()
@@ -302,9 +302,9 @@ class Efforts:
     def _stretch(self, tree: Tree) -> np.ndarray:
         """q − rest of one tree, in DART's coordinates: of a ball joint log R."""
         found: np.ndarray = tree.skeleton.getPositions() - self.rest[tree.dofs]
-        for one in tree.turners:
-            if one.kind == "ball":
-                found[one.start : one.start + 3] = shortest(found[one.start : one.start + 3])
+        for turner in tree.turners:
+            if turner.kind == "ball":
+                found[turner.start : turner.start + 3] = shortest(found[turner.start : turner.start + 3])
         return found
 
     def energy(self) -> tuple[float, float]:

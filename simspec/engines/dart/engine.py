@@ -323,8 +323,8 @@ class Dart(SteppedEngine[Simulation]):
 
     def _read_model(self) -> ReadBack:
         sim = self._simulation
-        held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        model = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
+        return dataclasses.replace(model, inventory=inventory(sim), neutral=neutral(sim))
 
     @property
     def world(self) -> Any:
@@ -342,11 +342,11 @@ class Dart(SteppedEngine[Simulation]):
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation
-        held = sim.contacts_of(sim.world.getLastCollisionResult())
-        if not held:
+        contacts = sim.contacts_of(sim.world.getLastCollisionResult())
+        if not contacts:
             return empty_contacts()
-        units = np.array([shapes for shapes, _ in held], dtype=np.int64)
-        table = np.array([(*c.point, *c.normal, c.penetrationDepth, np.dot(c.normal, c.force)) for _, c in held])
+        units = np.array([shapes for shapes, _ in contacts], dtype=np.int64)
+        table = np.array([(*c.point, *c.normal, c.penetrationDepth, np.dot(c.normal, c.force)) for _, c in contacts])
         return contact_table(units, table, sim.body_of_shape)
 
     def collision_units(self) -> Sequence[CollisionUnit]:
@@ -358,9 +358,9 @@ class Dart(SteppedEngine[Simulation]):
         return sorted_pairs(self._simulation.detect_contacts())
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
-        sim, rubbing = self._simulation, set(v.tolist())
+        sim, places = self._simulation, set(v.tolist())
         for body, place in zip(sim.bodies, sim.coordinates.v_places, strict=True):
-            if place.start in rubbing:
+            if place.start in places:
                 body.getParentJoint().setCoulombFriction(0, 0.0)
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:

@@ -317,7 +317,7 @@ def _parts(sim: Simulation) -> dict[str, EngineValue]:
     """Of every body's material in every layer the numbers of its shapes, and the others that it does not touch: those on nodes
     that were told to be apart, on its own node, and, for what cannot move, on all others of that kind."""
     on: dict[str, set[str]] = {}
-    still: set[str] = set()
+    static: set[str] = set()
     shapes = sim.sidecar.shapes
     numbers: dict[str, dict[str, tuple[PlainValue, ...]]] = {"friction": {}, "restitution": {}}
     for index, body in enumerate(sim.bodies):
@@ -333,22 +333,22 @@ def _parts(sim: Simulation) -> dict[str, EngineValue]:
                 ):
                     numbers[key][part] = (*numbers[key].get(part, ()), value)
                 if not body.isReactive():
-                    still.add(part)
-    apart: dict[str, set[str]] = {name: {name} for name in on}
-    for one, other in sim.apart:
-        if one in on and other in on:
-            apart[one].add(other)
-            apart[other].add(one)
+                    static.add(part)
+    excluded: dict[str, set[str]] = {name: {name} for name in on}
+    for node, other in sim.apart:
+        if node in on and other in on:
+            excluded[node].add(other)
+            excluded[other].add(node)
     found: dict[str, set[str]] = {}
-    for node, own in on.items():
-        others = set().union(*(on[name] for name in apart[node]))
-        for part in own:
-            found.setdefault(part, set()).update(others | still if part in still else others)
-    held: dict[str, EngineValue] = {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
-    held.update(
+    for node, labels in on.items():
+        others = set().union(*(on[name] for name in excluded[node]))
+        for part in labels:
+            found.setdefault(part, set()).update(others | static if part in static else others)
+    values: dict[str, EngineValue] = {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
+    values.update(
         {f"surface.{part}.{key}": values for key, by_part in numbers.items() for part, values in by_part.items()}
     )
-    return held
+    return values
 
 
 def part_name(body: str, material: str, layer: int) -> str:

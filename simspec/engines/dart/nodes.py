@@ -37,26 +37,26 @@ class Nodes:
     def __init__(self, world: Any, sidecar: DartSidecar):
         self._sidecar = sidecar
         self.names = [entry.name for entry in sidecar.bodies]
-        held: dict[str, Any] = {}
+        nodes: dict[str, Any] = {}
         for index in range(world.getNumSkeletons()):
             for node in world.getSkeleton(index).getBodyNodes():
-                held[node.getName()] = node
-        own = [file_name(name) for name in self.names]
+                nodes[node.getName()] = node
+        file_names = [file_name(name) for name in self.names]
         copies = {copy.node: file_name(copy.body) for copy in sidecar.copies}
-        wanted = {*own, *copies}
-        missing, more = sorted(wanted - set(held)), sorted(set(held) - wanted)
+        wanted = {*file_names, *copies}
+        missing, more = sorted(wanted - set(nodes)), sorted(set(nodes) - wanted)
         if missing or more:
             raise EngineError(NAME, f"{WORLD} has no bodies {missing}, and the sidecar has no bodies {more}")
-        self.bodies = [held[name] for name in own]
-        self.place = {name: index for index, name in enumerate(own)}
+        self.bodies = [nodes[name] for name in file_names]
+        self.place = {name: index for index, name in enumerate(file_names)}
         self.place_of_body = {name: index for index, name in enumerate(self.names)}
         self._of: list[list[Any]] = [[body] for body in self.bodies]
         for name, body in copies.items():
             place = self.place[name] = self.place[body]
-            self._of[place].append(held[name])
-        self._nodes = held
+            self._of[place].append(nodes[name])
+        self._nodes = nodes
         self._copies = self._find_copies()
-        self._layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar.filter.layers}
+        self._layer_of = {frozenset((name, other)): layer for name, other, layer in sidecar.filter.layers}
 
     def of(self, index: int) -> Sequence[Any]:
         """All nodes of a body, its own first."""
@@ -74,8 +74,8 @@ class Nodes:
             for index, copy in enumerate(shape.surfaces):
                 if not left.get(copy.node):
                     raise EngineError(NAME, f"{WORLD} has too few collision shapes on {copy.node!r}")
-                one = left[copy.node].pop(0)
-                found[_key(one)] = (number, index)
+                shape = left[copy.node].pop(0)
+                found[_key(shape)] = (number, index)
         extra = sorted(name for name, shapes in left.items() if shapes)
         if extra:
             raise EngineError(NAME, f"{extra} have collision shapes that the sidecar does not name")
@@ -85,12 +85,12 @@ class Nodes:
         """The place in the sidecar's list of the shape that a collision shape of DART is a copy of, and which copy."""
         return self._copies[_key(shape)]
 
-    def wrong_meeting(self, one: Any, other: Any) -> str:
+    def wrong_meeting(self, shape: Any, other: Any) -> str:
         """What is wrong when two collision shapes touch that are not the copies which should; "" for those that should.
 
         The filter is DART's own and cannot be listed; a contact shows what it lets through.
         """
-        shapes, copies = self._sidecar.shapes, (self.copy(one), self.copy(other))
+        shapes, copies = self._sidecar.shapes, (self.copy(shape), self.copy(other))
         pair = frozenset(shapes[number].material for number, _ in copies)
         layers = {shapes[number].surfaces[index].layer for number, index in copies}
         if pair in self._layer_of and layers != {self._layer_of[pair]}:
@@ -118,22 +118,22 @@ class Nodes:
         """The pairs of nodes that must not touch; a pair may come twice."""
         sidecar = self._sidecar
         of = dict(zip(self.names, self._of, strict=True))
-        for held in self._of:  # a body does not touch itself
-            yield from ((one, other) for index, one in enumerate(held) for other in held[index + 1 :])
+        for class_ in self._of:  # a body does not touch itself
+            yield from ((node, other) for index, node in enumerate(class_) for other in class_[index + 1 :])
         bodies = list(sidecar.excluded)
         for first, second in sidecar.ignored_groups:
             bodies.extend(
-                (one, other) for one in sidecar.groups[first] for other in sidecar.groups[second] if one != other
+                (name, other) for name in sidecar.groups[first] for other in sidecar.groups[second] if name != other
             )
-        for one, other in bodies:
-            yield from ((a, b) for a in of[one] for b in of[other])
-        classes = {name: [self._nodes[node] for node in held] for name, held in sidecar.filter.classes.items()}
+        for item, other in bodies:
+            yield from ((a, b) for a in of[item] for b in of[other])
+        classes = {name: [self._nodes[node] for node in class_] for name, class_ in sidecar.filter.classes.items()}
         for first, second in sidecar.filter.apart:
             if first == second:
-                held = classes[first]
-                yield from ((one, other) for index, one in enumerate(held) for other in held[index + 1 :])
+                class_ = classes[first]
+                yield from ((node, other) for index, node in enumerate(class_) for other in class_[index + 1 :])
             else:
-                yield from ((one, other) for one in classes[first] for other in classes[second])
+                yield from ((node, other) for node in classes[first] for other in classes[second])
 
 
 def _key(shape: Any) -> str:

@@ -104,15 +104,15 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     parent = None if above is None else world_name(above.getName())
     position = tuple(q[sim.coordinates.q_places[index]].tolist())
     velocity = tuple(v[sim.coordinates.v_places[index]].tolist())
-    held = Joint(joint.getName(), kind, parent, transform_pose(joint.getTransformFromParentBodyNode()))
+    found = Joint(joint.getName(), kind, parent, transform_pose(joint.getTransformFromParentBodyNode()))
     if kind == "fixed":
-        return held
+        return found
     if kind == "free":
-        start = held.origin
+        start = found.origin
         place = frames.compose(start, Pose(position[:3], frames.normalise(position[3:])))
         angular = frames.rotate(place.quaternion, velocity[3:])
         return dataclasses.replace(
-            held,
+            found,
             origin=Pose(),
             position=(*place.position, *place.quaternion),
             velocity=(*frames.rotate(start.quaternion, velocity[:3]), *angular),
@@ -121,8 +121,8 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         raise EngineError(NAME, f"joint {joint.getName()!r} has a spring of DART's own, which is implicit in time")
     efforts = sim.efforts
     dof = efforts.place(joint).start
-    held = dataclasses.replace(
-        held,
+    found = dataclasses.replace(
+        found,
         # DART's own damping stands for the armature; what it has beyond that damps
         damping=float(efforts.damping[dof] + joint.getDampingCoefficient(0) - efforts.armature[dof] / sim.timestep),
         spring_stiffness=float(efforts.stiffness[dof]),
@@ -130,10 +130,10 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         velocity=velocity,
     )
     if kind == "ball":
-        return held
+        return found
     limits = range_of(joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0))
     return dataclasses.replace(
-        held,
+        found,
         axis=vector(joint.getAxis()),
         position_limits=limits if joint.areLimitsEnforced() else None,
         effort_limit=bound(joint.getForceUpperLimit(0)),
@@ -143,15 +143,15 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     )
 
 
-def _mesh(sim: Simulation, held: Any) -> tuple[float, ...]:
+def _mesh(sim: Simulation, shape: Any) -> tuple[float, ...]:
     """The vertices of a mesh, scaled as DART scales them."""
-    name = Path(held.getMeshPath()).relative_to(sim.folder).as_posix()
-    vertices = np.array(sim.meshes[name]).reshape(-1, 3) * np.ravel(held.getScale())
-    box = held.getBoundingBox()
+    name = Path(shape.getMeshPath()).relative_to(sim.folder).as_posix()
+    vertices = np.array(sim.meshes[name]).reshape(-1, 3) * np.ravel(shape.getScale())
+    box = shape.getBoundingBox()
     low, high = np.ravel(box.getMin()), np.ravel(box.getMax())
-    apart = max(np.abs(low - vertices.min(axis=0)).max(), np.abs(high - vertices.max(axis=0)).max())
-    if apart > BOX_TOLERANCE * np.abs(vertices).max():
-        raise EngineError(NAME, f"holds another mesh than {name!r}: its box is {apart:g} m off")
+    deviation = max(np.abs(low - vertices.min(axis=0)).max(), np.abs(high - vertices.max(axis=0)).max())
+    if deviation > BOX_TOLERANCE * np.abs(vertices).max():
+        raise EngineError(NAME, f"holds another mesh than {name!r}: its box is {deviation:g} m off")
     return tuple(vertices.ravel().tolist())
 
 
@@ -192,15 +192,15 @@ def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) ->
     return tuple(found)
 
 
-def _place_on(node: Any, own: Any) -> Pose:
+def _place_on(node: Any, body: Any) -> Pose:
     """Where a further node of a body stands in the body's own; it must be welded to that and have no mass."""
-    if node.getName() == own.getName():
+    if node.getName() == body.getName():
         return Pose()
     joint, above = node.getParentJoint(), node.getParentBodyNode()
-    if JOINT_KINDS[joint.getType()] != "fixed" or above is None or above.getName() != own.getName():
-        raise EngineError(NAME, f"the copies on {node.getName()!r} are not welded to {own.getName()!r}")
-    held = node.getInertia()
-    if node.getMass() != 0.0 or np.any(held.getMoment()) or np.any(held.getLocalCOM()):
+    if JOINT_KINDS[joint.getType()] != "fixed" or above is None or above.getName() != body.getName():
+        raise EngineError(NAME, f"the copies on {node.getName()!r} are not welded to {body.getName()!r}")
+    inertia = node.getInertia()
+    if node.getMass() != 0.0 or np.any(inertia.getMoment()) or np.any(inertia.getLocalCOM()):
         raise EngineError(NAME, f"{node.getName()!r}, which holds copies of shapes, has a mass, or a centre of mass")
-    transform = node.getTransform(own)
+    transform = node.getTransform(body)
     return Pose() if np.abs(transform.matrix() - np.eye(4)).max() <= COPY_TOLERANCE else transform_pose(transform)

@@ -132,9 +132,9 @@ class Simulation:
 
     def _check_detector(self) -> None:
         """The file and the sidecar must ask for the same detector of contacts."""
-        held, told = self.world.getCollisionDetector().getType(), self.settings["collision_detector"]
-        if held != told:
-            raise EngineError(NAME, f"holds the collision detector {held} from {WORLD}, the sidecar says {told}")
+        actual, given = self.world.getCollisionDetector().getType(), self.settings["collision_detector"]
+        if actual != given:
+            raise EngineError(NAME, f"holds the collision detector {actual} from {WORLD}, the sidecar says {given}")
 
     def _set_solver(self) -> None:
         dartpy, world, given = self.dartpy, self.world, self.settings
@@ -189,9 +189,9 @@ class Simulation:
             skeleton.enableAdjacentBodyCheck()
         # the option is a copy, the filter in it is the solver's own (measured)
         add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
-        for one, other in self.nodes.apart():
-            self.apart.append((one.getName(), other.getName()))
-            add(one, other)
+        for node, other in self.nodes.apart():
+            self.apart.append((node.getName(), other.getName()))
+            add(node, other)
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -216,11 +216,11 @@ class Simulation:
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The parts of M of each tree, armature included, with its places in v."""
-        held, armature = [], self.efforts.armature
+        values, armature = [], self.efforts.armature
         for tree in self.coordinates.trees:
             turn = tree.velocity_map()
-            held.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
-        return held
+            values.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
+        return values
 
     def bias(self) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ, damping and springs left out."""
@@ -249,8 +249,8 @@ class Simulation:
         bodies = self.body_of_shape
         for contact in result.getContacts():
             first, second = (
-                copy(one.getShapeFrame().asShapeNode())[0]
-                for one in (contact.collisionObject1, contact.collisionObject2)
+                copy(side.getShapeFrame().asShapeNode())[0]
+                for side in (contact.collisionObject1, contact.collisionObject2)
             )
             if moves[bodies[first]] or moves[bodies[second]]:
                 found.append(((first, second), contact))
@@ -315,13 +315,13 @@ class Simulation:
                 self.check_contact_cap()
             return
         if self.exact_rotation:
-            for one in turners:
-                if one.turn is None:
-                    one.turn = exponential_of(one.joint.getPositions()[:3].tolist())
+            for turner in turners:
+                if turner.turn is None:
+                    turner.turn = exponential_of(turner.joint.getPositions()[:3].tolist())
         else:
             if turners and turners[0].turn is not None:  # all are set together and cleared together
-                for one in turners:
-                    one.turn = None
+                for turner in turners:
+                    turner.turn = None
             turners = []
         if not driven and not turners:
             for _ in range(count):
@@ -332,33 +332,33 @@ class Simulation:
                 for tree in driven:
                     apply(tree)
                 step()
-                for one in turners:
-                    correct(one)
+                for turner in turners:
+                    correct(turner)
         self.check_contact_cap()
 
     def plain_step(self) -> None:
         """One step under the forces that were set, where no rotation is to be corrected. ``check_contact_cap`` is the
         caller's to ask."""
-        for one in self.coordinates.turners:
-            if one.turn is None:
+        for turner in self.coordinates.turners:
+            if turner.turn is None:
                 break  # all are set together and cleared together
-            one.turn = None
+            turner.turn = None
         self.world.step()
 
-    def _correct(self, one: Turner) -> None:
+    def _correct(self, turner: Turner) -> None:
         """Put a joint's rotation where the exponential of its velocity takes it.
 
         DART's own is a Taylor form for turns below 1e-3 rad in a step, off by up to 1.7e-10 (measured).
         """
-        change = exponential_of([x * self.timestep for x in one.joint.getVelocities()[:3].tolist()])
-        if one.turn is None:
+        change = exponential_of([x * self.timestep for x in turner.joint.getVelocities()[:3].tolist()])
+        if turner.turn is None:
             raise RuntimeError("the rotation before the step is not known")
-        if one.kind == "ball":
-            one.turn = multiply_of(one.turn, change)
-            one.joint.setPositions(vector_of(one.turn))
+        if turner.kind == "ball":
+            turner.turn = multiply_of(turner.turn, change)
+            turner.joint.setPositions(vector_of(turner.turn))
         else:
-            one.turn = multiply_of(change, one.turn)
-            one.joint.setPositions([*vector_of(one.turn), *one.joint.getPositions()[3:].tolist()])
+            turner.turn = multiply_of(change, turner.turn)
+            turner.joint.setPositions([*vector_of(turner.turn), *turner.joint.getPositions()[3:].tolist()])
 
     def messages(self) -> list[str]:
         """What DART said while loading, and how its contact solver fared."""

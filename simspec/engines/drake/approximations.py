@@ -138,8 +138,8 @@ def light_enough(world: World) -> Refinement | None:
 
 def asked_approximation(world: World) -> str:
     """The solver that a world's options name, or get."""
-    asked = dict(world.options("drake").settings).get("contact_approximation", "auto")
-    return approximation(world) if asked == "auto" else str(asked)
+    contact_approximation = dict(world.options("drake").settings).get("contact_approximation", "auto")
+    return approximation(world) if contact_approximation == "auto" else str(contact_approximation)
 
 
 def coulomb(world: World) -> Refinement | None:

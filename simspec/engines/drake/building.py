@@ -245,10 +245,10 @@ class Built:
         for geometry in self.geometries:
             bodies.setdefault(geometry.unit.of.owner.row, []).append(geometry.id)
             kinds.setdefault(geometry.unit.kind, []).append(geometry.id)
-        excluded = [(bodies.get(one, []), bodies.get(other, [])) for one, other in self.walk.excluded]
-        for one, other in itertools.combinations_with_replacement(kinds, 2):
-            if not self.walk.meet(one, other):
-                excluded.append((kinds[one], kinds[other]))
+        excluded = [(bodies.get(row, []), bodies.get(other, [])) for row, other in self.walk.excluded]
+        for kind, other in itertools.combinations_with_replacement(kinds, 2):
+            if not self.walk.meet(kind, other):
+                excluded.append((kinds[kind], kinds[other]))
         small = [geometry.id for geometry in self.geometries if geometry.part != SHAPE]
         excluded.append((small, small))
         if hydroelastic(self.settings):

@@ -47,11 +47,11 @@ class Coordinates:
 
     def state(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(q, v) of Drake's state and the present rotations of the balls."""
-        held, rate = x[: self.positions], x[self.positions :]
+        values, rate = x[: self.positions], x[self.positions :]
         q, v = np.zeros(self.nq), np.zeros(self.nv)
-        q[self.q], v[self.v] = held[self.drake_q], rate[self.drake_v]
+        q[self.q], v[self.v] = values[self.drake_q], rate[self.drake_v]
         if len(self.free):
-            place, motion = held[self.free_drake_q], rate[self.free_drake_v]
+            place, motion = values[self.free_drake_q], rate[self.free_drake_v]
             turns = unit(place[:, :4])
             q[self.free_q] = np.concatenate([place[:, 4:], turns], axis=1)
             v[self.free_v] = np.concatenate([motion[:, 3:], rotate(conjugate(turns), motion[:, :3])], axis=1)
@@ -61,16 +61,16 @@ class Coordinates:
 
     def drake_state(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Drake's state for (q, v), but for the rotations of the balls, which are set."""
-        held, rate = np.zeros(self.positions), np.zeros(self.nv)
-        held[self.drake_q], rate[self.drake_v] = q[self.q], v[self.v]
+        values, rate = np.zeros(self.positions), np.zeros(self.nv)
+        values[self.drake_q], rate[self.drake_v] = q[self.q], v[self.v]
         if len(self.free):
             place, motion = q[self.free_q], v[self.free_v]
             turns = unit(place[:, 3:])
-            held[self.free_drake_q] = np.concatenate([turns, place[:, :3]], axis=1)
+            values[self.free_drake_q] = np.concatenate([turns, place[:, :3]], axis=1)
             rate[self.free_drake_v] = np.concatenate([rotate(turns, motion[:, 3:]), motion[:, :3]], axis=1)
         if len(self.ball):
             self.turns, rate[self.ball_drake_v] = unit(q[self.ball_q]), v[self.ball_v]
-        return np.concatenate([held, rate])
+        return np.concatenate([values, rate])
 
     def effort(self, x: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """A generalised effort (nv,) in Drake's coordinates."""
@@ -87,8 +87,8 @@ class Coordinates:
         """The inverse of :meth:`effort`; for several efforts at once as the columns of (nv, n)."""
         found = np.zeros_like(given)
         found[self.v] = given[self.drake_v]
-        for places, own, turn in zip(self.free_v, self.free_drake_v, self.matrices(x), strict=True):
-            found[places[:3]], found[places[3:]] = given[own[3:]], turn.T @ given[own[:3]]
+        for places, local, turn in zip(self.free_v, self.free_drake_v, self.matrices(x), strict=True):
+            found[places[:3]], found[places[3:]] = given[local[3:]], turn.T @ given[local[:3]]
         if len(self.ball):
             found[self.ball_v] = given[self.ball_drake_v]
         return found
@@ -102,9 +102,9 @@ class Coordinates:
         """Numbers of hinges, slides and balls, each (nv,), in Drake's coordinates; zero for free bodies."""
         ordered = []
         for value in values:
-            own = np.zeros(self.nv)
-            own[self.drake_v], own[self.ball_drake_v] = value[self.v], value[self.ball_v]
-            ordered.append(own)
+            zeros = np.zeros(self.nv)
+            zeros[self.drake_v], zeros[self.ball_drake_v] = value[self.v], value[self.ball_v]
+            ordered.append(zeros)
         return ordered
 
     def turned(self, before: np.ndarray, after: np.ndarray, timestep: float) -> np.ndarray:

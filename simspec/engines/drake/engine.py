@@ -109,13 +109,13 @@ random inertias). No moments at all are held as none."""
 
 def inertia_held(world: World) -> Refinement | None:
     """Not supported where Drake needs too much memory, or where it would lose a moment of inertia in round-off."""
-    still = rigid_groups(world)
+    static = rigid_groups(world)
     for body in world.bodies:
         inertial = lumped_inertial(world, body)
         arm = sum(value * value for value in inertial.centre_of_mass)
         lost = 0.0 < sum(inertial.inertia[:3]) < LOST * inertial.mass * arm
         if (
-            lost and body.joint.kind != "free" and still[body.name] != "world"
+            lost and body.joint.kind != "free" and static[body.name] != "world"
         ):  # free bodies are told about their centres
             return unsupported_if(
                 f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"

@@ -130,7 +130,7 @@ class _Held:
         graph = diagram.GetSubsystemByName("scene_graph")
         self._inspector = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(root)).inspector()
         actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-        self._actuators = {int(one.joint().index()): one for one in actuators}
+        self._actuators = {int(actuator.joint().index()): actuator for actuator in actuators}
 
     def read_back(self) -> ReadBack:
         from pydrake.multibody.tree import BodyIndex
@@ -184,9 +184,9 @@ class _Held:
 
     def _shapes(self, body: Any) -> tuple[Shape, ...]:
         plant = self._plant
-        solid = [self._shape(one, True) for one in plant.GetCollisionGeometriesForBody(body)]
-        seen = [self._shape(one, False) for one in plant.GetVisualGeometriesForBody(body)]
-        return (*solid, *seen)
+        solid = [self._shape(geometry, True) for geometry in plant.GetCollisionGeometriesForBody(body)]
+        visual = [self._shape(geometry, False) for geometry in plant.GetVisualGeometriesForBody(body)]
+        return (*solid, *visual)
 
     def _hull(self, geometry: Any) -> tuple[float, ...]:
         """The support function of a mesh's convex hull; none of a file that Drake does not read, and so does not collide
@@ -207,8 +207,8 @@ class _Held:
             kind, size = MESH, self._hull(geometry) if solid else ()
         surfaces: tuple[Surface, ...] = ()
         if solid:
-            held = inspector.GetProximityProperties(geometry)
-            friction = held.GetProperty("material", "coulomb_friction")
+            properties = inspector.GetProximityProperties(geometry)
+            friction = properties.GetProperty("material", "coulomb_friction")
             surfaces = (Surface(float(friction.dynamic_friction())),)
         pose = transform_pose(inspector.GetPoseInFrame(geometry))
         return Shape(

@@ -361,7 +361,7 @@ def _filter(sim: Simulation, units: dict[str, dict[str, Any]]) -> dict[str, Engi
     each other, and what their faces touch by hydroelastic contact."""
     filtered, names = sim.query().inspector().CollisionFiltered, list(units)
     shapes = [parts[SHAPE] for parts in units.values()]
-    found = excluded_carriers(names, lambda one, other: bool(filtered(shapes[one], shapes[other])))
+    found = excluded_carriers(names, lambda index, other: bool(filtered(shapes[index], shapes[other])))
     small = [(name, part, ball) for name, parts in units.items() for part, ball in parts.items() if part != SHAPE]
     by_pressure = {name for name, shape in zip(names, shapes, strict=True) if _by_pressure(sim, shape)}
     unexpected = []
@@ -370,8 +370,8 @@ def _filter(sim: Simulation, units: dict[str, dict[str, Any]]) -> dict[str, Engi
             excluded = name == other or {name, other} <= by_pressure or filtered(units[name][SHAPE], shape)
             if filtered(ball, shape) != excluded:
                 unexpected.append(f"{name}.{part} {other}")
-    for (a, part, one), (b, other, two) in itertools.combinations(small, 2):
-        if not filtered(one, two):
+    for (a, part, first), (b, other, second) in itertools.combinations(small, 2):
+        if not filtered(first, second):
             unexpected.append(f"{a}.{part} {b}.{other}")
     return found | {"apart.corners": len(small), "apart.odd_corners": listed(unexpected)}
 

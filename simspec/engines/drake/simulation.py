@@ -213,8 +213,8 @@ class Simulation(WorldSimulation[WorldSidecar]):
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,)."""
-        held = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
-        return self.coordinates.effort_back(self.x, held)
+        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
+        return self.coordinates.effort_back(self.x, bias)
 
     # --- contact ----------------------------------------------------------------------------------------------
 
@@ -272,19 +272,19 @@ class Touch:
     depth: float
 
 
-def _point(told: Any) -> Touch:
-    pair = told.point_pair()
-    on_first = -float(np.sum(pair.nhat_BA_W * told.contact_force()))  # Drake's is on the second
-    return Touch((pair.id_A, pair.id_B), told.contact_point(), pair.nhat_BA_W, on_first, float(pair.depth))
+def _point(info: Any) -> Touch:
+    pair = info.point_pair()
+    on_first = -float(np.sum(pair.nhat_BA_W * info.contact_force()))  # Drake's is on the second
+    return Touch((pair.id_A, pair.id_B), info.contact_point(), pair.nhat_BA_W, on_first, float(pair.depth))
 
 
-def _surface(told: Any) -> Touch:
+def _surface(info: Any) -> Touch:
     """A contact surface as one contact, where its pressure acts together. Its normal is that of its faces, by their area."""
-    surface = told.contact_surface()
+    surface = info.contact_surface()
     faces = range(surface.num_faces())
     normal = np.sum([surface.area(face) * surface.face_normal(face) for face in faces], axis=0)
     normal /= np.linalg.norm(normal)
-    wrench = told.F_Ac_W()  # on the body of M, about the centroid
+    wrench = info.F_Ac_W()  # on the body of M, about the centroid
     force, torque = wrench.translational(), wrench.rotational()
     along = float(normal @ force)
     centre = np.cross(normal, torque) / along if along > 0.0 else np.zeros(3)

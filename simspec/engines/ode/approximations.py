@@ -95,9 +95,9 @@ BOX_AND_CAPSULE = f"box and capsule touch {_LINE}, a box on a capsule by 26 mm"
 
 
 def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
-    told = "; ".join(f"{one} and {other} touch {how}" for (one, other), how in pairs.items())
-    others = " and ".join(f"{one}s" for one, _ in pairs)
-    return Refinement(Level.APPROXIMATE, told, short=f"cylinders touch {others} in one point, also along a line")
+    text = "; ".join(f"{name} and {other} touch {how}" for (name, other), how in pairs.items())
+    others = " and ".join(f"{name}s" for name, _ in pairs)
+    return Refinement(Level.APPROXIMATE, text, short=f"cylinders touch {others} in one point, also along a line")
 
 
 def cylinders(world: World) -> Refinement | None:

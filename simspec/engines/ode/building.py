@@ -245,8 +245,8 @@ class Built:
             for solid in walk.shapes:
                 self._shape(solid)
             self._laws(sidecar)
-            for one, other in document.apart.groups:
-                library.sim_ignore(self.sim, self.groups.index(one), self.groups.index(other))
+            for name, other in document.apart.groups:
+                library.sim_ignore(self.sim, self.groups.index(name), self.groups.index(other))
             keys = walk.excluded_keys().tolist()
             library.sim_exclude(self.sim, (ctypes.c_longlong * max(1, len(keys)))(*keys), len(keys))
         except BaseException:
@@ -309,11 +309,11 @@ class Built:
         for law in sidecar.laws:
             if lacking := only_common(law):
                 raise EngineError(NAME, f"does not support {lacking} of {law.first} and {law.second}")
-            one, other = (self.materials.index(name) for name in (law.first, law.second))
+            first, second = (self.materials.index(name) for name in (law.first, law.second))
             friction = (law.friction, law.restitution, law.restitution_threshold)
             moments = (law.rolling_friction, law.torsional_friction)
             row = (*friction, *moments, ERROR_REDUCTION, float(sidecar.settings["softness"]))
-            self.library.sim_law(self.sim, one, other, numbers(row))
+            self.library.sim_law(self.sim, first, second, numbers(row))
 
 
 def _losses(joint: Joint) -> tuple[float, ...]:

@@ -151,13 +151,13 @@ def quaternions(turns: np.ndarray) -> np.ndarray:
     largest = np.argmax(squares, axis=1)
     a, b, c = turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0], turns[:, 1, 0] - turns[:, 0, 1]
     d, e, f = turns[:, 1, 0] + turns[:, 0, 1], turns[:, 0, 2] + turns[:, 2, 0], turns[:, 2, 1] + turns[:, 1, 2]
-    one = 1.0 + squares
+    squared = 1.0 + squares
     rows = np.stack(
         [
-            np.stack([one[:, 0], a, b, c], axis=1),
-            np.stack([a, one[:, 1], d, e], axis=1),
-            np.stack([b, d, one[:, 2], f], axis=1),
-            np.stack([c, e, f, one[:, 3]], axis=1),
+            np.stack([squared[:, 0], a, b, c], axis=1),
+            np.stack([a, squared[:, 1], d, e], axis=1),
+            np.stack([b, d, squared[:, 2], f], axis=1),
+            np.stack([c, e, f, squared[:, 3]], axis=1),
         ],
         axis=1,
     )

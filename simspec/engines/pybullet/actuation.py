@@ -133,7 +133,7 @@ class Efforts:
             for joint, link in zip(instance.joints, tree.links, strict=True)
         }
         self.sums = tuple(sums)
-        self._along = [(one, [(*joints[joint], weight) for joint, weight in one.joints]) for one in sums]
+        self._along = [(sum_, [(*joints[joint], weight) for joint, weight in sum_.joints]) for sum_ in sums]
         armed: dict[int, Tree] = {}
         for entry in armature:
             tree, link = links[sim.place[entry.body]]
@@ -181,12 +181,12 @@ class Efforts:
                 effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, turned))
             else:
                 effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link)[0] - rest)
-        for one, parts in self._along:
+        for joint_sum, parts in self._along:
             states = [p.getJointState(tree.uid, link.link) for tree, link, _ in parts]
             length, speed = (
                 sum(weight * state[k] for state, (_, _, weight) in zip(states, parts, strict=True)) for k in (0, 1)
             )
-            force = one.stiffness * (length - one.rest) + one.damping * speed
+            force = joint_sum.stiffness * (length - joint_sum.rest) + joint_sum.damping * speed
             for _, link, weight in parts:
                 effort[link.v] -= weight * force
         gravity = self._sim.sidecar.gravity
@@ -233,9 +233,9 @@ class Efforts:
         for _, link, stiffness, rest in self._springs:
             away = np.array(logarithm_of(q[link.q].tolist())) if link.kind == "ball" else q[link.q] - rest
             potential += 0.5 * stiffness * float(away @ away)
-        for one, parts in self._along:
-            stretch = sum(weight * float(q[link.q][0]) for _, link, weight in parts) - one.rest
-            potential += 0.5 * one.stiffness * stretch**2
+        for joint_sum, parts in self._along:
+            stretch = sum(weight * float(q[link.q][0]) for _, link, weight in parts) - joint_sum.rest
+            potential += 0.5 * joint_sum.stiffness * stretch**2
         return 0.5 * float(np.sum(self.armature * v**2)), potential
 
 

@@ -165,7 +165,7 @@ def plain(row: Any, skip: frozenset[str] = frozenset()) -> dict[str, Any]:
         value = row[name]
         if dtype.names is not None:
             inner = plain(value, skip)
-            found.update({f"{short}.{key}" if key != "floats" else short: held for key, held in inner.items()})
+            found.update({f"{short}.{key}" if key != "floats" else short: actual for key, actual in inner.items()})
         elif dtype.shape:
             found[short] = tuple(value.reshape(-1).tolist())
         else:
@@ -230,8 +230,8 @@ def colliders(trees: Sequence[int], blocks: list[Block]) -> Iterator[tuple[tuple
                 uid = tree_of.get(int(row["m_multiBody"]))
                 if uid is None:
                     raise EngineError("pybullet", "holds a collider of no body")
-                held = row["m_colObjData"]
-                yield (uid, int(row["m_link"])), int(held["m_collisionShape"]), plain(held, STATE)
+                actual = row["m_colObjData"]
+                yield (uid, int(row["m_link"])), int(actual["m_collisionShape"]), plain(actual, STATE)
 
 
 WORLD: Mapping[str, str] = {
@@ -273,8 +273,8 @@ class Margins:
         if "m_childShapePtr" in names:
             parts = self._at.get(int(rows[0]["m_childShapePtr"]), ())
             return tuple(margin for part in parts for margin in self.of(int(part["m_childShape"])))
-        held = rows[0]["m_convexInternalShapeData"] if "m_convexInternalShapeData" in names else rows[0]
-        if "m_collisionMargin" not in (held.dtype.names or ()):
+        row = rows[0]["m_convexInternalShapeData"] if "m_convexInternalShapeData" in names else rows[0]
+        if "m_collisionMargin" not in (row.dtype.names or ()):
             return ()
-        kind = int(held["m_collisionShapeData"]["m_shapeType"])
-        return () if kind in ROUND_TYPES else (float(held["m_collisionMargin"]),)
+        kind = int(row["m_collisionShapeData"]["m_shapeType"])
+        return () if kind in ROUND_TYPES else (float(row["m_collisionMargin"]),)

@@ -94,7 +94,7 @@ def hold(
     point at which it is held (``world/constraints.py``), by default the origin of the second body's frame."""
     p = sim.bullet
     joints = _joints(sim)
-    held = []
+    actual = []
     for constraint in constraints:
         if isinstance(constraint, Follow):
             ends = [joints.get(name) for name in (constraint.joint, constraint.leader)]
@@ -111,8 +111,8 @@ def hold(
             )
         else:
             number = _joined(sim, constraint, anchors.get(constraint.name, (0.0, 0.0, 0.0)))
-        held.append(Held(constraint.name, number, constraint.kind))
-    return tuple(held)
+        actual.append(Held(constraint.name, number, constraint.kind))
+    return tuple(actual)
 
 
 def _joints(sim: Simulation) -> dict[str, tuple[int, int]]:
@@ -166,22 +166,22 @@ def read_held(sim: Simulation) -> tuple[Constraint, ...]:
     body_of = {(tree.uid, link.link): link.index for tree in sim.trees for link in tree.links}
     names = {p.JOINT_GEAR: "follow", p.JOINT_POINT2POINT: "connect", p.JOINT_FIXED: "weld"}
     found: list[Constraint] = []
-    for held in sim.held:
-        info: tuple[Any, ...] = p.getConstraintInfo(held.number)
-        one, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
+    for actual in sim.held:
+        info: tuple[Any, ...] = p.getConstraintInfo(actual.number)
+        entry, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
         if kind == "follow":
-            found.append(Follow(held.name, joint_of[one], joint_of[other], -info[11], info[13]))
+            found.append(Follow(actual.name, joint_of[entry], joint_of[other], -info[11], info[13]))
             continue
-        first, second = body_of[one], body_of[other]
+        first, second = body_of[entry], body_of[other]
         near, far = (
             frames.compose(inertial_frame(sim, index), Pose(tuple(info[at]), told_turn(info[at + 2])))
             for index, at in ((first, 6), (second, 7))
         )
         if kind == "connect":
-            found.append(Connect(held.name, sim.names[first], sim.names[second], near.position, far.position))
+            found.append(Connect(actual.name, sim.names[first], sim.names[second], near.position, far.position))
         elif kind == "weld":
             place = frames.compose(near, frames.inverse(far))
-            found.append(Weld(held.name, sim.names[first], sim.names[second], place))
+            found.append(Weld(actual.name, sim.names[first], sim.names[second], place))
         else:
-            raise EngineError("pybullet", f"holds the constraint {held.name!r} as {kind}, unknown here")
+            raise EngineError("pybullet", f"holds the constraint {actual.name!r} as {kind}, unknown here")
     return tuple(sorted(found, key=lambda constraint: constraint.name))

@@ -88,12 +88,14 @@ _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where a computed torque is not exact."""
-    held = {name for constraint in world.constraints for name in members(constraint)}
-    return armature_felt(world, PyBullet.TITLE, functools.partial(_not_felt, held))
+    constraints = {name for constraint in world.constraints for name in members(constraint)}
+    return armature_felt(world, PyBullet.TITLE, functools.partial(_not_felt, constraints))
 
 
-def _not_felt(held: Container[str], armed: str, bodies: Sequence[Body]) -> str | None:
-    if named := next((body.name for body in bodies if body.name in held or body.joint.name in held), None):
+def _not_felt(constrained: Container[str], armed: str, bodies: Sequence[Body]) -> str | None:
+    if named := next(
+        (body.name for body in bodies if body.name in constrained or body.joint.name in constrained), None
+    ):
         return f"the tree of {armed!r} is held at {named!r} by a constraint, whose impulses would ignore the armature"
     if not {body.joint.kind for body in bodies} <= {"fixed", *SCALAR_JOINTS}:
         return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
@@ -273,20 +275,20 @@ class PyBullet(SimulatedEngine[Simulation]):
     @staticmethod
     def _anchors(folder: Path, sidecar: PybulletSidecar) -> Mapping[str, Vector3]:
         """Where welds are best held, by what PyBullet holds of the bodies when it is loaded without them."""
-        if not any(held.kind == "weld" for held in sidecar.constraints or ()):
+        if not any(constraint.kind == "weld" for constraint in sidecar.constraints or ()):
             return {}
         bare = Simulation(folder, dataclasses.replace(sidecar, constraints=None))
         try:
-            held = read_back(bare, Efforts(bare, sidecar.springs, sidecar.armature))
+            model = read_back(bare, Efforts(bare, sidecar.springs, sidecar.armature))
         finally:
             bare.close()
-        return anchors(World("", held.bodies, constraints=sidecar.constraints or ()))
+        return anchors(World("", model.bodies, constraints=sidecar.constraints or ()))
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
-        held = read_back(sim, self._outside)
+        model = read_back(sim, self._outside)
         return dataclasses.replace(
-            held if self._before is None else self._before.completed(held),
+            model if self._before is None else self._before.completed(model),
             unreadable=dict(self.UNREADABLE),
             inventory=inventory(sim),
             neutral=neutral(sim),
@@ -378,8 +380,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         self._efforts = self._probe = self._before = None
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-        held = Foreign(import_pybullet(), log)
+        foreign = Foreign(import_pybullet(), log)
         try:
-            return held.load(file, language)
+            return foreign.load(file, language)
         finally:
-            held.close()
+            foreign.close()

@@ -162,16 +162,16 @@ class Foreign:
         with captured(sys.stdout, self._log, (GREETING,)):
             links = [link for uid in trees for link in self._links(uid)]
             bodies = bodies_of_links(_apart(links))
-            held = p.getPhysicsEngineParameters()
-            inventory = self._inventory(trees, held)
+            parameters = p.getPhysicsEngineParameters()
+            inventory = self._inventory(trees, parameters)
         unreadable: dict[str, str] = {}
         if language in CRASHING:
             unreadable["shapes"] = CRASHING[language]
-        gravity = tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ")
+        gravity = tuple(parameters[f"gravityAcceleration{axis}"] for axis in "XYZ")
         return ReadBack(
             bodies,
             gravity,
-            held["fixedTimeStep"],
+            parameters["fixedTimeStep"],
             unreadable=unreadable,
             inventory=inventory,
         )
@@ -193,19 +193,19 @@ class Foreign:
         dynamics = p.getDynamicsInfo(uid, link)
         inertial = pose_at(dynamics, 3)
         turned = tensor(tuple(dynamics[2]), inertial.quaternion)
-        held = Inertial(float(dynamics[0]), inertial.position, turned)
+        mass = Inertial(float(dynamics[0]), inertial.position, turned)
         shapes = self._shapes(uid, link, inertial, dynamics)
         if link < 0:
             pose = frames.compose(pose_at(p.getBasePositionAndOrientation(uid), 0), frames.inverse(inertial))
             # a base without mass does not move (measured)
             joint = Joint("", "free" if dynamics[0] else "fixed")
-            return EngineLink(names[0], None, pose, held, joint, shapes=shapes)
+            return EngineLink(names[0], None, pose, mass, joint, shapes=shapes)
         if infos[link][2] in (0, 1):
             p.resetJointState(uid, link, 0.0)
         state = p.getLinkState(uid, link, computeForwardKinematics=1)
         pose = pose_at(state, 4)
         joint = _joint(infos[link], inertial)
-        return EngineLink(names[link + 1], names[infos[link][16] + 1], pose, held, joint, shapes=shapes)
+        return EngineLink(names[link + 1], names[infos[link][16] + 1], pose, mass, joint, shapes=shapes)
 
     def _shapes(self, uid: int, link: int, inertial: Pose, dynamics: Any) -> tuple[Shape, ...]:
         p = self._p
@@ -239,12 +239,12 @@ class Foreign:
 
     # --- what is added ------------------------------------------------------------------------------------------------
 
-    def _inventory(self, trees: list[int], held: Mapping[str, Any]) -> dict[str, EngineValue]:
+    def _inventory(self, trees: list[int], parameters: Mapping[str, Any]) -> dict[str, EngineValue]:
         """What is never in a file; measured, where PyBullet does not tell it, by single steps without gravity."""
         p = self._p
         found: dict[str, EngineValue] = {
-            "gravity_set": any(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
-            "timestep": held["fixedTimeStep"],
+            "gravity_set": any(parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+            "timestep": parameters["fixedTimeStep"],
         }
         if any(p.getNumJoints(uid) for uid in trees):
             found["self_collision"] = False  # as it is loaded: without the flag (measured, in the tests)
@@ -261,7 +261,7 @@ class Foreign:
             p.setCollisionFilterGroupMask(uid, link, 0, 0)
         free = [uid for uid in trees if p.getDynamicsInfo(uid, -1)[0]]
         if free:
-            found["linear_damping"] = self._damping(free, held["fixedTimeStep"])
+            found["linear_damping"] = self._damping(free, parameters["fixedTimeStep"])
         if movers:
             found |= self._motors(movers)
         return found
@@ -279,12 +279,12 @@ class Foreign:
 
     def _motors(self, movers: list[tuple[int, int]]) -> dict[str, EngineValue]:
         p = self._p
-        held = 0
+        number = 0
         for uid, link in movers:
             p.resetJointState(uid, link, 0.0, TRIED)
         p.stepSimulation()
         for uid, link in movers:
-            held += abs(p.getJointState(uid, link)[1]) < HELD * TRIED
+            number += abs(p.getJointState(uid, link)[1]) < HELD * TRIED
             p.resetJointState(uid, link, 0.0, 0.0)
         for uid, link in movers:
             p.setJointMotorControl2(uid, link, p.VELOCITY_CONTROL, force=0.0)
@@ -294,13 +294,13 @@ class Foreign:
         speed = abs(p.getJointState(uid, link)[1])
         # what is left after joint damping or a limit has acted too says nothing of the clamp
         clamped: dict[str, EngineValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
-        return {"joints_held_by_motors": held, **clamped}
+        return {"joints_held_by_motors": number, **clamped}
 
 
 def _apart(links: list[EngineLink]) -> list[EngineLink]:
     """Links of several trees, whose names may be the same."""
     seen: dict[str, int] = {}
-    apart: list[EngineLink] = []
+    renamed: list[EngineLink] = []
     names: dict[str, str] = {}
     for link in links:
         if link.parent is None:
@@ -308,8 +308,8 @@ def _apart(links: list[EngineLink]) -> list[EngineLink]:
         count = seen[link.name] = seen.get(link.name, 0) + 1
         names[link.name] = link.name if count == 1 else f"{link.name}#{count}"
         parent = None if link.parent is None else names[link.parent]
-        apart.append(dataclasses.replace(link, name=names[link.name], parent=parent))
-    return apart
+        renamed.append(dataclasses.replace(link, name=names[link.name], parent=parent))
+    return renamed
 
 
 def _joint(info: Any, inertial: Pose) -> Joint:

@@ -183,9 +183,9 @@ def _floats(vector: np.void) -> NDArray[np.float64]:
     return np.array(vector["m_floats"][:3], dtype=float)
 
 
-def alike(one: Sequence[float], other: Sequence[float]) -> bool:
+def alike(first: Sequence[float], second: Sequence[float]) -> bool:
     """Whether the hulls of two sets of points (flat) are the same, within what PyBullet keeps of one."""
-    points, others = (np.array(flat, dtype=float).reshape(-1, 3) for flat in (one, other))
+    points, others = (np.array(flat, dtype=float).reshape(-1, 3) for flat in (first, second))
     if not len(points) or not len(others):
         return False
     kept = KEPT * max(np.ptp(these, axis=0).max() for these in (points, others))
@@ -212,13 +212,13 @@ class Alike:
         self._file[id(size)] = (size, file)
         return size
 
-    def __call__(self, one: Sequence[float], other: Sequence[float]) -> bool:
-        first, second = (self._file.setdefault(id(size), (size, None)) for size in (one, other))
+    def __call__(self, size: Sequence[float], other: Sequence[float]) -> bool:
+        first, second = (self._file.setdefault(id(points), (points, None)) for points in (size, other))
         if first[1] is not None and first[1] == second[1]:
             return True
-        key = (id(one), id(other))
+        key = (id(size), id(other))
         if key not in self._known:
-            self._known[key] = alike(one, other)
+            self._known[key] = alike(size, other)
         return self._known[key]
 
 

@@ -307,8 +307,8 @@ def _disabled(sim: Simulation, names: Mapping[tuple[int, int], str]) -> set[tupl
     for function, positional, _ in sim.calls:
         if function == "setCollisionFilterPair":
             uid, other_uid, link, other_link, enabled = positional
-            one, other = names[uid, link], names[other_uid, other_link]
-            found[one, other] = found[other, one] = not enabled
+            name, other = names[uid, link], names[other_uid, other_link]
+            found[name, other] = found[other, name] = not enabled
     return {pair for pair, off in found.items() if off}
 
 
@@ -320,15 +320,15 @@ def _excluded(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str
     by_kind = {
         (group, mask): frozenset(
             name
-            for (other_group, other_mask), held in kinds.items()
+            for (other_group, other_mask), kind in kinds.items()
             if not (group & other_mask and other_group & mask)
-            for name in held
+            for name in kind
         )
         for group, mask in kinds
     }
     pairs: dict[str, set[str]] = {}
-    for one, other in disabled:
-        pairs.setdefault(one, set()).add(other)
+    for name, other in disabled:
+        pairs.setdefault(name, set()).add(other)
     return {
         f"apart.{name}": named_set((by_kind[kind] | pairs.get(name, set())) - {name}) for name, kind in masks.items()
     }
@@ -385,13 +385,13 @@ def _welded(bodies: tuple[Body, ...], world_link: bool) -> tuple[frozenset[str],
     if bodies[0].joint.kind == "free":
         return frozenset(), frozenset()
     first = 0 if world_link else 1
-    own: set[str] = set()
+    welded: set[str] = set()
     for number, body in enumerate(bodies):
-        above = next((k for k, one in enumerate(bodies) if one.name == body.joint.parent), -1)
-        if (body.joint.kind == "fixed" and (above <= first or bodies[above].name in own)) or number < first:
-            own.add(body.name)
-    copies = {body.name for number, body in enumerate(bodies) if number <= first or body.name in own}
-    return frozenset(copies), frozenset(own)
+        above = next((k for k, entry in enumerate(bodies) if entry.name == body.joint.parent), -1)
+        if (body.joint.kind == "fixed" and (above <= first or bodies[above].name in welded)) or number < first:
+            welded.add(body.name)
+    copies = {body.name for number, body in enumerate(bodies) if number <= first or body.name in welded}
+    return frozenset(copies), frozenset(welded)
 
 
 def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[ExpectedLink]:

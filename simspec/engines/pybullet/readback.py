@@ -87,11 +87,11 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
             )
     bodies |= {sim.place[name]: body for name, body in sim.frames.bodies().items()}
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
-    held = sim.bullet.getPhysicsEngineParameters()
+    parameters = sim.bullet.getPhysicsEngineParameters()
     return ReadBack(
         restore_frames(tuple(bodies[index] for index in range(len(sim.names))), offsets),
-        tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
-        held["fixedTimeStep"],
+        tuple(parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+        parameters["fixedTimeStep"],
         sim.sidecar.friction_cone,
         constraints=read_held(sim),
         sums=efforts.sums,
@@ -149,8 +149,10 @@ def _held_hulls(sim: Simulation) -> HeldHulls:
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
         return HeldHulls({})
     blocks = dump(sim.bullet)
-    held = Hulls(blocks)
-    return HeldHulls({key: held.of(address) for key, address, _ in colliders([tree.uid for tree in sim.trees], blocks)})
+    hulls = Hulls(blocks)
+    return HeldHulls(
+        {key: hulls.of(address) for key, address, _ in colliders([tree.uid for tree in sim.trees], blocks)}
+    )
 
 
 def _links(sim: Simulation, tree: Tree) -> range:
@@ -158,8 +160,8 @@ def _links(sim: Simulation, tree: Tree) -> range:
 
 
 def _told(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
-    told: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link)
-    return told
+    shapes: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link)
+    return shapes
 
 
 def _body_shapes(
@@ -174,15 +176,15 @@ def _body_shapes(
         if copy.body == instance.bodies[position]
     ]
     others = {name for _, some, _ in carried for name in some}
-    own = _solid(sim, tree, tree.links[position].link, hulls)
+    shapes_of_link = _solid(sim, tree, tree.links[position].link, hulls)
     solid = [name for index, name in enumerate(names) if index not in visual_only]
     layer = instance.layers[position] if carried else 0
-    copies = [(layer, own_solid(instance, position), own), *carried]
-    if any(len(some) != len(held) for _, some, held in copies) or not others <= set(solid):
-        return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals, hulls.alike))
+    copies = [(layer, own_solid(instance, position), shapes_of_link), *carried]
+    if any(len(some) != len(shapes) for _, some, shapes in copies) or not others <= set(solid):
+        return tuple(_with_visuals([shape for _, _, shapes in copies for shape in shapes], visuals, hulls.alike))
     found: dict[str, Shape] = {}
-    for _, some, held in sorted(copies, key=lambda copy: copy[0]):
-        for name, shape in zip(some, held, strict=True):
+    for _, some, actual in sorted(copies, key=lambda copy: copy[0]):
+        for name, shape in zip(some, actual, strict=True):
             known = found.get(name)
             if known is None:
                 found[name] = dataclasses.replace(shape, name=name)
@@ -190,9 +192,9 @@ def _body_shapes(
                 raise EngineError("pybullet", f"holds a copy of shape {name!r} that is unlike the shape")
             else:
                 found[name] = dataclasses.replace(known, surfaces=(*known.surfaces, *shape.surfaces))
-    held = [found[name] for name in solid]
-    ordered = _in_order(held, visuals, len(names), visual_only, hulls.alike)
-    shapes = ordered or _with_visuals(held, visuals, hulls.alike)
+    actual = [found[name] for name in solid]
+    ordered = _in_order(actual, visuals, len(names), visual_only, hulls.alike)
+    shapes = ordered or _with_visuals(actual, visuals, hulls.alike)
     return _named(tuple(shapes), names, visual_only)
 
 
@@ -212,8 +214,8 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
         if kind in WITHIN:
             margin = float(sim.settings["collision_margin"]) if link < 0 else LINK_MARGIN
         if kind == "mesh":
-            held = left.pop(0)
-            kind, size, margin = "heightfield" if held.field else "mesh", held.size, 0.0 if held.field else held.margin
+            mesh = left.pop(0)
+            kind, size, margin = ("heightfield", mesh.size, 0.0) if mesh.field else ("mesh", mesh.size, mesh.margin)
             hulls.alike.of_file(size, (entry[4], entry[3]))
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
@@ -317,30 +319,30 @@ def _seen_mesh(sim: Simulation, entry: Any) -> tuple[str, tuple[float, ...]]:
     """The kind of a mesh, and the vertices in the file that PyBullet names, as it scales them: of what is only seen it tells
     nothing else."""
     try:
-        told = Path(entry[4].decode()).relative_to(sim.loaded_from)
-        if told.parts[0] == FIELDS and tuple(entry[3]) == (1.0, 1.0, 1.0):
-            return "heightfield", read_field(sim.folder, told.as_posix())
-        vertices, _ = read_triangles(sim.folder, told.with_suffix(SUFFIX).as_posix())
+        path = Path(entry[4].decode()).relative_to(sim.loaded_from)
+        if path.parts[0] == FIELDS and tuple(entry[3]) == (1.0, 1.0, 1.0):
+            return "heightfield", read_field(sim.folder, path.as_posix())
+        vertices, _ = read_triangles(sim.folder, path.with_suffix(SUFFIX).as_posix())
     except (ValueError, FileNotFoundError) as error:
         raise EngineError("pybullet", f"shows the mesh {entry[4]!r}: {error}") from error
     return "mesh", tuple((vertices * np.array(entry[3])).ravel().tolist())
 
 
-def _same(one: Shape, other: Shape, alike: Alike) -> bool:
-    if one.kind != other.kind:
+def _same(shape: Shape, other: Shape, alike: Alike) -> bool:
+    if shape.kind != other.kind:
         return False
-    sizes = ((), ()) if one.kind in ("mesh", "heightfield") else (one.size, other.size)
+    sizes = ((), ()) if shape.kind in ("mesh", "heightfield") else (shape.size, other.size)
     there = np.allclose(
-        (*sizes[0], *one.pose.position, *np.abs(one.pose.quaternion)),
+        (*sizes[0], *shape.pose.position, *np.abs(shape.pose.quaternion)),
         (*sizes[1], *other.pose.position, *np.abs(other.pose.quaternion)),
         rtol=SAME_SHAPE,
         atol=SAME_SHAPE,
     )
-    if not there or one.kind not in ("mesh", "heightfield"):
+    if not there or shape.kind not in ("mesh", "heightfield"):
         return bool(there)
-    return alike(one.size, other.size) if one.kind == "mesh" else _same_field(one.size, other.size)
+    return alike(shape.size, other.size) if shape.kind == "mesh" else _same_field(shape.size, other.size)
 
 
-def _same_field(one: Sequence[float], other: Sequence[float]) -> bool:
+def _same_field(first: Sequence[float], other: Sequence[float]) -> bool:
     """Whether two height fields are the same, within single precision, in which those that touch are held."""
-    return len(one) == len(other) and bool(np.allclose(one, other, rtol=0.0, atol=SINGLE * max(*one, *other)))
+    return len(first) == len(other) and bool(np.allclose(first, other, rtol=0.0, atol=SINGLE * max(*first, *other)))

@@ -88,8 +88,8 @@ class Simulation:
         self._layered = any(tree.copies for tree in self.trees)
         self.layer: dict[tuple[int, int], int] = {}
         for tree, instance in zip(self.trees, sidecar.instances, strict=True):
-            own = zip(tree.links, instance.layers, strict=True)
-            self.layer.update(((tree.uid, link.link), layer) for link, layer in own)
+            local = zip(tree.links, instance.layers, strict=True)
+            self.layer.update(((tree.uid, link.link), layer) for link, layer in local)
             carried = zip(tree.copies, instance.copies, strict=True)
             self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
@@ -136,7 +136,7 @@ class Simulation:
     @staticmethod
     def _joint_erp(sidecar: PybulletSidecar) -> Any:
         """The share of a violation that joints take back in a step: that of limits, or of closed loops, which is another."""
-        closed = any(held.kind != "follow" for held in sidecar.constraints or ())
+        closed = any(constraint.kind != "follow" for constraint in sidecar.constraints or ())
         return WHOLE if closed else sidecar.settings["joint_erp"]
 
     def _set_cone(self, sidecar: PybulletSidecar) -> None:
@@ -226,12 +226,12 @@ class Simulation:
     def _check_layers(self, points: list[tuple[Any, ...]]) -> None:
         """Copies of shapes meet in their own layer only: elsewhere they would add forces of another law."""
         for point in points:
-            one, other = (point[1], point[3]), (point[2], point[4])
-            if point[8] <= 0.0 and self.layer[one] != self.layer[other]:
-                names = [self.names[self.body_index[link]] for link in (one, other)]
+            entry, other = (point[1], point[3]), (point[2], point[4])
+            if point[8] <= 0.0 and self.layer[entry] != self.layer[other]:
+                names = [self.names[self.body_index[link]] for link in (entry, other)]
                 raise EngineError(
                     "pybullet",
-                    f"lets copies of shapes of {names[0]!r} (layer {self.layer[one]}) and {names[1]!r} (layer "
+                    f"lets copies of shapes of {names[0]!r} (layer {self.layer[entry]}) and {names[1]!r} (layer "
                     f"{self.layer[other]}) touch, which are in different layers",
                 )
 

@@ -162,25 +162,25 @@ class Loader:
     def _check_links(self, uid: int, extra: int, instance: Instance) -> None:
         """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
         p = self.bullet
-        held = [p.getBodyInfo(uid)[0].decode()]
-        held += [p.getJointInfo(uid, joint)[12].decode() for joint in range(p.getNumJoints(uid))]
-        own = [*instance.bodies, *(copy.link for copy in instance.copies)]
-        wanted = self._file_links.setdefault(instance.file, own)
-        if held[extra:] != wanted or len(wanted) != len(own):
+        actual = [p.getBodyInfo(uid)[0].decode()]
+        actual += [p.getJointInfo(uid, joint)[12].decode() for joint in range(p.getNumJoints(uid))]
+        names = [*instance.bodies, *(copy.link for copy in instance.copies)]
+        wanted = self._file_links.setdefault(instance.file, names)
+        if actual[extra:] != wanted or len(wanted) != len(names):
             raise EngineError(
-                "pybullet", f"{instance.file!r} holds the links {held[extra:]}, the sidecar names {wanted}"
+                "pybullet", f"{instance.file!r} holds the links {actual[extra:]}, the sidecar names {wanted}"
             )
 
     def _check_kind(self, uid: int, link: int, name: str, root: str) -> None:
         """The joint above a link must be of the kind that the sidecar says."""
         if link < 0:
-            held = "free" if root == "free" else "fixed"
+            joint_kind = "free" if root == "free" else "fixed"
         else:
             number = self.bullet.getJointInfo(uid, link)[2]
-            held = JOINT_KINDS.get(number, f"its type {number}")
-        if held != self.kinds[self.place[name]]:
-            told = self.kinds[self.place[name]]
-            raise EngineError("pybullet", f"holds the joint of {name!r} as {held}, the sidecar says {told}")
+            joint_kind = JOINT_KINDS.get(number, f"its type {number}")
+        if joint_kind != self.kinds[self.place[name]]:
+            kind = self.kinds[self.place[name]]
+            raise EngineError("pybullet", f"holds the joint of {name!r} as {joint_kind}, the sidecar says {kind}")
 
     def _quieten(self, tree: Tree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
@@ -283,13 +283,13 @@ class Frames:
         ``at`` (n, 3), ``turn`` (n, 4), ``linear`` and ``angular`` (n, 3): of every body's inertial frame in the world;
         ``centre`` (n, 3) and ``axes`` (n, 4): where that is in the body's own frame.
         """
-        own, carrier = self._own, self._carrier
+        frame, carrier = self._own, self._carrier
         turned = multiply(turn[carrier], conjugate(axes[carrier]))
         lever = rotate(turned, self._position - centre[carrier])
-        at[own] = at[carrier] + lever
-        turn[own] = positive(multiply(turned, self._turn))
-        linear[own] = linear[carrier] + cross(angular[carrier], lever)
-        angular[own] = angular[carrier]
+        at[frame] = at[carrier] + lever
+        turn[frame] = positive(multiply(turned, self._turn))
+        linear[frame] = linear[carrier] + cross(angular[carrier], lever)
+        angular[frame] = angular[carrier]
 
     def bodies(self) -> dict[str, Body]:
         """The frames as bodies of a read-back, by name."""

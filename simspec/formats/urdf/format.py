@@ -123,8 +123,8 @@ def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robo
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
         within = [coupling for coupling in _follows(world) if {coupling.joint, coupling.leader} <= joints]
-        own = {body.name for body in bodies}
-        named = [frame for frame in world.frames if frame.body in own]
+        names = {body.name for body in bodies}
+        named = [frame for frame in world.frames if frame.body in names]
         robot = standard_robot(bodies, follows=within, named=named)
         if profile == "floating" and bodies[0].joint.kind == "free":
             robot = _floating(robot, bodies[0])

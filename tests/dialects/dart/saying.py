@@ -37,9 +37,9 @@ def emit(world):
     return DartDialect().emit(accepted, target(accepted))
 
 
-def failures(world, held, text=False):
+def failures(world, actual, text=False):
     """The checks of the comparator that fail, as (name, place)."""
-    checks = compare(world, held, Dart.RULES, Dart.LAYERS, text=text)
+    checks = compare(world, actual, Dart.RULES, Dart.LAYERS, text=text)
     assert len(checks) > 5
     return [(check.name, check.where) for check in checks if not check.passed]
 
@@ -57,8 +57,8 @@ def two_materials():
     names = ("ground", "rough", "slick")
     friction = {("ground", "rough"): 0.7, ("ground", "slick"): 0.1}
     pairs = tuple(
-        PairContact(one, other, friction.get((one, other), 0.7 if "slick" not in (one, other) else 0.1), 0.25)
-        for index, one in enumerate(names)
+        PairContact(name, other, friction.get((name, other), 0.7 if "slick" not in (name, other) else 0.1), 0.25)
+        for index, name in enumerate(names)
         for other in names[index:]
     )
     floor, box, sphere = base.bodies
@@ -90,8 +90,8 @@ def reserved_name():
 
 def interleaved():
     """Two trees whose bodies alternate in the world's order."""
-    one, other = worlds.tree(["free", "hinge"], 5, prefix="a"), worlds.tree(["ball", "slide"], 6, prefix="b")
-    return worlds.world((one[0], other[0], one[1], other[1]))
+    bodies, other = worlds.tree(["free", "hinge"], 5, prefix="a"), worlds.tree(["ball", "slide"], 6, prefix="b")
+    return worlds.world((bodies[0], other[0], bodies[1], other[1]))
 
 
 WORLDS = {

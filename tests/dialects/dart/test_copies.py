@@ -39,11 +39,11 @@ def random_world(seed, passing=0.2):
         inertial = Inertial(1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
         bodies.append(Body(f"b{index}", f"b{index}", inertial, joint, shapes, generator.choice(("default", "g"))))
     pairs = []
-    for one, other in itertools.combinations_with_replacement(names, 2):
+    for entry, other in itertools.combinations_with_replacement(names, 2):
         collide = generator.random() >= passing
         friction = generator.choice((0.1, 0.3, 0.7, 0.9)) if collide else 0.0
         restitution = generator.choice((0.0, 0.5)) if collide else 0.0
-        pairs.append(PairContact(one, other, friction, restitution, collide=collide))
+        pairs.append(PairContact(entry, other, friction, restitution, collide=collide))
     contact = Contact(
         materials=tuple(Material(name, 0.5) for name in names),
         pairs=tuple(pairs),
@@ -54,15 +54,15 @@ def random_world(seed, passing=0.2):
     return worlds.with_options(world, "dart", accept=("material.restitution",))
 
 
-def meetings(content, one, other):
+def meetings(content, entry, other):
     """The numbers of the copies of two shapes that the sidecar lets meet, from its classes alone."""
-    of = {node: name for name, held in content["filter"]["classes"].items() for node in held}
-    apart = {frozenset(pair) for pair in content["filter"]["apart"]}
+    of = {node: name for name, class_ in content["filter"]["classes"].items() for node in class_}
+    separate = {frozenset(pair) for pair in content["filter"]["apart"]}
     return [
         (a, b)
-        for a in one["surfaces"]
+        for a in entry["surfaces"]
         for b in other["surfaces"]
-        if frozenset((of.get(a["node"], ""), of.get(b["node"], ""))) not in apart
+        if frozenset((of.get(a["node"], ""), of.get(b["node"], ""))) not in separate
     ]
 
 
@@ -70,7 +70,7 @@ def meetings(content, one, other):
 def test_every_two_shapes_meet_once_with_the_numbers_of_their_pair(seed, tmp_path):
     world = random_world(seed)
     content = json.loads(emit(world)[SIDECAR])
-    held = {shape["name"]: shape for shape in content["shapes"]}
+    actual = {shape["name"]: shape for shape in content["shapes"]}
     laws = {frozenset((pair.first, pair.second)): pair for pair in world.contact.pairs}
     allowed = CollisionFilter(world)
     tried = 0
@@ -79,11 +79,11 @@ def test_every_two_shapes_meet_once_with_the_numbers_of_their_pair(seed, tmp_pat
             continue
         for a, b in itertools.product(body.shapes, other.shapes):
             law = laws[frozenset((a.material, b.material))]
-            met = meetings(content, held[a.name], held[b.name])
+            met = meetings(content, actual[a.name], actual[b.name])
             assert len(met) == law.collide, f"{a.name} with {b.name}"
-            for one, two in met:
-                assert min(one["friction"], two["friction"]) == pytest.approx(law.friction, abs=1e-15)
-                assert one["restitution"] * two["restitution"] == pytest.approx(law.restitution, abs=1e-15)
+            for entry, two in met:
+                assert min(entry["friction"], two["friction"]) == pytest.approx(law.friction, abs=1e-15)
+                assert entry["restitution"] * two["restitution"] == pytest.approx(law.restitution, abs=1e-15)
             tried += 1
     assert tried > 20
     read = DartDialect().read(write(emit(world), tmp_path))
@@ -96,7 +96,7 @@ def test_no_more_nodes_than_there_are_different_neighbours(seed):
     world = random_world(seed)
     nodes = Nodes(world, target(world).plan)
     passing = {frozenset((pair.first, pair.second)) for pair in world.contact.pairs if not pair.collide}
-    parts = {part for held in nodes.of.values() for node in held for part in node.parts}
+    parts = {part for actual in nodes.of.values() for node in actual for part in node.parts}
     plan = target(world).plan
 
     def neighbours(node):
@@ -109,9 +109,9 @@ def test_no_more_nodes_than_there_are_different_neighbours(seed):
             or (min(part[0], other[0]), max(part[0], other[0])) in plan.layer_of
         }
 
-    for held in nodes.of.values():
-        for one, other in itertools.combinations(held, 2):
-            a, b = neighbours(one), neighbours(other)
+    for stored in nodes.of.values():
+        for first, other in itertools.combinations(stored, 2):
+            a, b = neighbours(first), neighbours(other)
             assert any(a[part] != b[part] for part in a.keys() & b.keys())
 
 

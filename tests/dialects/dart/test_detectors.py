@@ -78,9 +78,9 @@ def test_the_table_names_pairs_as_they_are_looked_up():
     for detector, pairs in OVERLOOKED.items():
         assert not set(pairs) & set(UNSOUND[detector]), "a pair that is refused needs no note"
     for pairs in (*UNSOUND.values(), *OVERLOOKED.values()):
-        for one, other in pairs:
-            assert one <= other
-            assert {one, other} <= set(SHAPE_KINDS)
+        for name, other in pairs:
+            assert name <= other
+            assert {name, other} <= set(SHAPE_KINDS)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_the_detector_is_sound_for_all_that_may_touch(floor, kinds, detector):
 
 def test_every_pair_that_can_meet_is_measured():
     kinds = [kind for kind in SHAPE_KINDS if kind != "heightfield"]  # refused by name
-    pairs = {(one, other) for one in kinds for other in kinds if one <= other} - {("plane", "plane")}
+    pairs = {(kind, other) for kind in kinds for other in kinds if kind <= other} - {("plane", "plane")}
     assert set(SOUND) == set(UNSOUND)
     for detector, sound in SOUND.items():
         assert len(set(sound)) == len(sound) == len(pairs) - len(UNSOUND[detector])
@@ -136,19 +136,19 @@ def test_only_what_may_touch_counts():
 
 
 def test_the_search_does_not_try_all_pairs(monkeypatch):
-    asked = []
+    requested = []
     may_touch = CollisionFilter.may_touch
     monkeypatch.setattr(
         contact_pairs.CollisionFilter,
         "may_touch",
-        lambda self, one, other: asked.append(1) or may_touch(self, one, other),
+        lambda self, item, other: requested.append(1) or may_touch(self, item, other),
     )
     links = [
-        dataclasses.replace(one, shapes=(Shape(one.name, ("box", "sphere")[i % 2], (0.1,) * 3, Pose(), "m"),))
-        for i, one in enumerate(worlds.tree(["fixed"] + ["hinge"] * 300, 1))
+        dataclasses.replace(entry, shapes=(Shape(entry.name, ("box", "sphere")[i % 2], (0.1,) * 3, Pose(), "m"),))
+        for i, entry in enumerate(worlds.tree(["fixed"] + ["hinge"] * 300, 1))
     ]
     meeting_kinds(scene(*links, excluded=worlds.parent_pairs(tuple(links))))
-    assert len(asked) < 2 * len(links)
+    assert len(requested) < 2 * len(links)
 
 
 def mixed(**options):
@@ -252,7 +252,7 @@ def test_what_is_accepted_of_a_detector_is_said():
     def said(kind, **more):
         world = scene(body("floor", "box"), body("b", kind, (0.0, 0.0, 1.0)), **more)
         decisions = compile_world(world, ["dart"])["dart"].decisions
-        return {one.feature.value: one.how for one in decisions if one.level is Level.APPROXIMATE}
+        return {decision.feature.value: decision.how for decision in decisions if decision.level is Level.APPROXIMATE}
 
     assert said("cylinder", accept=("shape.cylinder",)) == {}
     found = said("cylinder", accept=("shape.cylinder",), collision_detector="bullet")
@@ -268,7 +268,7 @@ def test_what_is_accepted_of_a_detector_is_said():
 def test_what_the_detector_overlooks_is_said_where_a_world_has_such_pairs():
     def said(*bodies, **more):
         decisions = compile_world(scene(body("floor", "plane"), *bodies, **more), ["dart"])["dart"].decisions
-        return {one.feature.value: one.how for one in decisions if "overlooks" in one.how}
+        return {decision.feature.value: decision.how for decision in decisions if "overlooks" in decision.how}
 
     box, cylinder = body("box", "box", (1.0, 0.0, 1.0)), body("cylinder", "cylinder", (0.0, 0.0, 1.0))
     found = said(box, cylinder)
@@ -298,9 +298,9 @@ def test_an_edge_that_cuts_a_rim_is_overlooked_by_ode(detector, turn, at, other_
         for kind, place, way in zip(("box", "cylinder"), places, (turn, other_turn), strict=True)
     ]
     world = scene(*bodies, accept=("shape.cylinder",), collision_detector=detector)
-    one, other = solids(world)
+    solid, other = solids(world)
     poses = [transform(Pose(each.joint.position[:3], each.joint.position[3:])) for each in bodies]
-    assert -0.012 < gap(one, poses[0], other, poses[1]).distance < -0.008
+    assert -0.012 < gap(solid, poses[0], other, poses[1]).distance < -0.008
     assert len(load(world, tmp_path).detect_units()) == (0 if detector == "ode" else 1)
 
 

@@ -40,10 +40,10 @@ def test_the_independent_reader_finds_the_world_again(name, tmp_path):
     world = WORLDS[name]()
     files = emit(world)
     assert sorted(files) == sorted([WORLD, SIDECAR])
-    held = DartDialect().read(write(files, tmp_path))
-    assert failures(world, held, text=True) == []
-    assert [body.name for body in held.bodies] == [body.name for body in world.bodies]
-    for body, again in zip(world.bodies, held.bodies, strict=True):
+    back = DartDialect().read(write(files, tmp_path))
+    assert failures(world, back, text=True) == []
+    assert [body.name for body in back.bodies] == [body.name for body in world.bodies]
+    for body, again in zip(world.bodies, back.bodies, strict=True):
         for shape, read in zip(body.shapes, again.shapes, strict=True):
             assert (shape.name, shape.collision, shape.visual) == (read.name, read.collision, read.visual)
             assert not shape.visual or shape.colour == read.colour
@@ -107,8 +107,8 @@ def skeletons(text):
 
 def test_there_is_one_skeleton_for_each_tree_and_static_ones_are_not_mobile():
     found = skeletons(emit(worlds.shapes_world(("box", "sphere")))[WORLD])
-    assert [one.attrib["name"] for one in found] == ["floor", "box", "sphere"]
-    assert [one.findtext("mobile") for one in found] == ["false", "true", "true"]
+    assert [entry.attrib["name"] for entry in found] == ["floor", "box", "sphere"]
+    assert [entry.findtext("mobile") for entry in found] == ["false", "true", "true"]
     (arm,) = skeletons(emit(worlds.damped_springs())[WORLD])
     assert arm.findtext("mobile") == "true", "its root is fixed, its links move"
 
@@ -201,8 +201,8 @@ def test_the_detector_suits_the_shapes(kinds, detector, tmp_path):
     content = read_sidecar(write(emit(world), tmp_path))
     assert content["settings"]["collision_detector"] == detector
     assert f"<collision_detector>{detector}<" in emit(world)[WORLD]
-    asked = worlds.with_options(world, "dart", settings=(("collision_detector", "bullet"),))
-    assert json.loads(emit(asked)[SIDECAR])["settings"]["collision_detector"] == "bullet"
+    options = worlds.with_options(world, "dart", settings=(("collision_detector", "bullet"),))
+    assert json.loads(emit(options)[SIDECAR])["settings"]["collision_detector"] == "bullet"
 
 
 def refusals(world):
@@ -235,11 +235,11 @@ def test_a_solver_setting_changes_the_cone_only_where_that_is_accepted():
 def test_surfaces_invert_darts_rules(tmp_path):
     """Friction is the smaller of two numbers, restitution their product."""
     content = read_sidecar(write(emit(two_materials()), tmp_path))
-    held = {
-        shape["name"]: [one[key] for one in shape["surfaces"] for key in ("friction", "restitution")]
+    actual = {
+        shape["name"]: [surface[key] for surface in shape["surfaces"] for key in ("friction", "restitution")]
         for shape in content["shapes"]
     }
     assert content["copies"] == [], "all meet all others: two materials stay on one node"
-    assert min(held["floor_0"][0], held["a"][0]) == 0.7
-    assert min(held["floor_0"][0], held["b"][0]) == 0.1
-    assert held["a"][1] * held["b"][1] == pytest.approx(0.25, rel=1e-15)
+    assert min(actual["floor_0"][0], actual["a"][0]) == 0.7
+    assert min(actual["floor_0"][0], actual["b"][0]) == 0.1
+    assert actual["a"][1] * actual["b"][1] == pytest.approx(0.25, rel=1e-15)

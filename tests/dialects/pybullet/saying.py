@@ -49,14 +49,14 @@ def shape_numbers(shape):
 
 def assert_same_bodies(wanted, found, tolerance, names=True):
     assert [body.name for body in found] == [body.name for body in wanted]
-    for one, other in zip(wanted, found, strict=True):
-        kind = (one.model, one.joint.kind, one.joint.parent, one.joint.name)
+    for entry, other in zip(wanted, found, strict=True):
+        kind = (entry.model, entry.joint.kind, entry.joint.parent, entry.joint.name)
         assert kind == (other.model, other.joint.kind, other.joint.parent, other.joint.name)
         np.testing.assert_allclose(
-            body_numbers(other), body_numbers(one), rtol=tolerance, atol=tolerance, err_msg=one.name
+            body_numbers(other), body_numbers(entry), rtol=tolerance, atol=tolerance, err_msg=entry.name
         )
-        assert len(one.shapes) == len(other.shapes)
-        for shape, again in zip(one.shapes, other.shapes, strict=True):
+        assert len(entry.shapes) == len(other.shapes)
+        for shape, again in zip(entry.shapes, other.shapes, strict=True):
             assert (shape.kind, shape.collision, shape.visual) == (again.kind, again.collision, again.visual)
             assert not names or shape.name == again.name
             np.testing.assert_allclose(shape_numbers(again), shape_numbers(shape), rtol=tolerance, atol=tolerance)

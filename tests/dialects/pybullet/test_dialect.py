@@ -58,7 +58,7 @@ def test_equal_trees_share_one_file_whatever_their_names_places_and_speeds():
     files = emit(worlds.spheres(30))
     assert sorted(files) == ["ball_0.urdf", "floor.urdf", SIDECAR]
     content = json.loads(files[SIDECAR])
-    assert [one["file"] for one in content["instances"]] == ["floor.urdf"] + ["ball_0.urdf"] * 30
+    assert [instance["file"] for instance in content["instances"]] == ["floor.urdf"] + ["ball_0.urdf"] * 30
     assert content["instances"][3]["bodies"] == ["ball_2"]
     assert content["instances"][3]["position"] != content["instances"][2]["position"]
 
@@ -102,8 +102,8 @@ def test_file_names_are_safe_and_distinct():
 
 def test_names_never_break_the_xml():
     body = worlds.tree(["free"], 1)[0]
-    odd = dataclasses.replace(body, name='a<b>&"é', model="m")
-    text = emit(worlds.world((odd,)))["m.urdf"]
+    unexpected = dataclasses.replace(body, name='a<b>&"é', model="m")
+    text = emit(worlds.world((unexpected,)))["m.urdf"]
     assert ElementTree.fromstring(text.encode()).find("link").attrib["name"] == 'a<b>&"é'
 
 
@@ -116,8 +116,8 @@ def test_nothing_is_left_to_a_default():
             assert link.find("contact/restitution") is not None
     text = emit(worlds.every_joint())["link0.urdf"]
     inertias = [element.attrib for element in ElementTree.fromstring(text.encode()).iter("inertia")]
-    assert all(float(one[key]) == 0.0 for one in inertias for key in ("ixy", "ixz", "iyz"))
-    moments = [sorted(float(one[key]) for key in ("ixx", "iyy", "izz")) for one in inertias]
+    assert all(float(inertia[key]) == 0.0 for inertia in inertias for key in ("ixy", "ixz", "iyz"))
+    moments = [sorted(float(inertia[key]) for key in ("ixx", "iyy", "izz")) for inertia in inertias]
     assert all(largest <= small + middle for small, middle, largest in moments), "PyBullet zeroes others"
 
 
@@ -192,17 +192,17 @@ def test_the_sidecars_filter_is_the_worlds(groups, tmp_path):
     """With 40 groups there are more classes than bits, and pairs take their place."""
     world = many_groups(groups)
     content = read_sidecar(write(emit(world), tmp_path))["collision_filter"]
-    bits = {name: (one["group"], one["mask"]) for one in content["classes"] for name in one["links"]}
+    bits = {name: (class_["group"], class_["mask"]) for class_ in content["classes"] for name in class_["links"]}
     assert max(group for group, _ in bits.values()) < 2**31
     excluded = {tuple(pair) for pair in content["excluded"]}
     allowed = CollisionFilter(world)
     names = [body.name for body in world.bodies]
-    for one in names:
+    for entry in names:
         for other in names:
-            if one != other:
-                touch = bool(bits[one][0] & bits[other][1] and bits[other][0] & bits[one][1])
-                touch = touch and (min(one, other), max(one, other)) not in excluded
-                assert touch == allowed.may_touch(one, other), (one, other)
+            if entry != other:
+                touch = bool(bits[entry][0] & bits[other][1] and bits[other][0] & bits[entry][1])
+                touch = touch and (min(entry, other), max(entry, other)) not in excluded
+                assert touch == allowed.may_touch(entry, other), (entry, other)
 
 
 def refusals(world):
@@ -242,13 +242,13 @@ def test_three_materials_that_no_product_gives_get_copies(tmp_path):
     assert plan.layered
     files = emit(world)
     content = json.loads(files[SIDECAR])
-    copies = {copy["link"]: copy for one in content["instances"] for copy in one["copies"]}
+    copies = {copy["link"]: copy for instance in content["instances"] for copy in instance["copies"]}
     assert len(copies) == sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in body.shapes)
     found = PybulletDialect().read(write(files, tmp_path))
     for body, again in zip(world.bodies, found.bodies, strict=True):
         assert again.shapes[0].surfaces == surfaces(body.shapes[0], plan)
     # a copy that is unlike its shape, off its place, or has a mass, is noticed
-    name = next(one["file"] for one in content["instances"] if one["copies"])
+    name = next(instance["file"] for instance in content["instances"] if instance["copies"])
     for old, new, message in (
         ('radius="0.1"', 'radius="0.2"', "unlike the shape"),
         ('<mass value="0"/>', '<mass value="1"/>', "has a mass"),

@@ -198,9 +198,9 @@ def test_visual_only_shapes_are_read_back_and_not_simulated(load_dart):
     assert states[0] == states[1]
     nodes = engine.world.getSkeleton("b").getBodyNode(0).getShapeNodes()
     assert [node.hasVisualAspect() for node in nodes] == [False]
-    held = engine.read_back()
-    assert [shape.visual for shape in held.bodies[1].shapes] == [shape.visual for shape in shown.bodies[1].shapes]
-    np.testing.assert_array_equal(held.bodies[1].joint.position, engine.get_state()[0])
+    back = engine.read_back()
+    assert [shape.visual for shape in back.bodies[1].shapes] == [shape.visual for shape in shown.bodies[1].shapes]
+    np.testing.assert_array_equal(back.bodies[1].joint.position, engine.get_state()[0])
 
 
 @pytest.mark.parametrize(

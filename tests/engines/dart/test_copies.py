@@ -28,14 +28,14 @@ MIXED = dict(zip(itertools.combinations_with_replacement(NAMES, 2), (0.1, 0.9, 0
 
 
 def pairs_of(friction, **law):
-    pairs = tuple(PairContact(one, other, value, 0.0, **law) for (one, other), value in friction.items())
+    pairs = tuple(PairContact(entry, other, value, 0.0, **law) for (entry, other), value in friction.items())
     return Contact(materials=tuple(Material(name, friction[name, name]) for name in NAMES), pairs=pairs)
 
 
 def shaped_tree(friction):
     """A tree with a small sphere on each body and three that fly beside it, in three materials."""
     bodies = worlds.tree(["free", "hinge", "ball", "slide", "fixed", "hinge"], 11)
-    beside = [
+    alongside = [
         dataclasses.replace(
             body,
             joint=Joint(
@@ -51,7 +51,7 @@ def shaped_tree(friction):
     ]
     shaped = tuple(
         dataclasses.replace(body, shapes=(Shape(f"{body.name}_0", "sphere", (0.01,), material=NAMES[index % 3]),))
-        for index, body in enumerate((*bodies, *beside))
+        for index, body in enumerate((*bodies, *alongside))
     )
     contact = dataclasses.replace(pairs_of(friction), excluded_bodies=worlds.parent_pairs(shaped))
     return worlds.world(shaped, contact=contact)
@@ -59,21 +59,21 @@ def shaped_tree(friction):
 
 def test_copies_change_nothing_but_contact(load_dart):
     plain, copied = shaped_tree(dict.fromkeys(MIXED, 0.5)), shaped_tree(MIXED)
-    one, two = load_dart(plain), load_dart(copied)
+    entry, two = load_dart(plain), load_dart(copied)
     nodes = [
         sum(engine.world.getSkeleton(index).getNumBodyNodes() for index in range(engine.world.getNumSkeletons()))
-        for engine in (one, two)
+        for engine in (entry, two)
     ]
     assert nodes[0] == len(plain.bodies) < nodes[1]
-    np.testing.assert_array_equal(one.mass_matrix(), two.mass_matrix())
-    np.testing.assert_array_equal(one.bias_force(), two.bias_force())
-    assert one.energy() == two.energy()
-    effort = np.random.default_rng(3).normal(size=one.get_state()[1].shape) * 0.1
-    for engine in (one, two):
+    np.testing.assert_array_equal(entry.mass_matrix(), two.mass_matrix())
+    np.testing.assert_array_equal(entry.bias_force(), two.bias_force())
+    assert entry.energy() == two.energy()
+    effort = np.random.default_rng(3).normal(size=entry.get_state()[1].shape) * 0.1
+    for engine in (entry, two):
         engine.step(500)
         engine.step(500, effort)
     # not a bit differs (measured); 1e-12 would do
-    for a, b in zip((*one.get_state(), *one.body_states()), (*two.get_state(), *two.body_states()), strict=True):
+    for a, b in zip((*entry.get_state(), *entry.body_states()), (*two.get_state(), *two.body_states()), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
     assert failures(copied, load_dart(copied).read_back()) == []
 
@@ -155,7 +155,7 @@ def test_restitution_of_pairs_that_no_product_gives(load_dart):
     base = scene(("sphere", (0.1,)), (0.0, 0.0, 0.12), (0.0, 0.0, -2.0))
     floor, ball = base.bodies
     bodies = []
-    for index, (one, other) in enumerate(ratio):
+    for index, (entry, other) in enumerate(ratio):
         at = (3.0 * index, 0.0, 0.12, 1.0, 0.0, 0.0, 0.0)
         tile = dataclasses.replace(
             floor,
@@ -168,7 +168,7 @@ def test_restitution_of_pairs_that_no_product_gives(load_dart):
                     "box",
                     (2.0, 2.0, 0.2),
                     dataclasses.replace(floor.shapes[0].pose, position=(3.0 * index, 0.0, -0.1)),
-                    one,
+                    entry,
                 ),
             ),
         )
@@ -182,7 +182,7 @@ def test_restitution_of_pairs_that_no_product_gives(load_dart):
         bodies += [tile, moved]
     contact = Contact(
         materials=(Material("a"), Material("b")),
-        pairs=tuple(PairContact(one, other, 0.0, value) for (one, other), value in ratio.items()),
+        pairs=tuple(PairContact(name, other, 0.0, value) for (name, other), value in ratio.items()),
     )
     world = dataclasses.replace(
         base, bodies=tuple(bodies), contact=contact, physics=Physics((0.0, 0.0, 0.0), 0.001, 100)

@@ -55,10 +55,10 @@ def assert_same_poses(found, wanted, tolerance):
 @pytest.mark.parametrize("name", WORLDS)
 def test_reads_back_the_world(name, load_dart):
     world = WORLDS[name]()
-    held = load_dart(world).read_back()
-    assert failures(world, held) == []
-    assert set(held.unreadable) <= set(Dart.UNREADABLE)
-    for body, again in zip(world.bodies, held.bodies, strict=True):
+    back = load_dart(world).read_back()
+    assert failures(world, back) == []
+    assert set(back.unreadable) <= set(Dart.UNREADABLE)
+    for body, again in zip(world.bodies, back.bodies, strict=True):
         seen = {shape.name: shape.colour for shape in again.shapes if shape.visual}
         assert seen == {shape.name: shape.colour for shape in body.shapes if shape.visual}
 
@@ -101,10 +101,10 @@ def test_what_file_and_sidecar_say_differently_is_refused(load_dart):
 
 def test_the_read_back_adds_implicit_damping_that_a_file_should_not_have(load_dart):
     world = worlds.damped_springs()
-    held = load_dart(
+    back = load_dart(
         world, lambda files: {**files, WORLD: files[WORLD].replace("<damping>0<", "<damping>0.1<")}
     ).read_back()
-    assert {name for name, _ in failures(world, held)} & {"damping", "armature"}
+    assert {name for name, _ in failures(world, back)} & {"damping", "armature"}
 
 
 @pytest.mark.parametrize(

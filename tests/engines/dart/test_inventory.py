@@ -89,10 +89,10 @@ def option(name, **changes):
 
     def change(sim):
         of = sim.world if name == "DeactivationOptions" else sim.solver
-        held = getattr(of, f"get{name}")()
+        actual = getattr(of, f"get{name}")()
         for field, value in changes.items():
-            setattr(held, field, value)
-        getattr(of, f"set{name}")(held)
+            setattr(actual, field, value)
+        getattr(of, f"set{name}")(actual)
 
     return change
 
@@ -333,7 +333,7 @@ CLASSES = {
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_no_getter_is_left_unnamed(name):
-    installed = {method for one in CLASSES[name] for method in dir(one) if QUESTION.match(method)}
+    installed = {method for entry in CLASSES[name] for method in dir(entry) if QUESTION.match(method)}
     named = [method for methods in GETTERS[name].values() for method in methods.split()]
     assert sorted(named) == sorted(installed)
 

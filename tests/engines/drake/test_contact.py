@@ -19,7 +19,7 @@ def figures(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(size, "size_trial", lambda world: None)
 
-    def of(solver, asked, held=None, probes=None):
+    def of(solver, requested, actual=None, probes=None):
         if probes is not None:
             monkeypatch.setattr(run, "PROBES", {name: run.PROBES[name] for name in probes})
 
@@ -29,9 +29,9 @@ def figures(tmp_path, monkeypatch):
             accept = ("contact.cone.elliptic", "contact.friction.impact")
             return worlds.with_options(table, "drake", settings=settings, accept=accept)
 
-        folder = tmp_path / f"{solver}-{held}"
-        write_folder(compile_world(world(held or asked), ["drake"])["drake"].files, folder)
-        with run.measure(world(asked), "drake", folder, None, 300.0, False) as measuring:
+        folder = tmp_path / f"{solver}-{actual}"
+        write_folder(compile_world(world(actual or requested), ["drake"])["drake"].files, folder)
+        with run.measure(world(requested), "drake", folder, None, 300.0, False) as measuring:
             return measuring.wait()[0]
 
     return of

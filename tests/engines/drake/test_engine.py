@@ -48,8 +48,8 @@ def load(load_files):
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
 def test_the_inventory_is_what_the_world_demands(name, load):
     world = WORLDS[name]("drake")
-    held = load(world).read_back()
-    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    back = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
     assert check.count > 40
 
@@ -59,8 +59,8 @@ def test_the_inventory_of_a_plane_among_other_shapes(load):
     stone = Shape("floor_1", "box", (0.1, 0.1, 0.1), Pose((1.0, 0.0, 0.0)), "a")
     floor = dataclasses.replace(world.bodies[0], shapes=(*world.bodies[0].shapes, stone))
     world = told(dataclasses.replace(world, bodies=(floor, world.bodies[1])))
-    held = load(world).read_back()
-    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    back = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
 
 
@@ -73,10 +73,10 @@ def test_the_inventory_of_a_plane_among_other_shapes(load):
 )
 def test_settings_are_held(load, settings):
     world = told(boxes(2), **settings)
-    held = load(world).read_back()
-    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    back = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
-    assert held.inventory["contact.approximation"].lower() == f"k{settings['contact_approximation']}"
+    assert back.inventory["contact.approximation"].lower() == f"k{settings['contact_approximation']}"
 
 
 @pytest.mark.parametrize(
@@ -261,8 +261,8 @@ def test_looking_at_contacts_changes_nothing(load):
             if look:
                 engine.contacts()
         ends.append(engine.get_state())
-    for one, other in zip(*ends, strict=True):
-        assert (one == other).all()
+    for end, other in zip(*ends, strict=True):
+        assert (end == other).all()
 
 
 def test_216_spheres_have_the_energy_that_the_other_engines_find(load):

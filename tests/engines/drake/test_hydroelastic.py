@@ -38,8 +38,8 @@ def pressed(world, solver="tamsi", **settings):
 
 
 def check_of(world, engine):
-    held = engine.read_back()
-    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    back = engine.read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     return check
 
 
@@ -81,8 +81,8 @@ def test_other_shapes_touch_boxes_at_points_all_the_same(load, kind):
     top = dataclasses.replace(world.bodies[2], shapes=(Shape("b1_0", "box", (0.1, 0.1, 0.1), material="a"),))
     world = dataclasses.replace(world, bodies=(*world.bodies[:2], top))
     ends = []
-    for asked in (told(world, contact_approximation="tamsi"), pressed(world)):
-        engine = load(asked)
+    for requested in (told(world, contact_approximation="tamsi"), pressed(world)):
+        engine = load(requested)
         engine.step(100)
         ends.append(engine.get_state())
     for corners, pressure in zip(*ends, strict=True):
@@ -103,10 +103,10 @@ def test_the_inventory_is_what_the_choice_demands(name, load):
 def material(name, value):
     def change(sim):
         context = sim.built.scene.GetMyMutableContextFromRoot(sim.root)
-        held = next(one.id for one in sim.built.geometries if one.unit.of.owner.row == 1 and one.part == "shape")
-        properties = geometry.ProximityProperties(sim.query().inspector().GetProximityProperties(held))
+        id_ = next(entry.id for entry in sim.built.geometries if entry.unit.of.owner.row == 1 and entry.part == "shape")
+        properties = geometry.ProximityProperties(sim.query().inspector().GetProximityProperties(id_))
         properties.UpdateProperty("hydroelastic", name, value)
-        sim.built.scene.AssignRole(context, sim.plant.get_source_id(), held, properties, geometry.RoleAssign.kReplace)
+        sim.built.scene.AssignRole(context, sim.plant.get_source_id(), id_, properties, geometry.RoleAssign.kReplace)
 
     return change
 

@@ -31,9 +31,9 @@ def load(load_files):
 
 def failures(world, engine):
     """What differs in the inventory, or in the read-back."""
-    held = engine.read_back()
-    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
-    checks = [check, *compare(world, dataclasses.replace(held, inventory={}, neutral={}), Drake.RULES, Drake.LAYERS)]
+    back = engine.read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
+    checks = [check, *compare(world, dataclasses.replace(back, inventory={}, neutral={}), Drake.RULES, Drake.LAYERS)]
     return [check for check in checks if not check.passed]
 
 
@@ -52,17 +52,17 @@ def material(name, value):
 
     def change(sim):
         context = sim.built.scene.GetMyMutableContextFromRoot(sim.root)
-        held = sim.built.geometries[0].id
-        properties = geometry.ProximityProperties(sim.query().inspector().GetProximityProperties(held))
+        id_ = sim.built.geometries[0].id
+        properties = geometry.ProximityProperties(sim.query().inspector().GetProximityProperties(id_))
         properties.UpdateProperty(*name.split("."), value)
-        sim.built.scene.AssignRole(context, sim.plant.get_source_id(), held, properties, geometry.RoleAssign.kReplace)
+        sim.built.scene.AssignRole(context, sim.plant.get_source_id(), id_, properties, geometry.RoleAssign.kReplace)
 
     return change
 
 
 def unfiltered(sim):
     context = sim.built.scene.GetMyMutableContextFromRoot(sim.root)
-    every = geometry.GeometrySet([one.id for one in sim.built.geometries])
+    every = geometry.GeometrySet([entry.id for entry in sim.built.geometries])
     declared = geometry.CollisionFilterDeclaration().ExcludeWithin(every)
     sim.built.scene.collision_filter_manager(context).Apply(declared)
 
@@ -240,7 +240,10 @@ OF_EVERY_SYSTEM = {
 @pytest.mark.parametrize("name", CLASSES)
 def test_no_getter_is_left_unnamed(name):
     installed = {
-        method for one in CLASSES[name] for method in dir(one) if not (CHANGES.match(method) or OUTPUT.match(method))
+        method
+        for entry in CLASSES[name]
+        for method in dir(entry)
+        if not (CHANGES.match(method) or OUTPUT.match(method))
     }
     if name in ("MultibodyPlant", "SceneGraph"):
         installed = {

@@ -27,6 +27,6 @@ def test_what_carries_joints_is_solved_by_sap(tmp_path):
         assert approximation(simspec.load(tmp_path / f"{name}.yaml").resolve()) == solver
     world = simspec.load(tmp_path / "hand.yaml").resolve()
     assert '"sap"' in "".join(compile_world(accepting(world, "drake"), ["drake"])["drake"].files.values())
-    asked = with_options(world, "drake", settings=(("contact_approximation", "tamsi"),))
+    options = with_options(world, "drake", settings=(("contact_approximation", "tamsi"),))
     with pytest.raises(UnsupportedError, match="TAMSI fails to converge"):
-        compile_world(asked, ["drake"])
+        compile_world(options, ["drake"])

@@ -64,8 +64,8 @@ def test_a_controller_less_or_more_is_noticed(tmp_path):
     less = changed(world, lambda bodies: bodies[0]["joint"].pop("servo"))
     checks = failed(world, less, tmp_path / "less")
     assert {("L0", "controllers"), ("L2", "controllers")} <= checks
-    own = {"kp": 1.0, "kd": 1.0, "effort_limit": None}
-    more = changed(chain(), lambda bodies: bodies[0]["joint"].update(servo=own))
+    local = {"kp": 1.0, "kd": 1.0, "effort_limit": None}
+    more = changed(chain(), lambda bodies: bodies[0]["joint"].update(servo=local))
     assert {("L0", "controllers"), ("L2", "controllers")} <= failed(chain(), more, tmp_path / "more")
 
 
@@ -89,9 +89,9 @@ def test_the_effort_limit_of_a_controller_is_not_the_joints(load_files):
     joint = dataclasses.replace(body.joint, effort_limit=7.0, armature=0.01)
     world = dataclasses.replace(world, bodies=(dataclasses.replace(body, joint=joint),))
     engine = load_files(Drake, compile_world(world, ["drake"])["drake"].files)
-    held = engine.read_back()
-    assert (held.bodies[0].joint.effort_limit, held.bodies[0].joint.armature) == (7.0, 0.01)
-    assert [servo.effort_limit for servo in held.servos] == [0.4]
+    back = engine.read_back()
+    assert (back.bodies[0].joint.effort_limit, back.bodies[0].joint.armature) == (7.0, 0.01)
+    assert [servo.effort_limit for servo in back.servos] == [0.4]
     advance, _ = at_work(engine, world)
     advance(1)
     _, v = engine.get_state()
@@ -106,11 +106,11 @@ def test_only_driven_joints_are_driven(load_files):
     )
     world = dataclasses.replace(world, bodies=bodies)
     last = bodies[-1].joint.name
-    one = dataclasses.replace(
+    controller = dataclasses.replace(
         native(world, kp=500.0, kd=20.0).controllers[0],
         joints=(last,), kp=(500.0,), kd=(20.0,), effort_limits=(None,),
     )  # fmt: skip
-    world = with_targets(dataclasses.replace(world, controllers=(one,)), [bodies[-1].joint.position[0]])
+    world = with_targets(dataclasses.replace(world, controllers=(controller,)), [bodies[-1].joint.position[0]])
     engine = load_files(Drake, compile_world(world, ["drake"])["drake"].files)
     start, _ = engine.get_state()
     advance, _ = at_work(engine, world)

@@ -52,8 +52,8 @@ def joint_world(**fields):
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
 def test_the_inventory_is_what_the_world_demands(name, load):
     world = WORLDS[name]("ode")
-    held = load(world).read_back()
-    (check,) = inventory_checks(Ode.expected_inventory(world, held.neutral), held.inventory)
+    back = load(world).read_back()
+    (check,) = inventory_checks(Ode.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
     assert check.count > 30
 
@@ -273,11 +273,11 @@ def test_trees_of_masses_out_of_all_proportion_are_refused(part, ratio, taken):
     heavy, light = world.bodies[1], world.bodies[2]
     inertial = dataclasses.replace(heavy.inertial, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     share = {"mass": 1.0 / ratio} if part == "mass" else {"inertia": tuple(value / ratio for value in inertial.inertia)}
-    own = dataclasses.replace(inertial, **share)
+    local = dataclasses.replace(inertial, **share)
     bodies = (
         world.bodies[0],
         dataclasses.replace(heavy, inertial=inertial),
-        dataclasses.replace(light, inertial=own),
+        dataclasses.replace(light, inertial=local),
         *world.bodies[3:],
     )
     world = dataclasses.replace(world, bodies=bodies)

@@ -50,11 +50,11 @@ def stone(seed, count=20, half=(0.05, 0.08, 0.04)):
 def two(kind, size, hull):
     """A hull that is free, and another shape, free too unless it is a plane, without gravity."""
     bodies = []
-    for name, own, numbers in (("one", "mesh", hull), ("other", kind, size)):
+    for name, local, numbers in (("one", "mesh", hull), ("other", kind, size)):
         joint = Joint(f"{name}_j", "free", position=(0.0, 0.0, 9.0, *FREE), velocity=(0.0,) * 6)
-        joint = Joint(f"{name}_j", "fixed") if own == "plane" else joint
+        joint = Joint(f"{name}_j", "fixed") if local == "plane" else joint
         inertial = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-        bodies.append(Body(name, name, inertial, joint, (Shape(f"{name}_0", own, numbers, Pose(), "m"),)))
+        bodies.append(Body(name, name, inertial, joint, (Shape(f"{name}_0", local, numbers, Pose(), "m"),)))
     contact = Contact("elliptic", (Material("m", 0.0),), (PairContact("m", "m", 0.0, 0.0),))
     return World("two", tuple(bodies), contact, Physics((0.0, 0.0, 0.0), 1e-3, 10))
 
@@ -71,7 +71,7 @@ def met(engine, *places):
 def test_an_overlap_is_as_deep_as_coal_says_and_no_gap_is_one(kind, load):
     draw = np.random.default_rng(4)
     world = two(kind, SIZES.get(kind) if kind != "mesh" else stone(8), stone(7))
-    one, other = solids(world)
+    solid, other = solids(world)
     engine = load(world)
     seen = 0
     for number in range(40):
@@ -79,25 +79,25 @@ def test_an_overlap_is_as_deep_as_coal_says_and_no_gap_is_one(kind, load):
         way = np.array(frames.rotate(turns[0], (0.0, 0.0, 1.0)))
         if kind == "plane":
             way = np.array([0.0, 0.0, 1.0])
-        still = Pose() if kind == "plane" else Pose(tuple(draw.uniform(-3.0, 3.0, 3).tolist()), turns[1])
+        pose = Pose() if kind == "plane" else Pose(tuple(draw.uniform(-3.0, 3.0, 3).tolist()), turns[1])
         wanted, low, high = (-1e-5, -1e-3, -1e-2, 1e-5)[number % 4], 0.0, 1.0
         for _ in range(50):
             middle = 0.5 * (low + high)
-            place = Pose(tuple((np.array(still.position) + middle * way).tolist()), turns[0])
-            apart = gap(one, transform(place), other, transform(still)).distance
-            low, high = (middle, high) if apart < wanted else (low, middle)
-        if abs(apart - wanted) > 1e-9:  # coal jumps there
+            place = Pose(tuple((np.array(pose.position) + middle * way).tolist()), turns[0])
+            distance = gap(solid, transform(place), other, transform(pose)).distance
+            low, high = (middle, high) if distance < wanted else (low, middle)
+        if abs(distance - wanted) > 1e-9:  # coal jumps there
             continue
         seen += 1
-        told = met(engine, place, *(() if kind == "plane" else (still,)))
+        given = met(engine, place, *(() if kind == "plane" else (pose,)))
         if wanted > 0.0:
-            assert not len(told["distance"])
+            assert not len(given["distance"])
             continue
-        assert told["distance"].min() == pytest.approx(wanted, abs=COAL.get(kind, 1e-8))
+        assert given["distance"].min() == pytest.approx(wanted, abs=COAL.get(kind, 1e-8))
         # moved out by the depth along the normal, they only touch
-        sign = 1.0 if told["body"][0][0] == 0 else -1.0
-        out = np.array(place.position) - told["distance"].min() * sign * told["normal"][0]
-        after = gap(one, transform(Pose(tuple(out.tolist()), turns[0])), other, transform(still)).distance
+        sign = 1.0 if given["body"][0][0] == 0 else -1.0
+        out = np.array(place.position) - given["distance"].min() * sign * given["normal"][0]
+        after = gap(solid, transform(Pose(tuple(out.tolist()), turns[0])), other, transform(pose)).distance
         assert after == pytest.approx(0.0, abs=1e-6)
     assert seen >= 30
     assert engine.log() == []
@@ -106,9 +106,9 @@ def test_an_overlap_is_as_deep_as_coal_says_and_no_gap_is_one(kind, load):
 CUBE = tuple(0.05 * x for corner in itertools.product((-1.0, 1.0), repeat=3) for x in corner)
 
 
-def points_of(load, kind, size, hull, place, still):
-    told = met(load(two(kind, size, hull)), place, still)
-    return told["position"], -told["distance"]
+def points_of(load, kind, size, hull, place, static):
+    given = met(load(two(kind, size, hull)), place, static)
+    return given["position"], -given["distance"]
 
 
 def test_a_face_on_a_face_has_the_corners_of_what_they_share(load):
@@ -144,10 +144,10 @@ def test_of_a_face_with_many_corners_sixteen_bear(load):
     rim = np.stack([0.1 * np.cos(turns), 0.1 * np.sin(turns)], axis=1)
     drum = mesh_size(np.concatenate([np.insert(rim, 2, z, axis=1) for z in (-0.05, 0.05)]))
     engine = load(two("plane", (), drum))
-    told = met(engine, Pose((0.0, 0.0, 0.049), FREE))
-    assert len(told["position"]) == 16
-    assert np.hypot(*told["position"].T[:2]) == pytest.approx([0.1] * 16)
-    around = np.sort(np.arctan2(*told["position"].T[:2]))
+    given = met(engine, Pose((0.0, 0.0, 0.049), FREE))
+    assert len(given["position"]) == 16
+    assert np.hypot(*given["position"].T[:2]) == pytest.approx([0.1] * 16)
+    around = np.sort(np.arctan2(*given["position"].T[:2]))
     assert np.diff(np.append(around, around[0] + 2.0 * math.pi)).max() < 0.7, "they are spread all around it"
 
 
@@ -217,11 +217,11 @@ def _dropped(content):
 def test_a_vertex_that_is_moved_or_missing_is_seen_in_what_ode_holds(change, load):
     world = two("box", SIZES["box"], stone(7))
     sound, other = load(world).read_back(), load(world, change).read_back()
-    held = sound.bodies[0].shapes[0].size
-    assert held == world.bodies[0].shapes[0].size, "every vertex to the last bit"
+    size = sound.bodies[0].shapes[0].size
+    assert size == world.bodies[0].shapes[0].size, "every vertex to the last bit"
 
-    def failed(held):
-        checks = compare(world, held, Ode.RULES, Ode.LAYERS)
+    def failed(actual):
+        checks = compare(world, actual, Ode.RULES, Ode.LAYERS)
         return {check.name for check in checks if not check.passed}
 
     assert not failed(sound)

@@ -54,10 +54,10 @@ def test_the_certificate_is_not_valid_and_says_by_how_much():
 
 def test_everything_else_is_held_as_the_world_demands(load_files):
     world = natively(tree(1e-3, "hinge", "slide", "fixed", "ball"))
-    held = loaded(world, load_files).read_back()
-    (check,) = inventory_checks(Ode.expected_inventory(world, held.neutral), held.inventory)
+    back = loaded(world, load_files).read_back()
+    (check,) = inventory_checks(Ode.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
-    assert held.inventory["body.link1.GyroscopicMode"] == 1.0
+    assert back.inventory["body.link1.GyroscopicMode"] == 1.0
 
 
 def test_it_is_of_first_order_and_a_question_changes_nothing(load_files):

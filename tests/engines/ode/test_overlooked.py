@@ -32,9 +32,9 @@ def edge_in_rim():
 @pytest.mark.parametrize("engine", each(["ode"]))
 def test_an_edge_in_a_rim_is_overlooked_and_declared(engine, tmp_path):
     world = edge_in_rim()
-    one, other = solids(world)
+    solid, other = solids(world)
     places = [Pose(place, frames.normalise(turn)) for place, turn in zip(((0.0, 0.0, 0.0), AWAY), TURNS, strict=True)]
-    assert gap(one, transform(places[0]), other, transform(places[1])).distance < -0.01
+    assert gap(solid, transform(places[0]), other, transform(places[1])).distance < -0.01
     write_folder(compile_world(world, [engine])[engine].files, tmp_path / engine)
     with Session(engine, tmp_path / engine) as session:
         assert len(session.detect_units()) == 0, "if this fails, ODE has learned it: declare less"

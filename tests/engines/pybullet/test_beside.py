@@ -59,8 +59,8 @@ def test_what_something_follows_from_is_no_frame():
     carried = dataclasses.replace(world, bodies=(*world.bodies[:-1], heavy))
     above = heavy.joint.parent
     assert not {heavy.name, above} & bare_frames(carried)
-    held = Connect("loop", "frame1", "arm2", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert "frame1" not in bare_frames(dataclasses.replace(world, constraints=(held,)))
+    connect = Connect("loop", "frame1", "arm2", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert "frame1" not in bare_frames(dataclasses.replace(world, constraints=(connect,)))
 
 
 def test_bodies_with_mass_are_as_many_as_ever():
@@ -78,8 +78,8 @@ def test_frames_are_where_their_carriers_put_them_and_a_wrong_one_is_read_back(t
     q, v = (array[None] for array in initial_state(world))
     (answer,) = call("pybullet", tmp_path / "files", [Operation("kinematics", {}, {"q": q, "v": v})]).answers
     wanted = poses(world)
-    held = answer.arrays["pose"][0]
-    for row, body in zip(held, world.bodies, strict=True):
+    actual = answer.arrays["pose"][0]
+    for row, body in zip(actual, world.bodies, strict=True):
         np.testing.assert_allclose(row[:3], wanted[body.name].position, atol=1e-12)
         assert abs(np.dot(row[3:], wanted[body.name].quaternion)) == pytest.approx(1.0, abs=1e-12)
     sidecar = json.loads((tmp_path / "files" / "sidecar.json").read_text())

@@ -113,10 +113,10 @@ def test_shapes_that_are_alike_are_told_apart_by_their_order(seen, load):
         )
         for index, word in enumerate(seen)
     )
-    bodies = tuple(dataclasses.replace(body, shapes=shapes) if one is body else one for one in base.bodies)
+    bodies = tuple(dataclasses.replace(body, shapes=shapes) if entry is body else entry for entry in base.bodies)
     world = dataclasses.replace(base, bodies=bodies)
-    held = load(world).read_back()
-    again = next(one for one in held.bodies if one.name == body.name).shapes
+    back = load(world).read_back()
+    again = next(entry for entry in back.bodies if entry.name == body.name).shapes
     assert [(shape.name, shape.collision, shape.visual) for shape in again] == [
         (shape.name, shape.collision, shape.visual) for shape in shapes
     ]
@@ -395,10 +395,12 @@ def test_loading_again_reads_the_changed_file(load, tmp_path):
 
 def test_followers_that_act_on_each_other_are_swept_until_they_hold():
     """Their rows are solved one after the other; one alone needs no more sweeps."""
-    one = constrained.follower()
-    joints = [body.joint.name for body in one.bodies]
-    two = dataclasses.replace(one, constraints=(*one.constraints, Follow("second", joints[3], joints[1], 0.5, 0.1)))
-    for world, sweeps in ((one, 200), (two, 2000), (constrained.closed_loop(), 2000)):
+    follower = constrained.follower()
+    joints = [body.joint.name for body in follower.bodies]
+    two = dataclasses.replace(
+        follower, constraints=(*follower.constraints, Follow("second", joints[3], joints[1], 0.5, 0.1))
+    )
+    for world, sweeps in ((follower, 200), (two, 2000), (constrained.closed_loop(), 2000)):
         assert PyBullet.chosen_settings(world, resolve_settings(PyBullet, world))["iterations"] == sweeps
         said = worlds.with_options(world, "pybullet", settings=(("iterations", 77),))
         assert PyBullet.chosen_settings(said, resolve_settings(PyBullet, said))["iterations"] == 77

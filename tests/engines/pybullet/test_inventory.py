@@ -140,10 +140,10 @@ def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
     assert short - addresses - {"padding"} == set(COLLIDER)
     world = plain(blocks["DWLD"])
     assert set(WORLD) <= set(world)
-    held = engine.read_back().inventory
-    assert {f"world.{name}" for name in world} - {f"world.{name}" for name in WORLD} <= set(held)
+    inventory = engine.read_back().inventory
+    assert {f"world.{name}" for name in world} - {f"world.{name}" for name in WORLD} <= set(inventory)
     parameters = p.getPhysicsEngineParameters(physicsClientId=client)
-    assert {f"parameter.{name}" for name in parameters if name not in PARAMETERS} <= set(held)
+    assert {f"parameter.{name}" for name in parameters if name not in PARAMETERS} <= set(inventory)
     uid = sim.trees[1].uid
     # mass, friction, inertia, its place and turn, restitution, rolling, spinning, damping, stiffness, type, margin
     assert len(p.getDynamicsInfo(uid, 0, physicsClientId=client)) == 12

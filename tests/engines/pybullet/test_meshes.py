@@ -35,13 +35,13 @@ def test_hulls_of_any_number_of_points_are_compared_in_bounded_memory():
 
 def test_hulls_of_one_file_are_looked_at_no_further_and_others_once(monkeypatch):
     looked = []
-    monkeypatch.setattr(geometry, "alike", lambda one, other: looked.append((one, other)) or one == other)
+    monkeypatch.setattr(geometry, "alike", lambda entry, other: looked.append((entry, other)) or entry == other)
     same = Alike()
-    held, shown = same.of_file((1.0, 2.0), ("a.stl", 1.0)), same.of_file((1.5, 2.0), ("a.stl", 1.0))
+    actual, shown = same.of_file((1.0, 2.0), ("a.stl", 1.0)), same.of_file((1.5, 2.0), ("a.stl", 1.0))
     scaled, other = same.of_file((1.25, 2.0), ("a.stl", 2.0)), (1.0, 2.0, 0.0)
-    assert same(held, shown)
+    assert same(actual, shown)
     assert not looked
     for _ in range(3):
-        assert not same(held, scaled)
-        assert not same(held, other)
+        assert not same(actual, scaled)
+        assert not same(actual, other)
     assert len(looked) == 2

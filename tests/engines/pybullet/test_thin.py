@@ -42,16 +42,16 @@ def test_what_is_thinner_than_the_margin_is_approximate_on_a_link(kind, size):
     with pytest.raises(UnsupportedError, match=r"no box, cylinder or mesh is thinner than 2 mm there"):
         compile_world(on_a_slide(kind, size), ["pybullet"])
     decisions = compile_world(on_a_slide(kind, size, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
-    (said,) = (one.how for one in decisions if one.feature.value == f"shape.{kind}")
+    (said,) = (decision.how for decision in decisions if decision.feature.value == f"shape.{kind}")
     assert "mm outside of where they are" in said
     thick = tuple(20.0 * value for value in size)
     said = compile_world(on_a_slide(kind, thick, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
-    assert not any("mm outside of where they are" in one.how for one in said)
+    assert not any("mm outside of where they are" in name.how for name in said)
 
 
 @pytest.mark.parametrize(("kind", "size"), [THIN[1], ("mesh", PLATE)])
 def test_it_is_held_as_thick_as_it_says_and_proven_so(kind, size):
-    world = on_a_slide(kind, size, tuple(f"shape.{one}" for one in ("box", "cylinder", "mesh")))
+    world = on_a_slide(kind, size, tuple(f"shape.{name}" for name in ("box", "cylinder", "mesh")))
     checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4", "L5")).engines["pybullet"].checks
     assert not [check for check in checks if not check.passed]
     (sized,) = (check for check in checks if check.level == "L5" and check.name.startswith("size"))
@@ -113,8 +113,10 @@ def test_a_short_cylinder_is_felt_as_it_says_and_proven_so(kind, size):
 
 def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():
     assert margin_excess(PLATE, 1e-3) == pytest.approx(1e-3 - 0.000125 / 1.5)
-    told = np.array(hull_within_margin(PLATE, 1e-3)).reshape(-1, 3)
-    assert np.ptp(told, axis=0) == pytest.approx([0.1 - 2 * 0.000125 / 1.5, 0.06 - 2 * 0.000125 / 1.5, 0.00025 / 3.0])
+    reshape = np.array(hull_within_margin(PLATE, 1e-3)).reshape(-1, 3)
+    assert np.ptp(reshape, axis=0) == pytest.approx(
+        [0.1 - 2 * 0.000125 / 1.5, 0.06 - 2 * 0.000125 / 1.5, 0.00025 / 3.0]
+    )
     thick = tuple(40.0 * value for value in PLATE)
     assert margin_excess(thick, 1e-3) == 0.0
     assert thickened("box", (0.1, 0.06, 0.0019), 1e-3) == (0.1, 0.06, 0.0019)
@@ -129,10 +131,10 @@ def test_pairs_that_overlap_by_rounded_edges_alone_are_told_and_are_no_error():
     floor, free = base.bodies
     sole = dataclasses.replace(free.shapes[0], kind="box", size=(0.16, 0.07, 0.002), pose=Pose())
     ball = dataclasses.replace(floor.shapes[0], kind="sphere", size=(0.1,), pose=Pose())
-    still = dataclasses.replace(floor.joint, origin=Pose())
+    joint = dataclasses.replace(floor.joint, origin=Pose())
     heavy = dataclasses.replace(free.inertial, centre_of_mass=(0.0, 0.0, 0.0))
     bodies = (
-        dataclasses.replace(floor, shapes=(ball,), joint=still),
+        dataclasses.replace(floor, shapes=(ball,), joint=joint),
         dataclasses.replace(free, shapes=(sole,), inertial=heavy),
     )
     world = dataclasses.replace(base, bodies=bodies)
@@ -145,8 +147,10 @@ def test_pairs_that_overlap_by_rounded_edges_alone_are_told_and_are_no_error():
         at = -(corner + (0.1 - depth) * away)
         q = np.array([[*at, 1.0, 0.0, 0.0, 0.0]])
         meetings = Meetings(q, np.array([[0, 0, 1, 1]]), solids)
-        held = {(world.bodies[solid.body].name, solid.name): rounding for solid in solids if solid.shape.kind == "box"}
-        (check,) = touch_checks(world, meetings, units, np.zeros((0, 3), int), rounding=held)
+        actual = {
+            (world.bodies[solid.body].name, solid.name): rounding for solid in solids if solid.shape.kind == "box"
+        }
+        (check,) = touch_checks(world, meetings, units, np.zeros((0, 3), int), rounding=actual)
         assert check.passed == ("edges alone" in check.detail)
         return check.passed
 

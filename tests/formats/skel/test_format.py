@@ -121,6 +121,6 @@ def test_visual_shapes_are_taken_out():
 def test_what_cannot_be_written_is_an_error():
     with pytest.raises(ValueError, match="nan cannot be written"):
         Skel().write(SkelWorld("x", float("nan"), (0.0, 0.0, 0.0), "ode", ()))
-    odd = SkelBody("b", Pose(), INERTIAL, (), (SkelShape("cone", (), Pose()),))
+    body = SkelBody("b", Pose(), INERTIAL, (), (SkelShape("cone", (), Pose()),))
     with pytest.raises(KeyError, match="cone"):
-        Skel().write(SkelWorld("x", 0.1, (0.0, 0.0, 0.0), "ode", (Skeleton("s", True, (odd,), ()),)))
+        Skel().write(SkelWorld("x", 0.1, (0.0, 0.0, 0.0), "ode", (Skeleton("s", True, (body,), ()),)))

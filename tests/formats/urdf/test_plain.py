@@ -78,11 +78,11 @@ def test_another_reader_finds_the_same_dynamics(name, tmp_path):
     places = [model.joints[model.getJointId(joint.name)].idx_v for joint in moving]
     theirs = np.zeros(model.nq)
     for joint, value in zip(moving, q, strict=True):
-        own = model.joints[model.getJointId(joint.name)]
-        if own.nq == 2:  # a joint without limits: cosine and sine
-            theirs[own.idx_q : own.idx_q + 2] = math.cos(value), math.sin(value)
+        local = model.joints[model.getJointId(joint.name)]
+        if local.nq == 2:  # a joint without limits: cosine and sine
+            theirs[local.idx_q : local.idx_q + 2] = math.cos(value), math.sin(value)
         else:
-            theirs[own.idx_q] = value
+            theirs[local.idx_q] = value
     rates = np.zeros(model.nv)
     rates[places] = v
     mass = pinocchio.crba(model, data, theirs)
@@ -217,9 +217,9 @@ def test_shapes_put_otherwise_are_the_same_solid(kind):
         return np.linalg.norm(local - core) <= part.size[0]
 
     points = np.array(pose.position) + generator.uniform(-0.4, 0.4, (2000, 3))
-    held = [inside(shape, point) for point in points]
-    assert 0 < sum(held) < len(held)
-    assert held == [any(inside(part, point) for part in parts_of(shape)) for point in points]
+    insides = [inside(shape, point) for point in points]
+    assert 0 < sum(insides) < len(insides)
+    assert insides == [any(inside(part, point) for part in parts_of(shape)) for point in points]
 
 
 def test_an_ellipsoid_is_left_out_and_listed():
