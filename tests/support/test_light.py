@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from simspec.dialects.mujoco.dialect import heavy_enough
-from simspec.engines.drake.engine import inertia_held
+from simspec.engines.drake.engine import inertia_supported
 from simspec.support.declarations import Level
 from simspec.world.types import Inertial
 from tests import worlds
@@ -29,7 +29,7 @@ def test_mujoco_refuses_what_it_does_not_take():
 
 
 def test_drake_refuses_what_is_round_off_beside_the_arm_of_the_mass():
-    assert inertia_held(light(1e-20)) is not None
-    assert inertia_held(light(1e-20, centre=(0.0, 0.0, 0.0))) is None
-    assert inertia_held(light(1e-7)) is None
-    assert inertia_held(light(1e-20, kinds=("fixed",))) is None
+    assert inertia_supported(light(1e-20)) is not None
+    assert inertia_supported(light(1e-20, centre=(0.0, 0.0, 0.0))) is None
+    assert inertia_supported(light(1e-7)) is None
+    assert inertia_supported(light(1e-20, kinds=("fixed",))) is None

@@ -116,7 +116,7 @@ def class_name(parts: tuple[Part, ...]) -> str:
 
 Pairs = Mapping[tuple[str, str], str]
 
-_ONE = "one contact for a flat face or a long side: it sinks by"
+_SINGLE = "one contact for a flat face or a long side: it sinks by"
 _ROUNDED = "edges and corners are rounded by a tenth of the smallest half-size"
 """Bullet's margin, in pairs without a way of their own: a cylinder on its edge at 45° is found (√2 − 1) margins late
 (measured to 1e-11 m, ``tests/engines/dart/test_contact.py``)."""
@@ -126,13 +126,13 @@ _TWO_HULLS = "an overlap of 1 mm of two meshes is told as 69 mm or none, and a s
 
 UNSOUND: Mapping[str, Pairs] = {
     "dart": {
-        ("box", "plane"): f"{_ONE} 170 mm",
-        ("capsule", "plane"): f"{_ONE} 53 mm",
-        ("cylinder", "plane"): f"{_ONE} 97 mm",
+        ("box", "plane"): f"{_SINGLE} 170 mm",
+        ("capsule", "plane"): f"{_SINGLE} 53 mm",
+        ("cylinder", "plane"): f"{_SINGLE} 97 mm",
         ("ellipsoid", "plane"): "1.6 mm too deep",
-        ("box", "cylinder"): f"9 of 40 contacts missed; {_ONE} 97 mm",
-        ("capsule", "cylinder"): f"{_ONE} 53 mm",
-        ("cylinder", "cylinder"): f"5 of 40 contacts missed; {_ONE} 52 mm",
+        ("box", "cylinder"): f"9 of 40 contacts missed; {_SINGLE} 97 mm",
+        ("capsule", "cylinder"): f"{_SINGLE} 53 mm",
+        ("cylinder", "cylinder"): f"5 of 40 contacts missed; {_SINGLE} 52 mm",
         ("ellipsoid", "sphere"): "36 of 40 contacts missed",
         ("box", "ellipsoid"): "18 of 40 contacts missed",
         ("capsule", "ellipsoid"): "33 of 40 contacts missed",
@@ -145,9 +145,9 @@ UNSOUND: Mapping[str, Pairs] = {
         ("mesh", "mesh"): _TWO_HULLS,
     },
     "ode": {
-        ("box", "capsule"): f"{_ONE} 53 mm",
-        ("capsule", "cylinder"): f"on a flat end {_ONE} 36 mm",
-        ("cylinder", "cylinder"): f"lying on a flat end {_ONE} 46 mm; standing on it is sound",
+        ("box", "capsule"): f"{_SINGLE} 53 mm",
+        ("capsule", "cylinder"): f"on a flat end {_SINGLE} 36 mm",
+        ("cylinder", "cylinder"): f"lying on a flat end {_SINGLE} 46 mm; standing on it is sound",
         **dict.fromkeys(
             (
                 ("ellipsoid", "plane"),
@@ -167,10 +167,10 @@ UNSOUND: Mapping[str, Pairs] = {
         ("mesh", "mesh"): _TWO_HULLS,
     },
     "fcl": {
-        ("box", "plane"): f"{_ONE} 68 mm",
-        ("cylinder", "plane"): f"{_ONE} 96 mm",
-        ("box", "cylinder"): f"{_ONE} 144 mm",
-        ("cylinder", "cylinder"): f"{_ONE} 46 mm",
+        ("box", "plane"): f"{_SINGLE} 68 mm",
+        ("cylinder", "plane"): f"{_SINGLE} 96 mm",
+        ("box", "cylinder"): f"{_SINGLE} 144 mm",
+        ("cylinder", "cylinder"): f"{_SINGLE} 46 mm",
         **dict.fromkeys(
             (
                 ("capsule", "plane"),

@@ -345,7 +345,7 @@ FIRST = (
 )
 """Elements of which the first counts."""
 
-STRANGE = (
+UNKNOWN_IN = (
     *(
         "physics/sub_steps",
         "physics/solver",
@@ -399,7 +399,7 @@ TABLE = MutationTable(
         Inert("normal/text()", "DART normalises it", ("scaled",), "*.skel"),
         Inert("color*", SEEN, (), "*.skel"),
         Inert("transformation/text()", "a rotation within a shape's symmetry", (), "*.skel"),
-        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.skel") for site in STRANGE),
+        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.skel") for site in UNKNOWN_IN),
         Inert(
             "joint@actuator", "for a joint without coordinates, or the default, force", ("attribute added",), "*.skel"
         ),

@@ -33,9 +33,9 @@ SIZES: Mapping[str, tuple[tuple[str, ...], int, float]] = {
 }
 """Of each geometry the elements that give the size, how many numbers that is, and their factor."""
 PLANE = {"normal": (0.0, 0.0, 1.0), "offset": (0.0,)}
-OWN = {"world": "world."}
+RENAMED = {"world": "world."}
 """A body that is called "world" goes by another name in the file."""
-BACK = {there: here for here, there in OWN.items()}
+BACK = {there: here for here, there in RENAMED.items()}
 IMPLICIT = ("damping", "spring_stiffness", "spring_rest_position")
 """Of an axis what DART computes in a way of its own: zero in the file."""
 
@@ -50,8 +50,8 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
     _check_meshes(document)
     elements = {body.name: body for body in _distinct(document)}
     places = {name: _needed(body.item, body.pose, "transformation") for name, body in elements.items()}
-    welded = {copy.node: OWN.get(copy.body, copy.body) for copy in sidecar.copies}
-    if sorted([OWN.get(body.name, body.name) for body in sidecar.bodies] + list(welded)) != sorted(elements):
+    welded = {copy.node: RENAMED.get(copy.body, copy.body) for copy in sidecar.copies}
+    if sorted([RENAMED.get(body.name, body.name) for body in sidecar.bodies] + list(welded)) != sorted(elements):
         raise ValueError("the bodies of world.skel differ from those that the sidecar names")
     joints = _joints(document, places)
     nodes: dict[str, list[str]] = {}
@@ -64,7 +64,7 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
         shapes.setdefault(shape.body, []).append(shape)
     bodies: dict[str, Body] = {}
     for entry, model in zip(sidecar.bodies, sidecar.models, strict=True):
-        name = OWN.get(entry.name, entry.name)
+        name = RENAMED.get(entry.name, entry.name)
         joint = joints[name]
         if joint.parent is not None:
             joint = replace(joint, parent=BACK.get(joint.parent, joint.parent))

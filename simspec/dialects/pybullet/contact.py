@@ -150,7 +150,7 @@ def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
     for names in by_body.values():  # a body does not touch itself
         excluded.update((min(a, b), max(a, b)) for a, b in itertools.combinations(names, 2) if touch(of[a], of[b]))
     if len(classes) > FILTER_BITS:
-        excluded |= _apart(of, touch)
+        excluded |= _excluded_of(of, touch)
         return CollisionFilter((FilterClass(1, 1, tuple(of)),), tuple(sorted(excluded)))
     bits = {key: 1 << index for index, key in enumerate(classes)}
     return CollisionFilter(
@@ -171,7 +171,7 @@ def _meeting(plan: ContactPlan) -> dict[tuple[str, int], frozenset[tuple[str, in
     return {key: frozenset(others) for key, others in found.items()}
 
 
-def _apart(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> set[tuple[str, str]]:
+def _excluded_of(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> set[tuple[str, str]]:
     names: Iterable[str] = sorted(of)
     ordered = list(names)
     return {
@@ -195,7 +195,7 @@ LINK_MARGIN: Final = 1e-3
 """m, around hulls on links other than bases."""
 
 
-def told_shapes(body: Body, parts: Sequence[CollisionPart], local_margin: float) -> dict[str, Shape]:
+def written_shapes(body: Body, parts: Sequence[CollisionPart], local_margin: float) -> dict[str, Shape]:
     """The shapes of a body by name, those that touch within the margin of the link that carries them: ``own_margin`` on its
     own."""
     margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}

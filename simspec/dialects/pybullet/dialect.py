@@ -24,9 +24,9 @@ from simspec.dialects.pybullet.contact import (
     problems,
     restitution_threshold,
     split,
-    told_shapes,
+    written_shapes,
 )
-from simspec.dialects.pybullet.raising import OWN_GEOMETRIES, raised
+from simspec.dialects.pybullet.raising import EXTRA_GEOMETRIES, raised
 from simspec.dialects.pybullet.sidecar import (
     FIXED,
     FREE,
@@ -38,7 +38,7 @@ from simspec.dialects.pybullet.sidecar import (
     Frame,
     Instance,
     PybulletSidecar,
-    held_beside,
+    frames_alongside,
 )
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
@@ -159,7 +159,7 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Urdf
     for body in bodies:
         local = parts[body.name][0]
         margin = LINK_MARGIN if links else base_margin
-        shapes = shapes_by_body[body.name] = told_shapes(body, parts[body.name], margin)
+        shapes = shapes_by_body[body.name] = written_shapes(body, parts[body.name], margin)
         links.append(
             UrdfLink(
                 body.name,
@@ -265,7 +265,7 @@ class PybulletDialect(Dialect):
         Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
         Feature.TREE_SIZE: TREE_SIZE,
         Feature.TREE_DEPTH: never(NO_LINKS),
-        **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES, "heightfield")),
+        **shape_kinds("PyBullet", (*KINDS, *EXTRA_GEOMETRIES, "heightfield")),
         **for_each(exact("PyBullet's extension"), Feature.SHAPE_CAPSULE, Feature.SHAPE_PLANE),
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
         **for_each(
@@ -283,7 +283,7 @@ class PybulletDialect(Dialect):
         coordinates = Coordinates(world)
         files = RobotFiles({SIDECAR})
         instances = []
-        alongside = held_beside(world)
+        alongside = frames_alongside(world)
         for tree in trees(moved).values():
             bodies = tuple(body for body in tree if body.name not in alongside)
             parts = {body.name: split(body, target.plan) for body in bodies}
@@ -311,7 +311,7 @@ class PybulletDialect(Dialect):
 def _check(world: World, target: Target) -> None:
     """Raise UnsupportedError with all that PyBullet cannot have of this world."""
     refused = problems(world)
-    alongside = held_beside(world)
+    alongside = frames_alongside(world)
     for root, tree in trees(world).items():
         bodies = [body for body in tree if body.name not in alongside]
         links = sum(len(split(body, target.plan)) for body in bodies)

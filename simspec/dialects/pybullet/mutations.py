@@ -138,7 +138,7 @@ FIRST = (
 )
 """Elements of which the first counts."""
 
-STRANGE = (
+UNKNOWN_IN = (
     *(
         "contact/contact_cfm",
         "contact/contact_erp",
@@ -233,7 +233,7 @@ TABLE = MutationTable(
         Inert("collision@concave", "for meshes only", ("attribute added",), "*.urdf"),
         Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
         Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
-        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.urdf") for site in STRANGE),
+        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.urdf") for site in UNKNOWN_IN),
         *(
             Inert(site, ORDER, ("swapped",), "sidecar.json")
             for site in (

@@ -53,7 +53,7 @@ KINDS: Final[Mapping[str, str]] = {
     "spherical": "ball",
 }
 """The kind of joint that each type is; ``spherical`` is PyBullet's own."""
-OWN_GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {"capsule": ("radius", "length"), "plane": ("normal",)}
+EXTRA_GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {"capsule": ("radius", "length"), "plane": ("normal",)}
 """PyBullet's own geometries, with their attributes."""
 CONTACT: Final = (
     "lateral_friction",
@@ -130,14 +130,14 @@ class _File:
         for unknown in unknown_parts(robot, WRITTEN):
             if unknown.name == "concave" and unknown.path == "robot/link/collision":
                 continue  # looked at with its geometry
-            if unknown.name is not None or not _is_own(unknown.node, unknown.path):
+            if unknown.name is not None or not _is_extension(unknown.node, unknown.path):
                 what = f"the attribute {unknown.name!r} of" if unknown.name is not None else "an element"
                 raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
         return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
 
 
-def _is_own(node: XmlElement, path: str) -> bool:
+def _is_extension(node: XmlElement, path: str) -> bool:
     """Whether a strange element is one of PyBullet's, as simspec writes it."""
     attributes: Iterable[str] = ()
     if path == "robot/link/contact":
@@ -145,7 +145,7 @@ def _is_own(node: XmlElement, path: str) -> bool:
         plain = all(set(child.attributes) == {"value"} and not child.children for child in node.children)
         return not node.attributes and plain and len(set(tags)) == len(tags) and set(tags) <= set(CONTACT)
     if path.rpartition("/")[0] in ("robot/link/visual/geometry", "robot/link/collision/geometry"):
-        attributes = OWN_GEOMETRIES.get(node.tag, ())
+        attributes = EXTRA_GEOMETRIES.get(node.tag, ())
     return bool(attributes) and set(node.attributes) == set(attributes) and not node.children
 
 

@@ -203,7 +203,7 @@ def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None
 MOST_LINKS: Final = LARGE_TREE
 """Links beside the base of one tree; copies of shapes count."""
 NO_LINKS: Final = f"PyBullet supports at most {MOST_LINKS} links besides the base in one tree"
-BESIDE = Refinement(
+IN_SIDECAR = Refinement(
     Level.OUTSIDE,
     f"{NO_LINKS}: of larger ones the bodies that are nothing but frames (fixed to others, without mass and shapes) are held "
     "beside PyBullet, and where they are is computed from the bodies that carry them",
@@ -212,21 +212,21 @@ BESIDE = Refinement(
 
 
 @derived
-def held_beside(world: World) -> frozenset[str]:
+def frames_alongside(world: World) -> frozenset[str]:
     """The names of the bodies that PyBullet is not told: all frames of the trees that are too large for it."""
     large = {body.name for bodies in trees(world).values() if len(bodies) > MOST_LINKS for body in bodies}
     return bare_frames(world) & large
 
 
 def _room(world: World) -> Refinement | None:
-    alongside = held_beside(world)
+    alongside = frames_alongside(world)
     most = max((sum(body.name not in alongside for body in bodies) for bodies in trees(world).values()), default=0)
-    return BESIDE if most <= MOST_LINKS else None
+    return IN_SIDECAR if most <= MOST_LINKS else None
 
 
 def _tree_size() -> Support:
     support = never(NO_LINKS)
-    return Support(support.level, support.how, refine=_room, cases=(BESIDE,), absence=support.absence)
+    return Support(support.level, support.how, refine=_room, cases=(IN_SIDECAR,), absence=support.absence)
 
 
 TREE_SIZE: Final = _tree_size()

@@ -15,7 +15,7 @@ from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.urdf.raising import raised
-from simspec.dialects.urdf.sidecar import BESIDE, BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
+from simspec.dialects.urdf.sidecar import SIDECAR_KINDS, Instance, Numbers, ShapePair, SidecarShape, UrdfSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.urdf.reading import UrdfDocument
@@ -31,7 +31,7 @@ _SIDECAR = "in the sidecar, for the engine's own calls"
 _NO_BALL = "URDF has no ball joint"
 _BY_NAME = (
     *(Feature.ARMATURE, Feature.SPRING, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-    *(Feature(f"shape.{kind}") for kind in BESIDE),
+    *(Feature(f"shape.{kind}") for kind in SIDECAR_KINDS),
     Feature.MATERIALS_PER_BODY,
     *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
     *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
@@ -88,7 +88,7 @@ class UrdfDialect(Dialect):
         instances = []
         for bodies in trees(moved).values():
             robot = standard_robot(bodies, LANGUAGE_KINDS)
-            alongside = tuple(tuple(shape.kind in BESIDE for shape in body.shapes) for body in bodies)
+            alongside = tuple(tuple(shape.kind in SIDECAR_KINDS for shape in body.shapes) for body in bodies)
             root = robot.links[0].name
             instances.append(_instance(files.add(robot, alongside), root, bodies, coordinates))
         sidecar = UrdfSidecar(
@@ -97,7 +97,10 @@ class UrdfDialect(Dialect):
             timestep=world.physics.timestep,
             instances=tuple(instances),
             beside=tuple(
-                _beside(body, shape) for body in moved.bodies for shape in body.shapes if shape.kind in BESIDE
+                _sidecar_shape(body, shape)
+                for body in moved.bodies
+                for shape in body.shapes
+                if shape.kind in SIDECAR_KINDS
             ),
             springs=springs_of(world),
             armature=armature_of(world),
@@ -152,8 +155,8 @@ def _instance(file: str, root_link: str, bodies: tuple[Body, ...], coordinates: 
     )
 
 
-def _beside(body: Body, shape: Shape) -> BesideShape:
-    return BesideShape(
+def _sidecar_shape(body: Body, shape: Shape) -> SidecarShape:
+    return SidecarShape(
         body.name, shape.name, shape.kind, shape.size, shape.pose, shape.collision, shape.visual, shape.colour
     )
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
-from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
+from simspec.dialects.urdf.sidecar import Instance, Numbers, ShapePair, SidecarShape, UrdfSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.urdf.reading import (
     DEFAULT_AXIS,
@@ -108,7 +108,7 @@ class _Tree:
         first: Instance,
         instance: Instance,
         surfaces: Mapping[str, Surface],
-        beside: Mapping[str, BesideShape],
+        beside: Mapping[str, SidecarShape],
     ):
         links = robot.links if instance.free else robot.links[1:]
         if [link.name for link in links] != list(first.bodies) or robot.root != first.root_link:
@@ -121,8 +121,8 @@ class _Tree:
             check_empty(robot.links[0])
         self._links, self._first, self._instance, self._meshes = links, first, instance, meshes
         self._joints = {joint.child: joint for joint in robot.joints}
-        self._own_name = dict(zip(first.bodies, instance.bodies, strict=True))
-        self._surfaces, self._beside = surfaces, beside
+        self._name_of = dict(zip(first.bodies, instance.bodies, strict=True))
+        self._surfaces, self._alongside = surfaces, beside
 
     def bodies(self) -> list[Body]:
         """In the order of the file."""
@@ -155,7 +155,7 @@ class _Tree:
         joint = _joint(read)
         if not self._instance.free and joint.parent == self._first.root_link:
             return dataclasses.replace(joint, parent=None)
-        return dataclasses.replace(joint, parent=self._own_name[joint.parent or ""])
+        return dataclasses.replace(joint, parent=self._name_of[joint.parent or ""])
 
     def _shapes(self, place: int, link: UrdfLinkNode) -> tuple[Shape, ...]:
         """The shapes of a body, in the sidecar's order: of the file, or of the sidecar itself."""
@@ -164,7 +164,7 @@ class _Tree:
         materials = self._instance.materials[place]
         whole = []
         for name_in_file, name, material in zip(names, local, materials, strict=True):
-            entry = self._beside.get(name)
+            entry = self._alongside.get(name)
             shape = _shape(entry) if entry is not None else in_file.pop(name_in_file, None)
             if shape is None:
                 raise link.node.error(f"link {link.name!r} has no shape {name_in_file!r}, which the sidecar names")
@@ -179,7 +179,7 @@ class _Tree:
         return tuple(whole)
 
 
-def _shape(entry: BesideShape) -> Shape:
+def _shape(entry: SidecarShape) -> Shape:
     shape = Shape(entry.shape, entry.kind, entry.size, entry.pose, collision=entry.collision, visual=entry.visual)
     return dataclasses.replace(shape, colour=entry.colour) if entry.visual else shape
 

@@ -24,7 +24,7 @@ from simspec.language.vocabulary import HARDNESS_KINDS, PRIMITIVE_SHAPES
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Hardness, PairContact, Pose, Vector3
 
-BESIDE: Final = tuple(kind for kind in PRIMITIVE_SHAPES if kind not in ("sphere", "box", "cylinder"))
+SIDECAR_KINDS: Final = tuple(kind for kind in PRIMITIVE_SHAPES if kind not in ("sphere", "box", "cylinder"))
 """The kinds of shapes that URDF lacks, which stand in the sidecar."""
 
 
@@ -60,7 +60,7 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class BesideShape:
+class SidecarShape:
     """A shape that URDF lacks: kind, size and pose in the link's frame as in ``world/types.py``."""
 
     body: str
@@ -111,7 +111,7 @@ class UrdfSidecar(Sidecar):
     timestep: float
     """s."""
     instances: tuple[Instance, ...]
-    beside: tuple[BesideShape, ...]
+    beside: tuple[SidecarShape, ...]
     springs: tuple[Spring, ...]
     armature: tuple[Armature, ...]
     materials: tuple[Numbers, ...]
@@ -159,7 +159,7 @@ class UrdfSidecar(Sidecar):
         }
         for index, entry in enumerate(self.beside):
             at = f"sidecar.beside.{index}"
-            check_known((entry.kind,), BESIDE, at)
+            check_known((entry.kind,), SIDECAR_KINDS, at)
             if local.get(entry.shape) != entry.body:
                 raise ValueError(f"{at}: body {entry.body!r} has no shape {entry.shape!r}")
             wrong = SHAPES[entry.kind].wrong_size(entry.size)

@@ -335,7 +335,7 @@ def _parts(sim: Simulation) -> dict[str, EngineValue]:
                 if not body.isReactive():
                     static.add(part)
     excluded: dict[str, set[str]] = {name: {name} for name in on}
-    for node, other in sim.apart:
+    for node, other in sim.excluded:
         if node in on and other in on:
             excluded[node].add(other)
             excluded[other].add(node)

@@ -58,7 +58,7 @@ class Simulation:
         self.constraints, self.sums, self.passive = sidecar.constraints or (), sidecar.sums or (), sidecar.passive
         self.settings: Mapping[str, Any] = sidecar.settings
         self.log: list[str] = []
-        self.apart: list[tuple[str, str]] = []
+        self.excluded: list[tuple[str, str]] = []
         """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
         self.folder, self._blind = folder, False
         self.meshes: Mapping[str, tuple[float, ...]] = {}
@@ -163,11 +163,11 @@ class Simulation:
         chosen.law = kind.Law.Coulomb if self.sidecar.friction_cone == "elliptic" else kind.Law.Box
         chosen.maxSweeps = given["iterations"]
         chosen.tolerance = given["tolerance"]
-        if self._rubs():
+        if self._has_dry_friction():
             chosen.tolerance = min(given["tolerance"], given["dry_friction_tolerance"])
         solver.setBoxedLcpSolver(kind(chosen))
 
-    def _rubs(self) -> bool:
+    def _has_dry_friction(self) -> bool:
         """Whether a joint has dry friction."""
         skeletons = (self.world.getSkeleton(index) for index in range(self.world.getNumSkeletons()))
         joints = (joint for skeleton in skeletons for joint in skeleton.getJoints())
@@ -190,7 +190,7 @@ class Simulation:
         # the option is a copy, the filter in it is the solver's own (measured)
         add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
         for node, other in self.nodes.apart():
-            self.apart.append((node.getName(), other.getName()))
+            self.excluded.append((node.getName(), other.getName()))
             add(node, other)
 
     # --- state ------------------------------------------------------------------------------------------------

@@ -128,7 +128,7 @@ def carries_joints(world: World) -> bool:
 
 def light_enough(world: World) -> Refinement | None:
     """Kinematic bodies that carry joints are not supported by TAMSI."""
-    if asked_approximation(world) != "tamsi" or not carries_joints(world):
+    if requested_approximation(world) != "tamsi" or not carries_joints(world):
         return None
     return unsupported_if(
         "TAMSI fails to converge in the first step of a tree whose root is 1e5 times as heavy as what it carries (measured); "
@@ -136,7 +136,7 @@ def light_enough(world: World) -> Refinement | None:
     )
 
 
-def asked_approximation(world: World) -> str:
+def requested_approximation(world: World) -> str:
     """The solver that a world's options name, or get."""
     contact_approximation = dict(world.options("drake").settings).get("contact_approximation", "auto")
     return approximation(world) if contact_approximation == "auto" else str(contact_approximation)
@@ -146,19 +146,19 @@ def coulomb(world: World) -> Refinement | None:
     """Friction is exact unless SAP has some."""
     if not any(law.friction for law in meeting_laws(world).values()):
         return Refinement(Level.VIA_API, "nothing that meets has friction")
-    return Refinement(Level.VIA_API, "TAMSI's friction") if asked_approximation(world) == "tamsi" else None
+    return Refinement(Level.VIA_API, "TAMSI's friction") if requested_approximation(world) == "tamsi" else None
 
 
 def stops(world: World) -> Refinement | None:
     """Joints stop at their limits as the language has it but by TAMSI, which has springs there."""
-    if asked_approximation(world) != "sap":
+    if requested_approximation(world) != "sap":
         return None
     return Refinement(
         Level.VIA_API, "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"
     )
 
 
-def boxes_hold(world: World) -> Refinement | None:
+def boxes_supported(world: World) -> Refinement | None:
     """Boxes are exact where their edges cannot cross, and by hydroelastic contact, which is not supported with friction by SAP
     at large timesteps."""
     if not dict(world.options("drake").settings).get("hydroelastic_faces"):
@@ -168,7 +168,11 @@ def boxes_hold(world: World) -> Refinement | None:
             else Refinement(Level.EXACT, "no two boxes are so alike in size that their edges may cross")
         )
     small = world.physics.timestep <= PRESSURE_SECONDS
-    if small or asked_approximation(world) == "tamsi" or not any(law.friction for law in meeting_laws(world).values()):
+    if (
+        small
+        or requested_approximation(world) == "tamsi"
+        or not any(law.friction for law in meeting_laws(world).values())
+    ):
         return Refinement(Level.EXACT, "by pressure")
     return unsupported_if(
         f"hydroelastic contact with friction by SAP throws boxes off at timesteps above {1e3 * PRESSURE_SECONDS:g} ms "
@@ -265,7 +269,7 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
     return []
 
 
-def held_at(place: Sequence[float]) -> tuple[float, ...]:
+def rounded_place(place: Sequence[float]) -> tuple[float, ...]:
     """A centre in its body's frame, without what round-off of the shape's pose left of coordinates that are 0."""
     least = ROUND_OFF * max(map(abs, place))
     return tuple(value if abs(value) > least else 0.0 for value in place)

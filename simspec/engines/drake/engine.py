@@ -18,7 +18,7 @@ from simspec.engines.drake.approximations import (
     MOST_CORNERS,
     MOST_GIGABYTES,
     MOST_TAMSI,
-    boxes_hold,
+    boxes_supported,
     chosen,
     corners,
     coulomb,
@@ -59,7 +59,7 @@ from simspec.world.types import VELOCITY_SIZE, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
-_ONE_POINT = "Drake has one point of contact for each pair of geometries"
+_SINGLE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
     "SAP's contact is convex: what slides is lifted by up to μ times its slip, so that a push at 1.6 times the limit meets "
     "between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within 1 %)"
@@ -107,7 +107,7 @@ by more than the proof's 1e-9: Drake keeps inertias about the origins of bodies,
 random inertias). No moments at all are held as none."""
 
 
-def inertia_held(world: World) -> Refinement | None:
+def inertia_supported(world: World) -> Refinement | None:
     """Not supported where Drake needs too much memory, or where it would lose a moment of inertia in round-off."""
     static = rigid_groups(world)
     for body in world.bodies:
@@ -143,7 +143,7 @@ class Drake(WorldEngine[Simulation]):
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
         Feature.INERTIA: exact(
             f"in worlds that need at most {MOST_GIGABYTES:g} GB: Drake keeps every pair of geometries, and a dense mass matrix",
-            refine=inertia_held,
+            refine=inertia_supported,
         ),
         Feature.JOINT_FREE: exact("rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: exact(
@@ -164,23 +164,23 @@ class Drake(WorldEngine[Simulation]):
         Feature.DRY_FRICTION: never("Drake has no dry friction in joints"),
         Feature.ARMATURE: exact("the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: approximate(
-            f"with eight balls in its corners: {_ONE_POINT}. Exact on planes, on boxes four times as wide, and by pressure "
+            f"with eight balls in its corners: {_SINGLE_POINT}. Exact on planes, on boxes four times as wide, and by pressure "
             "with hydroelastic_faces: true. Where the edges of boxes cross, and fewer than three corners are over the other's "
             "face, the upper box sinks by 1 to 13 mm in a second at 1 ms; where boxes of like faces land on each other, their "
             "corners press each other sideways, with forces that cancel (13 kN a point, 5 kg that fell 5 cm: measured)",
-            boxes_hold,
+            boxes_supported,
             "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true does not)",
         ),
         Feature.SHAPE_CYLINDER: exact(
-            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}"
+            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_SINGLE_POINT}"
         ),
-        Feature.SHAPE_CAPSULE: exact(f"with its two ends as balls: {_ONE_POINT}"),
+        Feature.SHAPE_CAPSULE: exact(f"with its two ends as balls: {_SINGLE_POINT}"),
         Feature.SHAPE_HEIGHTFIELD: never(
             "Drake's point contact takes a mesh for its convex hull: a ball that is free in a valley 1 m deep is told to be "
             "0.55 m deep in it (measured), and hydroelastic contact of what cannot move never touches what is rigid"
         ),
         Feature.SHAPE_MESH: exact(
-            f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch "
+            f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_SINGLE_POINT}; hulls touch "
             "hulls, boxes and cylinders from 2e-6 m of overlap on. By TAMSI 15 of 160 landings of irregular hulls at 1 m/s and "
             "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20"
         ),

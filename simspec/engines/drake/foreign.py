@@ -111,10 +111,10 @@ def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
             diagram = builder.Build()
         except (RuntimeError, ValueError) as error:
             raise EngineError(NAME, f"refuses the file: {error}") from error
-        return _Held(plant, diagram, log).read_back()
+        return _ParsedPlant(plant, diagram, log).read_back()
 
 
-class _Held:
+class _ParsedPlant:
     def __init__(self, plant: Any, diagram: Any, log: list[str]):
         self._log = log
         self._plant = plant

@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
 from simspec.control.reference import natives
-from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic, reach_of
+from simspec.engines.drake.approximations import (
+    ANY_RESOLUTION,
+    FACED,
+    Part,
+    corners,
+    hydroelastic,
+    reach_of,
+    rounded_place,
+)
 from simspec.engines.drake.building import ERROR_REDUCTION, SHAPE, names_of
 from simspec.engines.drake.readback import (
     SIZES,
@@ -350,7 +358,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Eng
         properties |= {f"{group}.{word}" for group in groups for word in stored.GetPropertiesInGroup(group)}
         if part != SHAPE:
             kind, size = kind_and_size(sim, geometry)
-            place = held_at(inspector.GetPoseInFrame(geometry).translation().tolist())
+            place = rounded_place(inspector.GetPoseInFrame(geometry).translation().tolist())
             found[f"{name}.{part}"] = (kind, *place, *size, reach)
     found |= {f"{name}.{key}": tuple(values) for key, values in columns.items()}
     return found | {f"{name}.properties": named_set(properties)}
@@ -431,7 +439,7 @@ def _surface_expected(
     found |= {f"{name}.parts": parts, f"{name}.properties": named_set(PROPERTIES)}
     for index, (kind, size, centre) in enumerate(balls):
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
-        found[f"{name}.corner{index}"] = (kind, *held_at(place), *size, reach_of(shape.pose.position))
+        found[f"{name}.corner{index}"] = (kind, *rounded_place(place), *size, reach_of(shape.pose.position))
     return found
 
 

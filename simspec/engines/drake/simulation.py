@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
-from simspec.engines.drake.approximations import asked_approximation
+from simspec.engines.drake.approximations import requested_approximation
 from simspec.engines.drake.building import NAME, Built, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
 from simspec.engines.kit.arrays import empty_contacts
@@ -78,7 +78,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
                 self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
             if isinstance(joint, AxisJoint):
                 self.rest[at] = joint.spring_rest
-        self._own = self.coordinates.straight(self.damping, self.stiffness, self.rest)
+        self._losses_in_drake = self.coordinates.straight(self.damping, self.stiffness, self.rest)
         self._losing = bool(self.damping.any() or self.stiffness.any())
 
     # --- state ------------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
         stretch[coordinates.drake_v] = x[coordinates.drake_q]
         if len(coordinates.ball):
             stretch[coordinates.ball_drake_v] = logarithm(unit(coordinates.turns))
-        stretch -= self._own[2]
+        stretch -= self._losses_in_drake[2]
         return stretch
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
@@ -176,13 +176,13 @@ class Simulation(WorldSimulation[WorldSidecar]):
         """An effort with the damping and springs of the joints at a state, in Drake's coordinates."""
         coordinates = self.coordinates
         total: np.ndarray = np.zeros(self.nv) if effort is None else coordinates.effort(x, effort)
-        damping, stiffness, _ = self._own
+        damping, stiffness, _ = self._losses_in_drake
         total -= damping * x[coordinates.positions :] + stiffness * self._stretch(x)
         return total
 
     def energy(self) -> tuple[float, float]:
         """Kinetic and potential energy (J), springs included."""
-        springs = 0.5 * float(np.sum(self._own[1] * self._stretch(self.x) ** 2))
+        springs = 0.5 * float(np.sum(self._losses_in_drake[1] * self._stretch(self.x) ** 2))
         return (
             float(self.plant.CalcKineticEnergy(self.context)),
             float(self.plant.CalcPotentialEnergy(self.context)) + springs,
@@ -313,7 +313,7 @@ NATIVE = (
 
 def pd_controllers_hold(world: World) -> Refinement | None:
     """Not supported by TAMSI, nor with an effort limit of zero."""
-    if asked_approximation(world) != "sap":
+    if requested_approximation(world) != "sap":
         return unsupported_if(
             "Drake's PD controllers work by SAP alone, and the spec asks for contact_approximation: tamsi"
         )

@@ -129,7 +129,7 @@ SHORT = {
 }
 
 
-def _by_own_steps(short: str) -> Support:
+def _by_native_steps(short: str) -> Support:
     case = Refinement(Level.APPROXIMATE, FIRST_ORDER, short=short)
 
     def refine(world: World) -> Refinement | None:
@@ -138,5 +138,5 @@ def _by_own_steps(short: str) -> Support:
     return Support(Level.EXACT, "bodies are laid on their joints before every step", refine=refine, cases=(case,))
 
 
-JOINTS = {feature: _by_own_steps(short) for feature, short in SHORT.items()}
+JOINTS = {feature: _by_native_steps(short) for feature, short in SHORT.items()}
 """Joints: exact, or what they are where a spec asks for ODE's own motion."""

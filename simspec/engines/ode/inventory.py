@@ -33,7 +33,7 @@ JOINT_TYPES = {1: "ball", 2: "hinge", 3: "slider", 5: "universal", 6: "hinge2", 
 """ODE's numbers of types of joints."""
 ROWS = ("joint", "rotor", "rub", "stop")
 """The joints of a body, as the part in C numbers them."""
-OWN_TYPES = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}
+TYPE_OF_KIND = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}
 MOTOR_TYPES = {"hinge": "amotor", "slide": "lmotor"}
 FIT = 1e-9
 """How far ODE's joints may be from the coordinates that bodies are laid by (rad, m): the proof's tolerance."""
@@ -224,7 +224,7 @@ def expected(
 def _rows(body: Body) -> dict[str, str]:
     """The types of the joints that ODE has for one of the world, by ROWS."""
     joint = body.joint
-    rows = {} if joint.kind == "free" else {"joint": OWN_TYPES[joint.kind]}
+    rows = {} if joint.kind == "free" else {"joint": TYPE_OF_KIND[joint.kind]}
     if joint.kind in MOTOR_TYPES:
         motor = MOTOR_TYPES[joint.kind]
         rows |= {"rotor": motor} if joint.armature else {}

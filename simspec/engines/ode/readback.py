@@ -78,7 +78,7 @@ class BodyValues(NamedTuple):
 
     @classmethod
     def of(cls, sim: Simulation, row: int) -> BodyValues:
-        n = queried(lambda of, values: sim.library.sim_told_body(of, row, values), sim.sim, BODY_VALUES)
+        n = queried(lambda of, values: sim.library.sim_body_values(of, row, values), sim.sim, BODY_VALUES)
         (turn,) = quaternions(np.array(n[3:12]).reshape(1, 3, 3)).tolist()
         return cls(Pose(tuple(n[:3]), tuple(turn)), vector(n[12:15]), tuple(n[15:18]), *n[18:])  # type: ignore[arg-type]
 
@@ -174,6 +174,6 @@ def _turn_to(normal: Vector3) -> Quaternion:
 def read_laws(sim: Simulation) -> Iterator[tuple[str, str, list[float]]]:
     """The laws of materials that touch: friction, restitution, threshold, rolling, torsional, soft_erp, soft_cfm, touches."""
     for first, second in itertools.combinations_with_replacement(enumerate(sim.built.materials), 2):
-        law = queried(lambda of, v: sim.library.sim_told_law(of, first[0], second[0], v), sim.sim, LAW)  # noqa: B023
+        law = queried(lambda of, v: sim.library.sim_law_values(of, first[0], second[0], v), sim.sim, LAW)  # noqa: B023
         if law[7]:
             yield first[1], second[1], law

@@ -10,7 +10,7 @@ from simspec.dialects.kit.joints import Armature, Spring
 from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import UNCLAMPED, Tree, told_turn
+from simspec.engines.pybullet.trees import UNCLAMPED, Tree, turn_of
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.actions import JointSum
@@ -165,7 +165,7 @@ class Efforts:
         p = self._sim.bullet
         damping = np.array([p.getJointInfo(tree.uid, joint)[6] for joint in joints])
         _, raw = p.getBasePositionAndOrientation(tree.uid)
-        local_gravity = frames.rotate(frames.conjugate(told_turn(raw)), self._sim.sidecar.gravity)
+        local_gravity = frames.rotate(frames.conjugate(turn_of(raw)), self._sim.sidecar.gravity)
         return joints, places, damping, local_gravity
 
     def total(self, given: np.ndarray) -> np.ndarray:

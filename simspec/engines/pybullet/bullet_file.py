@@ -93,7 +93,7 @@ class _Structures:
             kind, size = reader.shorts(2)
             pairs = reader.shorts(2 * size)
             self._members.append((kind, [(pairs[2 * k], names[pairs[2 * k + 1]]) for k in range(size)]))
-        self._own = {kind: number for number, (kind, _) in enumerate(self._members)}
+        self._number_of = {kind: number for number, (kind, _) in enumerate(self._members)}
         self._known: dict[int, np.dtype | None] = {}
 
     def of(self, number: int) -> tuple[str, np.dtype | None]:
@@ -114,7 +114,7 @@ class _Structures:
             shape = tuple(int(size) for size in re.findall(r"\d+", dimensions))
             plain: Any = "<u8" if stars or function else NUMBERS.get(self._types[member])
             if plain is None:
-                plain = self.of(self._own[member])[1] if member in self._own else None
+                plain = self.of(self._number_of[member])[1] if member in self._number_of else None
             if plain is None:
                 return None
             fields.append((name, plain, shape) if shape else (name, plain))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from simspec.engines.pybullet.trees import told_turn
+from simspec.engines.pybullet.trees import turn_of
 from simspec.errors import EngineError
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
@@ -31,7 +31,7 @@ AXIS = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Held:
+class StoredConstraint:
     """A constraint that PyBullet was told, by its number."""
 
     name: str
@@ -39,7 +39,7 @@ class Held:
     kind: str
 
 
-def one_error_reduction(world: World) -> Refinement | None:
+def same_error_reduction(world: World) -> Refinement | None:
     """Not supported where a loop would share its error reduction with limits."""
     limited = next((body.name for body in world.bodies if body.joint.position_limits is not None), None)
     if limited is None:
@@ -50,9 +50,9 @@ def one_error_reduction(world: World) -> Refinement | None:
     )
 
 
-def loops_held(world: World) -> Refinement | None:
+def loops_supported(world: World) -> Refinement | None:
     """Not supported where PyBullet holds no loop, or has limits that a loop would share its error reduction with."""
-    return _fixed_below_a_ball(world) or one_error_reduction(world)
+    return _fixed_below_a_ball(world) or same_error_reduction(world)
 
 
 def _fixed_below_a_ball(world: World) -> Refinement | None:
@@ -74,7 +74,7 @@ def _fixed_below_a_ball(world: World) -> Refinement | None:
     return None
 
 
-def within_one_tree(world: World) -> Refinement | None:
+def in_same_tree(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree. Measured: the leader's position is then that of the joint of its
     number in the follower's own tree, and the two part by 0.1 rad in 20 steps."""
     tree = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
@@ -89,9 +89,9 @@ def within_one_tree(world: World) -> Refinement | None:
 
 def hold(
     sim: Simulation, constraints: Sequence[Constraint], anchors: Mapping[str, Vector3] = MappingProxyType({})
-) -> tuple[Held, ...]:
-    """Tell PyBullet the constraints; what they are is read back by :func:`read_held`. ``anchors``: by the name of a weld the
-    point at which it is held (``world/constraints.py``), by default the origin of the second body's frame."""
+) -> tuple[StoredConstraint, ...]:
+    """Create the constraints in PyBullet; :func:`read_constraints` reads them back. ``anchors``: by the name of a weld the
+    point at which it acts (``world/constraints.py``), by default the origin of the second body's frame."""
     p = sim.bullet
     joints = _joints(sim)
     actual = []
@@ -111,7 +111,7 @@ def hold(
             )
         else:
             number = _joined(sim, constraint, anchors.get(constraint.name, (0.0, 0.0, 0.0)))
-        actual.append(Held(constraint.name, number, constraint.kind))
+        actual.append(StoredConstraint(constraint.name, number, constraint.kind))
     return tuple(actual)
 
 
@@ -159,14 +159,14 @@ def inertial_frame(sim: Simulation, index: int) -> Pose:
     return Pose(frames.add(offset, centre), turn)
 
 
-def read_held(sim: Simulation) -> tuple[Constraint, ...]:
+def read_constraints(sim: Simulation) -> tuple[Constraint, ...]:
     """The constraints as PyBullet gives them back."""
     p = sim.bullet
     joint_of = {place: name for name, place in _joints(sim).items()}
     body_of = {(tree.uid, link.link): link.index for tree in sim.trees for link in tree.links}
     names = {p.JOINT_GEAR: "follow", p.JOINT_POINT2POINT: "connect", p.JOINT_FIXED: "weld"}
     found: list[Constraint] = []
-    for actual in sim.held:
+    for actual in sim.stored_constraints:
         info: tuple[Any, ...] = p.getConstraintInfo(actual.number)
         entry, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
         if kind == "follow":
@@ -174,7 +174,7 @@ def read_held(sim: Simulation) -> tuple[Constraint, ...]:
             continue
         first, second = body_of[entry], body_of[other]
         near, far = (
-            frames.compose(inertial_frame(sim, index), Pose(tuple(info[at]), told_turn(info[at + 2])))
+            frames.compose(inertial_frame(sim, index), Pose(tuple(info[at]), turn_of(info[at + 2])))
             for index, at in ((first, 6), (second, 7))
         )
         if kind == "connect":

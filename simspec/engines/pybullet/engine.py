@@ -33,7 +33,7 @@ from simspec.engines.kit.refinements import armature_felt, only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, Efforts, JointArrays, JointServos, Probe, no_dry_friction
-from simspec.engines.pybullet.constraints import loops_held, within_one_tree
+from simspec.engines.pybullet.constraints import in_same_tree, loops_supported
 from simspec.engines.pybullet.contact import (
     CONE,
     CONE_SHORT,
@@ -53,7 +53,7 @@ from simspec.engines.pybullet.geometry import (
     LANDING,
     THICK,
     ground_supported,
-    meshes_held,
+    meshes_supported,
     thick_enough,
     thicker,
 )
@@ -104,7 +104,7 @@ def _not_felt(constrained: Container[str], armed: str, bodies: Sequence[Body]) -
     return None
 
 
-def _ground_held(world: World) -> Refinement | None:
+def _ground_supported(world: World) -> Refinement | None:
     base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
     return ground_supported(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
 
@@ -158,10 +158,10 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SHAPE_MESH: exact(
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
             "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
-            refine=lambda world: meshes_held(PyBullet, world),
+            refine=lambda world: meshes_supported(PyBullet, world),
             cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),
-        Feature.SHAPE_HEIGHTFIELD: exact(GROUND, refine=_ground_held),
+        Feature.SHAPE_HEIGHTFIELD: exact(GROUND, refine=_ground_supported),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
         Feature.SURFACE_VELOCITY: never("PyBullet's surfaces move with their bodies alone"),
         Feature.SHAPE_MARGIN: never(
@@ -198,8 +198,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.TOUCHING_PAIRS: via_api("URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
-        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_held),
-        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", within_one_tree),
+        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_supported),
+        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", in_same_tree),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

@@ -134,7 +134,7 @@ MOST_SPEED: Final = 1e4
 """rad/s or m/s given to a joint to see whether its speed is clamped."""
 CLAMP: Final = 100.0
 """The speed that PyBullet lets no joint exceed, unless told otherwise."""
-HELD: Final = 0.5
+STOPPED: Final = 0.5
 """Share of a small speed below which a joint is said to be held after one step."""
 TRIED: Final = 1e-3
 """That small speed (rad/s, m/s): centrifugal forces, and a part of the damping, grow with its square."""
@@ -161,7 +161,7 @@ class Foreign:
         trees = [loaded] if isinstance(loaded, int) else list(loaded)
         with captured(sys.stdout, self._log, (GREETING,)):
             links = [link for uid in trees for link in self._links(uid)]
-            bodies = bodies_of_links(_apart(links))
+            bodies = bodies_of_links(_with_distinct_names(links))
             parameters = p.getPhysicsEngineParameters()
             inventory = self._inventory(trees, parameters)
         unreadable: dict[str, str] = {}
@@ -284,7 +284,7 @@ class Foreign:
             p.resetJointState(uid, link, 0.0, TRIED)
         p.stepSimulation()
         for uid, link in movers:
-            number += abs(p.getJointState(uid, link)[1]) < HELD * TRIED
+            number += abs(p.getJointState(uid, link)[1]) < STOPPED * TRIED
             p.resetJointState(uid, link, 0.0, 0.0)
         for uid, link in movers:
             p.setJointMotorControl2(uid, link, p.VELOCITY_CONTROL, force=0.0)
@@ -297,7 +297,7 @@ class Foreign:
         return {"joints_held_by_motors": number, **clamped}
 
 
-def _apart(links: list[EngineLink]) -> list[EngineLink]:
+def _with_distinct_names(links: list[EngineLink]) -> list[EngineLink]:
     """Links of several trees, whose names may be the same."""
     seen: dict[str, int] = {}
     renamed: list[EngineLink] = []

@@ -74,7 +74,7 @@ def with_stl(folder: Path) -> Iterator[Path]:
         raise EngineError("pybullet", str(error)) from error
 
 
-def faces_told(folder: Path, base_margin: float) -> bool:
+def uses_faces(folder: Path, base_margin: float) -> bool:
     """Whether the meshes that touch, in the robots of ``folder``, are all on bases, and these have no margin: only then does
     PyBullet look at faces where they are (see ``dialects/pybullet/contact.py``)."""
     margins = set()
@@ -117,7 +117,7 @@ def stl_of(vertices: Points, faces: NDArray[np.int64]) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldMesh:
+class StoredMesh:
     """A mesh that PyBullet holds: the size of a hull, or of a ``field``, and the margin (m) that Bullet keeps around it."""
 
     size: tuple[float, ...]
@@ -132,7 +132,7 @@ class Hulls:
     def __init__(self, blocks: Iterable[Block]):
         self._at = {block.address: block for block in blocks}
 
-    def of(self, address: int) -> list[HeldMesh]:
+    def of(self, address: int) -> list[StoredMesh]:
         """The meshes of a shape, or of all parts of a compound one, in their order."""
         block = self._at.get(address)
         if block is None:
@@ -144,7 +144,7 @@ class Hulls:
             children = () if parts is None else parts.rows
             return [hull for part in children for hull in self.of(int(part["m_childShape"]))]
         if "m_meshInterface" in names:
-            return [HeldMesh(self._field(row), float(row["m_collisionMargin"]), True)]
+            return [StoredMesh(self._field(row), float(row["m_collisionMargin"]), True)]
         if "m_unscaledPointsDoublePtr" not in names:
             return []
         scale = _floats(row["m_convexInternalShapeData"]["m_localScaling"])
@@ -156,7 +156,7 @@ class Hulls:
             raise EngineError("pybullet", "holds a hull without points")
         margin = float(row["m_convexInternalShapeData"]["m_collisionMargin"])
         vertices = points.rows["m_floats"][:, :3].astype(float) * scale
-        return [HeldMesh(tuple(vertices.ravel().tolist()), margin)]
+        return [StoredMesh(tuple(vertices.ravel().tolist()), margin)]
 
     def _field(self, row: np.void) -> tuple[float, ...]:
         """The height field that the triangles of a shape are the boundary of."""
@@ -262,7 +262,7 @@ DULL = {
 """By the kind of shape."""
 
 
-def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
+def meshes_supported(engine: type[Engine], world: World) -> Refinement | None:
     """Not supported where copies of a mesh are within two margins; approximate where hardly anything of one is within the
     margin, or where one on a link with that margin may land on a face, an edge or another mesh."""
     try:
@@ -272,14 +272,14 @@ def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
     landing = LANDING if lands and not faces_meet(world, plan, _base_margin(engine, world)) else None
-    return _together(landing, _blunt("mesh", world), _told("mesh", found) if found else None)
+    return _together(landing, _blunt("mesh", world), _thick("mesh", found) if found else None)
 
 
 def thick_enough(engine: type[Engine], kind: str, world: World) -> Refinement | None:
     """Approximate where boxes or cylinders are thinner than the margin that PyBullet keeps within them, and where cylinders
     are so short that their sides are felt inside."""
     found = _outside(engine, world, kind)
-    return _together(_blunt(kind, world), _told(kind, found) if found else None)
+    return _together(_blunt(kind, world), _thick(kind, found) if found else None)
 
 
 def thicker(engine: type[Engine], world: World) -> dict[str, float]:
@@ -337,7 +337,7 @@ def _short(shape: Shape, margins: set[float]) -> float:
         raise ValueError(f"PyBullet keeps {max(margins):g} m around the mesh {shape.name!r}: {error}") from error
 
 
-def _told(kind: str, found: Mapping[str, float]) -> Refinement:
+def _thick(kind: str, found: Mapping[str, float]) -> Refinement:
     name = max(found, key=lambda name: found[name])
     thick = THICK[kind]
     how = f"{thick.how}: faces of {name!r} are felt {1e3 * found[name]:.2g} mm outside of where they are, of no {kind} more"

@@ -17,7 +17,7 @@ import numpy as np
 
 from simspec.contact.plan import CollisionPart, ContactPlan, parts
 from simspec.dialects.pybullet.contact import faces_meet
-from simspec.dialects.pybullet.sidecar import held_beside
+from simspec.dialects.pybullet.sidecar import frames_alongside
 from simspec.engines.kit.inventory import (
     NEUTRAL,
     Carrier,
@@ -85,18 +85,19 @@ Settings = Mapping[str, bool | int | float | str]
 
 @dataclass(frozen=True, slots=True)
 class ExpectedLink:
-    """A link: its name, body, and what it carries (None: the body has no collision shape); ``own``: the body's own link."""
+    """A link: its name, body, and what it carries (None: the body has no collision shape); ``primary``: whether it is the link
+    of the body itself."""
 
     name: str
     body: Body
     part: CollisionPart | None
-    own: bool
+    primary: bool
     base: bool
 
     @property
     def kind(self) -> str | None:
         """Of its joint; None of a link that only carries shapes."""
-        return self.body.joint.kind if self.own else None
+        return self.body.joint.kind if self.primary else None
 
     @property
     def surface(self) -> Surface | None:
@@ -188,7 +189,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
         found |= _body_labels(frame.name, frame.joint, (), ()) | {f"body.{frame.name}.on": frame.parent}
     found["count.bodies"] = p.getNumBodies()
     found["count.constraints"] = p.getNumConstraints()
-    for constraint in sim.held:
+    for constraint in sim.stored_constraints:
         info = p.getConstraintInfo(constraint.number)
         found |= CONSTRAINT.read(info, f"constraint.{constraint.name}")
     found["count.user_data"] = sum(p.getNumUserData(tree.uid) for tree in sim.trees)
@@ -343,7 +344,7 @@ def expected(
     faces = HULL_FACES if faces_meet(world, plan, float(str(settings["collision_margin"]))) else 0
     found |= {"trees": listed(list(trees(world))), "count.bodies": len(trees(world))}
     found["sidecar.bodies"] = listed([body.name for body in world.bodies])
-    alongside = held_beside(world)
+    alongside = frames_alongside(world)
     for body in world.bodies:
         visual_only = tuple(place for place, shape in enumerate(body.shapes) if not shape.collision)
         found |= _body_labels(body.name, body.joint.name, tuple(shape.name for shape in body.shapes), visual_only)
@@ -363,7 +364,7 @@ def expected(
             found |= _link(link, lumped_inertial(world, link.body), settings, neutral)
             if link.part is not None:
                 solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
-                static = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.own]
+                static = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.primary]
                 found |= _collider(Collider(link, static, settings), neutral)
         if base != root:
             found |= _changed(base, settings) | SURFACE.expect(None, f"link.{base}", below("link", neutral))
@@ -470,7 +471,7 @@ def _link(
     if hardness is not None and hardness.kind == "stiffness":
         # two links' springs are in series, and their dampers add up
         found |= {f"{at}.stiffness": 2.0 * hardness.stiffness, f"{at}.damping": hardness.damping / 2.0}
-    if not link.own:
+    if not link.primary:
         found |= MASSLESS.expect((0.0, 0.0, 0.0), at) | {f"{joint}.type": FIXED, f"{joint}.parent": link.body.name}
         found |= {f"{joint}.place": (0.0, 0.0, 0.0), f"{joint}.turn": (0.0, 0.0, 0.0)}
     elif not inertial.mass:

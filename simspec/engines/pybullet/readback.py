@@ -13,8 +13,8 @@ from simspec.dialects.pybullet.contact import LINK_MARGIN
 from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.actuation import Efforts
 from simspec.engines.pybullet.bullet_file import colliders, dump
-from simspec.engines.pybullet.constraints import read_held
-from simspec.engines.pybullet.geometry import Alike, HeldMesh, Hulls
+from simspec.engines.pybullet.constraints import read_constraints
+from simspec.engines.pybullet.geometry import Alike, Hulls, StoredMesh
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import (
     JOINT_KINDS,
@@ -23,9 +23,9 @@ from simspec.engines.pybullet.trees import (
     Tree,
     joint_fields,
     joint_pose,
-    own_solid,
     pose_at,
     shape_size,
+    solid_on_link,
 )
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames, tensor
@@ -43,10 +43,10 @@ UP = (0.0, 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class HeldHulls:
+class StoredHulls:
     """What PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order; and which are the same."""
 
-    of: Mapping[tuple[int, int], Sequence[HeldMesh]]
+    of: Mapping[tuple[int, int], Sequence[StoredMesh]]
     alike: Alike = dataclasses.field(default_factory=Alike)
 
 
@@ -60,7 +60,7 @@ printed from one, so that only round-off (1e-15) can stand between them."""
 def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     """The model and its present state as PyBullet holds them."""
     q, v = sim.get_state()
-    hulls = _held_hulls(sim)
+    hulls = _stored_hulls(sim)
     bodies: dict[int, Body] = {}
     for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         frames_in_tree = {link: pose_at(sim.bullet.getDynamicsInfo(tree.uid, link), 3) for link in _links(sim, tree)}
@@ -93,7 +93,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
         tuple(parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"),
         parameters["fixedTimeStep"],
         sim.sidecar.friction_cone,
-        constraints=read_held(sim),
+        constraints=read_constraints(sim),
         sums=efforts.sums,
     )
 
@@ -143,14 +143,14 @@ def _joint(
     )
 
 
-def _held_hulls(sim: Simulation) -> HeldHulls:
+def _stored_hulls(sim: Simulation) -> StoredHulls:
     """The hulls that PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order."""
-    shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _told(sim, tree, link))
+    shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _link_shapes(sim, tree, link))
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
-        return HeldHulls({})
+        return StoredHulls({})
     blocks = dump(sim.bullet)
     hulls = Hulls(blocks)
-    return HeldHulls(
+    return StoredHulls(
         {key: hulls.of(address) for key, address, _ in colliders([tree.uid for tree in sim.trees], blocks)}
     )
 
@@ -159,13 +159,13 @@ def _links(sim: Simulation, tree: Tree) -> range:
     return range(-1, sim.bullet.getNumJoints(tree.uid))
 
 
-def _told(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
+def _link_shapes(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
     shapes: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link)
     return shapes
 
 
 def _body_shapes(
-    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape], hulls: HeldHulls
+    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape], hulls: StoredHulls
 ) -> tuple[Shape, ...]:
     """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
     every copy, in the order of layers."""
@@ -179,7 +179,7 @@ def _body_shapes(
     shapes_of_link = _solid(sim, tree, tree.links[position].link, hulls)
     solid = [name for index, name in enumerate(names) if index not in visual_only]
     layer = instance.layers[position] if carried else 0
-    copies = [(layer, own_solid(instance, position), shapes_of_link), *carried]
+    copies = [(layer, solid_on_link(instance, position), shapes_of_link), *carried]
     if any(len(some) != len(shapes) for _, some, shapes in copies) or not others <= set(solid):
         return tuple(_with_visuals([shape for _, _, shapes in copies for shape in shapes], visuals, hulls.alike))
     found: dict[str, Shape] = {}
@@ -198,7 +198,7 @@ def _body_shapes(
     return _named(tuple(shapes), names, visual_only)
 
 
-def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Shape]:
+def _solid(sim: Simulation, tree: Tree, link: int, hulls: StoredHulls) -> list[Shape]:
     """The collision shapes of one link, without names, with the link's surface."""
     p = sim.bullet
     info = p.getDynamicsInfo(tree.uid, link)
@@ -206,7 +206,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
     surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
     left = list(hulls.of.get((tree.uid, link), ()))
-    for entry in _told(sim, tree, link):
+    for entry in _link_shapes(sim, tree, link):
         kind = _kind(entry[2])
         if kind == "mesh" and not left:
             raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")

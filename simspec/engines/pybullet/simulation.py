@@ -13,8 +13,8 @@ import numpy as np
 from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.constraints import WHOLE, hold
-from simspec.engines.pybullet.geometry import faces_told, with_stl
-from simspec.engines.pybullet.trees import Called, Client, Frames, Loader, Sleepers, carriers, rub, told_turn
+from simspec.engines.pybullet.geometry import uses_faces, with_stl
+from simspec.engines.pybullet.trees import Called, Client, Frames, Loader, Sleepers, carriers, rub, turn_of
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
@@ -79,7 +79,7 @@ class Simulation:
         with with_stl(folder) as place:
             self.loaded_from = place
             """The folder by whose name PyBullet knows its files; it is gone when they are loaded."""
-            faces = place != folder and faces_told(place, float(self.settings["collision_margin"]))
+            faces = place != folder and uses_faces(place, float(self.settings["collision_margin"]))
             loader = Loader(self.bullet, place, self.settings, self.names, self.kinds, self._q, self._v, faces)
             self.trees = tuple(map(loader.load, sidecar.instances))
         self.carriers = carriers(self.trees, sidecar.instances)
@@ -94,7 +94,7 @@ class Simulation:
             self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
         self.frames = Frames(sidecar.frames or (), self.place)
-        self.held = hold(self, sidecar.constraints or (), self._anchors)
+        self.stored_constraints = hold(self, sidecar.constraints or (), self._anchors)
         self._set_cone(sidecar)
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
@@ -290,7 +290,7 @@ class Simulation:
             states = p.getJointStatesMultiDof(tree.uid, joints)
             for link, state in zip(tree.movers, states, strict=True):
                 if link.kind == "ball":
-                    turned = frames.multiply(link.turn, told_turn(state[0]))
+                    turned = frames.multiply(link.turn, turn_of(state[0]))
                     q[link.q] = frames.multiply(turned, frames.conjugate(link.turn))
                     v[link.v] = frames.rotate(link.turn, state[1])
                 else:

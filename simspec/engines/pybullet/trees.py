@@ -20,20 +20,20 @@ from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion
 # Rotations as PyBullet tells them.
 
 
-def told_turn(q: Sequence[float]) -> Quaternion:
+def turn_of(q: Sequence[float]) -> Quaternion:
     """The rotation of a quaternion x y z w, brought to unit length: some that PyBullet tells have single precision."""
     return frames.normalise(from_xyzw_of(q))
 
 
 def pose_at(values: Sequence[Any], place: int) -> Pose:
     """The pose of the position at ``place`` of PyBullet's answer and the rotation after it."""
-    return Pose(tuple(values[place]), told_turn(values[place + 1]))
+    return Pose(tuple(values[place]), turn_of(values[place + 1]))
 
 
 def joint_pose(info: Sequence[Any], parent: Pose, child: Pose) -> Pose:
     """The place of a joint in the parent's frame, from getJointInfo and the inertial frames of both links. PyBullet's is in the
     parent's inertial frame, with the rotation from there to the child's inertial axes, inverted (measured)."""
-    turn = frames.multiply(parent.quaternion, frames.conjugate(told_turn(info[15])))
+    turn = frames.multiply(parent.quaternion, frames.conjugate(turn_of(info[15])))
     place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
     return Pose(place, frames.multiply(turn, frames.conjugate(child.quaternion)))
 
@@ -149,7 +149,7 @@ class Loader:
         links = []
         for position, name in enumerate(instance.bodies):
             index, link = self.place[name], position - 1 + extra
-            turn = told_turn(p.getDynamicsInfo(uid, link)[4])
+            turn = turn_of(p.getDynamicsInfo(uid, link)[4])
             self._check_kind(uid, link, name, instance.root)
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in TREE_JOINTS)
@@ -220,7 +220,7 @@ def rub(bullet: Any, tree: Tree, link: Link, friction: float) -> None:
 # Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``).
 
 
-def own_solid(instance: Instance, position: int) -> list[str]:
+def solid_on_link(instance: Instance, position: int) -> list[str]:
     """The names of the collision shapes on the own link of a tree's body: all of its first solid shape's material. Links of
     their own carry the other materials, and further copies of the first."""
     seen = set(instance.visual_only[position])
@@ -239,7 +239,7 @@ def carriers(trees: Iterable[Any], instances: Iterable[Instance]) -> dict[tuple[
     found = {}
     for tree, instance in zip(trees, instances, strict=True):
         for position, link in enumerate(tree.links):
-            found[tree.uid, link.link] = (link.index, tuple(own_solid(instance, position)))
+            found[tree.uid, link.link] = (link.index, tuple(solid_on_link(instance, position)))
         for (link, index), copy in zip(tree.copies, instance.copies, strict=True):
             found[tree.uid, link] = (index, tuple(copy.shapes))
     return found
@@ -266,13 +266,13 @@ Array = np.ndarray
 class Frames:
     """Frames on bodies that PyBullet has, each by its pose in the frame of that body; ``index``: of all bodies in the world."""
 
-    def __init__(self, told: Sequence[Frame], index: Mapping[str, int]):
-        self._told = tuple(told)
+    def __init__(self, given: Sequence[Frame], index: Mapping[str, int]):
+        self._frames = tuple(given)
         on: dict[str, tuple[str, Pose]] = {}
-        for frame in self._told:
+        for frame in self._frames:
             carrier, pose = on.get(frame.parent, (frame.parent, Pose()))
             on[frame.name] = (carrier, frames.compose(pose, frame.pose))
-        self._own = np.array([index[name] for name in on], dtype=int)
+        self._rows = np.array([index[name] for name in on], dtype=int)
         self._carrier = np.array([index[carrier] for carrier, _ in on.values()], dtype=int)
         self._position = np.array([pose.position for _, pose in on.values()], dtype=float).reshape(-1, 3)
         self._turn = np.array([pose.quaternion for _, pose in on.values()], dtype=float).reshape(-1, 4)
@@ -283,7 +283,7 @@ class Frames:
         ``at`` (n, 3), ``turn`` (n, 4), ``linear`` and ``angular`` (n, 3): of every body's inertial frame in the world;
         ``centre`` (n, 3) and ``axes`` (n, 4): where that is in the body's own frame.
         """
-        frame, carrier = self._own, self._carrier
+        frame, carrier = self._rows, self._carrier
         turned = multiply(turn[carrier], conjugate(axes[carrier]))
         lever = rotate(turned, self._position - centre[carrier])
         at[frame] = at[carrier] + lever
@@ -297,7 +297,7 @@ class Frames:
             frame.name: Body(
                 frame.name, frame.model, Inertial(0.0), Joint(frame.joint, "fixed", frame.parent, frame.pose)
             )
-            for frame in self._told
+            for frame in self._frames
         }
 
 

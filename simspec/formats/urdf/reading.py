@@ -183,10 +183,10 @@ class UnknownPart:
 def unknown_parts(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[UnknownPart]:
     """All elements and attributes of a file that the language does not have, and elements that stand there once too often.
     What is inside a strange element is not looked at."""
-    yield from _strangers(robot.node, robot.node.tag, language)
+    yield from _unknown_elements(robot.node, robot.node.tag, language)
 
 
-def _strangers(node: XmlElement, path: str, language: Language) -> Iterator[UnknownPart]:
+def _unknown_elements(node: XmlElement, path: str, language: Language) -> Iterator[UnknownPart]:
     attributes, elements = language[node.tag]
     yield from (UnknownPart(node, path, name) for name in node.attributes if name not in attributes)
     seen: set[str] = set()
@@ -196,7 +196,7 @@ def _strangers(node: XmlElement, path: str, language: Language) -> Iterator[Unkn
         if how is None or (how == SINGLE and child.tag in seen):
             yield UnknownPart(child, below)
         else:
-            yield from _strangers(child, below, language)
+            yield from _unknown_elements(child, below, language)
         seen.add(child.tag)
 
 

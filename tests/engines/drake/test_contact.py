@@ -15,7 +15,7 @@ SAP_DEVIATES = {"slide-spin", "push", "push-oblong", "stop", "stop-oblong", "obl
 
 @pytest.fixture
 def figures(tmp_path, monkeypatch):
-    """A function that measures a pair of materials of the friction that is ``held``, as one that should have ``asked``."""
+    """A function that measures a pair of materials of the friction ``actual``, as one that should have ``requested``."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(size, "size_trial", lambda world: None)
 
@@ -57,5 +57,5 @@ def test_sap_is_off_as_it_declares(figures):
 
 @pytest.mark.parametrize("solver", ["tamsi", "sap"])
 def test_another_friction_is_noticed(figures, solver):
-    found = figures(solver, 0.1, held=0.3, probes=("push", "stop"))
+    found = figures(solver, 0.1, actual=0.3, probes=("push", "stop"))
     assert {figure.probe for figure in found if not figure.passed} == {"push", "stop"}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.pybullet.sidecar import MOST_LINKS, held_beside
+from simspec.dialects.pybullet.sidecar import MOST_LINKS, frames_alongside
 from simspec.engines.kit.process import Operation, call
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
@@ -42,8 +42,8 @@ def robot(count: int = 130, outside: tuple[str, ...] = ("tree.size",)) -> World:
 
 def test_frames_of_trees_that_are_too_large_are_held_beside_where_it_is_asked_for():
     world = robot()
-    assert held_beside(world) == bare_frames(world) == {f"frame{number}" for number in range(130)}
-    assert not held_beside(robot(MOST_LINKS - 4)), "there is room"
+    assert frames_alongside(world) == bare_frames(world) == {f"frame{number}" for number in range(130)}
+    assert not frames_alongside(robot(MOST_LINKS - 4)), "there is room"
     with pytest.raises(UnsupportedError, match=r"simspec can compute it outside the engine.*nothing but frames"):
         compile_world(robot(outside=()), ["pybullet"])
     checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4")).engines["pybullet"]

@@ -217,7 +217,7 @@ void sim_law(Sim *s, int one, int other, const double *numbers) {
 }
 
 /* What is held of it, in the same order, then the flag; NaN where the two differ by their order. */
-void sim_told_law(const Sim *s, int one, int other, double *numbers) {
+void sim_law_values(const Sim *s, int one, int other, double *numbers) {
   const Law *a = s->law + one * s->materials + other, *b = s->law + other * s->materials + one;
   double held[] = {a->friction, a->restitution, a->threshold, a->rolling, a->torsional, a->soft_erp, a->soft_cfm, a->collide};
   memcpy(numbers, held, sizeof held);
@@ -251,7 +251,7 @@ int sim_carrier(const Sim *s, int body) { return s->body[body].carrier; }
 
 /* What forward kinematics and the efforts of joints go by: origin, axis, centre of mass; damping, stiffness, rest, dry friction,
    armature, lower, upper. 3 + 9 + 3 + 3 + 7 numbers. */
-void sim_told_body(const Sim *s, int body, double *told) {
+void sim_body_values(const Sim *s, int body, double *told) {
   const Body *b = s->body + body;
   double numbers[] = {b->damping, b->stiffness, b->rest, b->dry, b->armature, b->lower, b->upper};
   memcpy(told, b->origin, 24), memcpy(told + 3, b->turn, 72), memcpy(told + 12, b->axis, 24), memcpy(told + 15, b->centre, 24);
