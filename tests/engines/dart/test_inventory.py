@@ -125,7 +125,7 @@ BESIDES = {
     "matrix-free": option("MatrixFreeContactSolverOptions", mMaxIterations=3),
     "detector": lambda sim: sim.world.setCollisionDetector(dartpy.simulation.CollisionDetectorType.ODE),
     "shape taken out": lambda sim: sim.solver.getCollisionGroup().removeAllShapeFrames(),
-    "kept apart": lambda sim: sim.apart.append(("cube", "floor")),
+    "kept apart": lambda sim: sim.excluded.append(("cube", "floor")),
     "secondary": lambda sim: sim.solver.setSecondaryBoxedLcpSolver(None),
 }
 
