@@ -443,16 +443,16 @@ class NamedMesh:
 
 
 def find_mesh(
-    text: str, scale: tuple[float, float, float], element: Element, files: Files, path: Path | None = None
+    text: str, scale: tuple[float, float, float], element: Element, files: Files, start: Path | None = None
 ) -> NamedMesh:
-    """The mesh that a text in a file means; ``beside``: the folder that its path starts from, where that is another than the
+    """The mesh that a text in a file means; ``start``: the folder that its path starts from, where that is another than the
     imported file's. Raises MissingFileError where there is no such file, SpecError for one that may
     not be read, is of no language of meshes, or has no volume."""
     if not text.lower().endswith(SUFFIXES):
         raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
     if 0.0 in scale:
         raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
-    return NamedMesh(text, files.find(text, element, path), scale)
+    return NamedMesh(text, files.find(text, element, start), scale)
 
 
 def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:

@@ -206,15 +206,11 @@ class Element:
         """Whether another element says the same: tag, attributes, text and all that is in it."""
         waiting = [(self, other)]
         while waiting:
-            element, two = waiting.pop()
-            if (element.tag, element.attributes, element.text, len(element._children)) != (
-                two.tag,
-                two.attributes,
-                two.text,
-                len(two._children),
-            ):
+            first, second = waiting.pop()
+            values = [(part.tag, part.attributes, part.text, len(part._children)) for part in (first, second)]
+            if values[0] != values[1]:
                 return False
-            waiting += zip(element._children, two._children, strict=True)
+            waiting += zip(first._children, second._children, strict=True)
         return True
 
     @property

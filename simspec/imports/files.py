@@ -100,19 +100,19 @@ class Files:
     def _is_inside(self, path: Path) -> bool:
         return not self.roots or any(path.is_relative_to(root) for root in self.roots)
 
-    def find(self, text: str, element: Element, path: Path | None = None) -> Path:
+    def find(self, text: str, element: Element, start: Path | None = None) -> Path:
         """The file that a path in a file means: ``package://``, ``model://``, ``$(find)/``, ``file://``, or relative to
-        ``beside`` (the folder of the file); ``%20`` is a space where there is no file of that very name. Raises SpecError at
+        ``start`` (the folder of the file); ``%20`` is a space where there is no file of that very name. Raises SpecError at
         ``element`` for what does not exist or may not be read."""
         if len(text) > LONGEST_PATH or UNSEEN_CHARACTERS.search(text) or not text.strip():
             raise element.error("not a file path", found=text[:80])
         if DRIVE.match(text):
             raise MissingFileError([_of_another_system(text, element)])
         try:
-            return self._find(text, element, path)
+            return self._find(text, element, start)
         except MissingFileError:
             plain = unquote(text)
-            if plain != text and not UNSEEN_CHARACTERS.search(plain) and (found := self._found(plain, element, path)):
+            if plain != text and not UNSEEN_CHARACTERS.search(plain) and (found := self._found(plain, element, start)):
                 return found
             if "\\" in text:
                 raise MissingFileError([_of_another_system(text, element)]) from None
@@ -124,15 +124,15 @@ class Files:
                 raise MissingFileError([problem]) from None
             raise
 
-    def _found(self, text: str, element: Element, path: Path | None) -> Path | None:
+    def _found(self, text: str, element: Element, start: Path | None) -> Path | None:
         """The same; None where there is none."""
         try:
-            return self._find(text, element, path)
+            return self._find(text, element, start)
         except MissingFileError:
             return None
 
-    def _find(self, text: str, element: Element, path: Path | None) -> Path:
-        target = self._target(text, element, path or self.path.parent)
+    def _find(self, text: str, element: Element, start: Path | None) -> Path:
+        target = self._target(text, element, start or self.path.parent)
         try:
             resolved = target.resolve()
             is_file = resolved.is_file()
@@ -141,7 +141,7 @@ class Files:
         if not self._is_inside(resolved):
             hint = self.options.way_outside("--package-path names a folder of packages")
             raise element.error("leaves the project folder", found=text, hint=hint)
-        if not is_file and path is None and (other := self._above(text)) is not None:
+        if not is_file and start is None and (other := self._above(text)) is not None:
             return other
         if not is_file:
             raise MissingFileError(
@@ -162,11 +162,11 @@ class Files:
                 return found
         return None
 
-    def _target(self, text: str, element: Element, path: Path) -> Path:
+    def _target(self, text: str, element: Element, start: Path) -> Path:
         if match := FIND.fullmatch(text) or PACKAGE.fullmatch(text):
             *_, name, rest = match.groups()
-            if not rest.strip("/") and (path / name).is_file():
-                return path / name  # package://wheel.obj: a file without a package, as some write it
+            if not rest.strip("/") and (start / name).is_file():
+                return start / name  # package://wheel.obj: a file without a package, as some write it
             return self.package(name, element) / rest.lstrip("/")
         if match := SCHEME.fullmatch(text):
             scheme, rest = match.groups()
@@ -178,9 +178,9 @@ class Files:
                 )
             inner = rest.lstrip("/")
             if FIND.fullmatch(inner) or PACKAGE.fullmatch(inner):
-                return self._target(inner, element, path)
-            return path / (rest.removeprefix("localhost") if rest.startswith("localhost/") else rest)
-        return path / text
+                return self._target(inner, element, start)
+            return start / (rest.removeprefix("localhost") if rest.startswith("localhost/") else rest)
+        return start / text
 
     def _downloaded(self, text: str, element: Element) -> Path:
         """The file of a model of the public library that the user has as a package. Raises MissingFileError for another."""

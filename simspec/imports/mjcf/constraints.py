@@ -69,7 +69,7 @@ def reference_of(model: CompiledMjcf, summed: Terms) -> float:
 
 def add_tendons(bodies: MjcfBodies, actual: Mapping[int, float], constraints: dict[str, Any]) -> None:
     """Give joints the properties of tendons of one joint, and add the others to the ``constraints`` of the spec; the rest is a
-    feature. ``held``: the values at which constraints keep tendons, by their number: no force along such a tendon moves
+    feature. ``actual``: the values at which constraints keep tendons, by their number: no force along such a tendon moves
     anything."""
     model, features = bodies.model, bodies.features
     off = {"stiffness": "spring", "damping": "damper", "frictionloss": "frictionloss"}

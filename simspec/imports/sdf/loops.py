@@ -152,11 +152,8 @@ def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[JointRea
     )
     factor = -ratio * first * second
     if _bounded(follower) and not _bounded(leader) and leader.mimic is None:
-        leader, follower, factor = (
-            follower,
-            leader,
-            1.0 / factor,
-        )  # a follower begins within its limits, a leader anywhere
+        # a follower begins within its limits, a leader anywhere
+        leader, follower, factor = follower, leader, 1.0 / factor
     if follower.mimic is not None or follower is leader:
         raise element.error(f"the joint {follower.name!r} follows another already", hint="leave the gearbox out")
     follower.mimic = MimicRead(element, (leader.scope, leader.name), FIRST_AXIS, factor, 0.0)

@@ -274,7 +274,7 @@ class MassReader:
 
 
 def _stands_for(moments: Sequence[float], tensor: Sequence[float]) -> bool:
-    """Whether moments are those of ``own`` with 1e-12 kg m² for each of zero, as simspec writes them."""
+    """Whether moments are those of ``tensor`` with 1e-12 kg m² for each of zero, as simspec writes them."""
     least = float(np.float32(1e-12))
     scale = max(moments)
     return least in moments and all(abs(value) <= scale * (1.0 + 1e-6) for value in tensor)

@@ -83,7 +83,7 @@ STALE: Final = "it does not agree with the schema's attributes, which have been 
 
 
 class PrimRead(Element):
-    """A prim. ``attributes`` has a text for each attribute, relationship and applied schema, ``told`` their values.
+    """A prim. ``attributes`` has a text for each attribute, relationship and applied schema, ``record`` their values.
     ``forgiving``: whether the rule that repairs quaternions is requested."""
 
     forgiving = False
