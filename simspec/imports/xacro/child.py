@@ -144,7 +144,7 @@ class _Checked(ast.NodeTransformer):
 
     def visit_Constant(self, node: ast.Constant) -> ast.Constant:
         if not isinstance(node.value, CONSTANTS):
-            raise Refused(f"a constant that is not a finite number, text or truth value: {self._shown}")
+            raise Refused(f"a constant that is not a number, text or truth value: {self._shown}")
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.Name:

@@ -63,7 +63,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
     expansion = _Expansion(files, [files.shown])
     for name, value in arguments.items():
         if (why := numerals.like_a_number(value)) is not None:
-            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not finite: {why}")])
+            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not a number: {why}")])
     if importlib.util.find_spec("xacro") is None:
         hint = 'pip install "simspec-physics[import]"'
         raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint)])
@@ -192,7 +192,7 @@ def _decoded(content: bytes, name: str, place: Location) -> str:
     for found in () if text.isascii() else VALUE.finditer(text):
         if (why := numerals.like_a_number(found[2])) is not None:
             line = 1 + text.count("\n", 0, found.start())
-            raise _refused(f"{found[2][:40]!r} is not finite: {why}", Location(name, line, 1))
+            raise _refused(f"{found[2][:40]!r} is not a number: {why}", Location(name, line, 1))
     return text
 
 
