@@ -85,13 +85,13 @@ def write(built: Built, folder: Path) -> Written:
 
 def _holding(content: bytes, world: World, files: Mapping[str, bytes], folder: Path) -> tuple[bytes | None, Stored]:
     """A certificate without the proofs that do not hold of ``files``, None where none does; and what became of it."""
-    from simspec.proof.judge import Stored, still_holding
+    from simspec.proof.judge import Stored, holding_proofs
 
     try:
         certificate = _parsed(content, folder)
     except SpecError as error:
         return None, Stored(unread=_why(error, folder))
-    stored = still_holding(certificate, world, engine_hashes(files))
+    stored = holding_proofs(certificate, world, engine_hashes(files))
     if stored.dropped and stored.kept:
         content = replace(certificate, engines=dict(stored.kept)).to_json().encode()
     return (content if stored.kept else None), stored
@@ -211,7 +211,7 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
     ``named``: whether only some engines were asked for. Of the others, proofs are then reported that do not hold any more, and
     not those that are not valid and say so.
     """
-    from simspec.proof.judge import judge, still_holding
+    from simspec.proof.judge import holding_proofs, judge
 
     try:
         certificate = read_certificate(folder)
@@ -231,7 +231,7 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
         if hashes[engine] != compiled.sha256:
             return f"it belongs to other files of {engine}"
     others = {name: proof for name, proof in certificate.engines.items() if name not in built.compiled}
-    stored = still_holding(
+    stored = holding_proofs(
         replace(certificate, engines=others), built.world, engine_hashes(owned_files(folder)) if others else {}
     )
     proofs = {
@@ -281,7 +281,7 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
     An old proof that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
     Raises SpecError where the files are not those that were verified.
     """
-    from simspec.proof.judge import Stored, still_holding
+    from simspec.proof.judge import Stored, holding_proofs
 
     found = Stored()
 
@@ -299,7 +299,7 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
                 raise SpecError([Problem(message, hint="verify again")])
         if CERTIFICATE_FILE in now:
             try:
-                found = still_holding(_parsed(now[CERTIFICATE_FILE], folder), world, hashes, certificate.oracle)
+                found = holding_proofs(_parsed(now[CERTIFICATE_FILE], folder), world, hashes, certificate.oracle)
             except SpecError as error:
                 found = Stored(unread=_why(error, folder))
         content = certificate.joined(found.kept).to_json().encode()

@@ -98,7 +98,7 @@ class Results(Arrivals):
     def _kept(self, content: bytes | None, new: Certificate) -> Mapping[str, EngineProof]:
         """The proofs of an earlier certificate that still hold beside a new one."""
         from simspec.proof.certificate import Certificate
-        from simspec.proof.judge import still_holding
+        from simspec.proof.judge import holding_proofs
 
         if content is None:
             return {}
@@ -109,7 +109,7 @@ class Results(Arrivals):
             self.notes.append(f"{error.problems[0].message}; it was replaced")
             return {}
         files = generated.engine_hashes(generated.owned_files(self._folder / COMPILED_FOLDER))
-        stored = still_holding(earlier, self._world, files, new.oracle)
+        stored = holding_proofs(earlier, self._world, files, new.oracle)
         if others := stored.without(new.engines).reasons:
             self.notes.append(f"{path}: proofs dropped: {others}")
         return stored.kept

@@ -37,7 +37,7 @@ def slab(name: str, size: tuple[float, float, float], material: str) -> Body:
     return fixed(name, Shape(f"{name}_0", "box", size, Pose((0.0, 0.0, -size[2] / 2.0)), material))
 
 
-def one_material(name: str, friction: float, restitution: float = 0.0, **law: Any) -> Contact:
+def single_material(name: str, friction: float, restitution: float = 0.0, **law: Any) -> Contact:
     """The contact of one material; ``law``: more numbers of its pair, and of a contact (filters)."""
     filters = {key: law.pop(key) for key in ("ignored_groups", "excluded_bodies") if key in law}
     material = Material(name, friction, restitution)

@@ -26,12 +26,12 @@ HASH_LINE = re.compile(r'^  "sha256": "([0-9a-f]{64})",\n', re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class EngineProof:
-    """What was proven of one engine.
+    """The proof of one engine.
 
     ``approximations``: features the spec accepted as approximate, and those computed outside the engine, with how;
-    ``not_checked``: fields that could not be asked for, with the reason; ``seconds``: wall time of its process;
+    ``not_checked``: fields that are not readable back, with the reason; ``seconds``: wall time of its process;
     ``not_compared``: levels, and checks of a level ("L4 collision matrix"), that were not compared because this world has
-    nothing to compare there or nobody asked for them, with the reason. Whatever else was not compared is a failed check.
+    nothing to compare there or they were not requested, with the reason. Any other part without a comparison is a failed check.
     """
 
     version: str
@@ -41,7 +41,7 @@ class EngineProof:
     not_checked: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     contact: tuple[Figure, ...] = ()
-    """Every figure of the contact probes (level L5), each beside its analytic value."""
+    """Every figure of the contact probes (level L5), each with its analytic value."""
     not_compared: dict[str, str] = field(default_factory=dict)
     precision: str = DOUBLE
     """The numbers of the engine, by which its tolerances are (``proof/checks.py``)."""
@@ -94,12 +94,12 @@ class EngineProof:
 
     @property
     def declared(self) -> Declared:
-        """What the contact figures rest on."""
+        """The declared deviations that the contact figures depend on."""
         return declared(self.contact)
 
     @property
     def contact_words(self) -> list[str]:
-        """What must be said of contact beside the verdict: declared deviations and absent effects, and what was not
+        """The remarks on contact in a verdict: declared deviations, absent effects, and kinds of contact that were not
         measured."""
         words = self.declared.words
         return ([words] if words else []) + [f"{kind}: not measured" for kind in unmeasured(self.contact_scope)]
@@ -164,7 +164,7 @@ class Certificate:
         return {"oracle": self.oracle} | {name: proof.version for name, proof in self.engines.items()}
 
     def joined(self, kept: Mapping[str, EngineProof]) -> Certificate:
-        """This certificate with earlier proofs that still hold (:func:`simspec.proof.judge.still_holding`): of other engines,
+        """This certificate with earlier proofs that still hold (:func:`simspec.proof.judge.holding_proofs`): of other engines,
         and of its own where an earlier one is equal in all but the seconds: a repository should be quiet when nothing has
         changed."""
         engines = {
@@ -221,7 +221,7 @@ class Certificate:
         """Read :meth:`to_json`'s text; ``what`` names it in errors.
 
         Its verdicts are not read: they follow from its figures. Raises SpecError for another schema, what is no certificate,
-        and text that is not that of its hash (somebody edited it, or it is damaged).
+        and text that is not that of its hash (it was edited, or is damaged).
         """
         plain = parse(text, what)
         schema = plain.get("schema") if isinstance(plain, dict) else None

@@ -1,4 +1,4 @@
-"""One check of a proof: what was held against what, how often, how closely, and where it was worst."""
+"""One check of a proof: how often two things were compared, how closely they agree, and where they differ most."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ TEXT_TOLERANCE = 1e-12
 be clipped by 2⁻⁴⁰ ≈ 9e-13 (``world/inertia.py``), and frames composed and undone (a few last bits)."""
 MODEL_TOLERANCE = 1e-9
 """L1 to L4: engines keep doubles, but diagonalise inertias, shift frames and invert matrices; all stay below 1e-10 when they
-are told the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""
+receive the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""
 
 
 TOO_CHAOTIC = "its contact-free motion is too chaotic"
 """How the reason begins for which a motion is there and not compared; it stands in the verdict."""
 NOTHING = "nothing was compared"
-"""Name of the failed check that stands for a level, or a part of one, that the world has and nobody compared."""
+"""Name of the failed check that stands for a level, or a part of one, that the world has and that was not compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ Part = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What a proof must have compared: ``count`` times, ``least`` at least, within ``tolerance`` at most."""
+    """Comparisons that a proof must contain: ``count``, ``least`` of them at least, within ``tolerance`` at most."""
 
     count: int
     least: int
@@ -116,10 +116,10 @@ class Plan(Protocol):
     """A motion that engines repeat, and what must come of it."""
 
     def operation(self, world: World) -> Operation | None:
-        """The operation that an engine is asked for; None where nothing can be compared."""
+        """The operation for an engine; None where nothing can be compared."""
 
     def demands(self) -> Demands:
-        """What a proof must have compared."""
+        """The comparisons that a proof must contain."""
 
     def checks(self, world: World, answer: Mapping[str, np.ndarray], creep: float = 0.0) -> list[Check]:
         """The answer against the plan; ``creep``: the speed (m/s, rad/s) that the engine's solver is declared to leave joints
@@ -136,14 +136,14 @@ def failed(level: str, name: str, detail: str) -> Check:
     return Check(level, name, 0, 0.0, None, "", detail)
 
 
-# What a proof demands of an engine by the numbers that it computes with (``Engine.PRECISION``), never by the engine.
+# Tolerances of an engine, by the numbers that it computes with (``Engine.PRECISION``), never by the engine.
 #
-# What is read back is as near as numbers of that length are. Motion is as near as a world's own floor: the oracle run again,
-# disturbed as such numbers disturb it. Of doubles the beginning alone is, by the last bits, and the tolerance is 100 times
-# what that makes. In single precision each step's rounding counts, so that the oracle's state is rounded after every step:
-# what an engine does beside it (its rotations, its sums) is then a few times that floor and not a hundred. Of 14 free bodies
-# with random tensors that turn at 0.5 and 2.8 rad/s for 2,000 steps of 1 ms, an engine of single precision was off by 0.9 to
-# 3.5 times the floor (measured), which is 4e-6 to 2e-5.
+# Values that are read back are as near as numbers of that length are. Motion is as near as a world's own floor: the oracle
+# run again, disturbed as such numbers disturb it. Of doubles the beginning alone is, by the last bits, and the tolerance is
+# 100 times what that makes. In single precision each step's rounding counts, so that the oracle's state is rounded after
+# every step: what an engine does beside it (its rotations, its sums) is then a few times that floor and not a hundred. Of 14
+# free bodies with random tensors that turn at 0.5 and 2.8 rad/s for 2,000 steps of 1 ms, an engine of single precision was
+# off by 0.9 to 3.5 times the floor (measured), which is 4e-6 to 2e-5.
 
 OF_LOOPS = 10.0
 """Rows of constraints that close loops are redundant, or nearly so, and engines that solve them by iteration end at their own
@@ -156,7 +156,7 @@ Rounded = Callable[[np.ndarray], np.ndarray]
 class Precision:
     """``name`` as engines declare it. ``model``: tolerance of levels L1 to L4, relative to each quantity's own scale.
     ``motion``: the least tolerance of L6 and L7; ``factor``: of the floor, where that is larger; ``loosest``: up to which
-    tolerance motion is compared. ``perturbation``: what disturbs a beginning (0: it is left, and every step is disturbed).
+    tolerance motion is compared. ``perturbation``: relative change of a beginning (0: none, and every step is disturbed).
     ``sliding``: the least tolerance of what dry friction makes of a speed."""
 
     name: str
@@ -182,8 +182,8 @@ class Precision:
         return state * (1.0 + self.perturbation * generator.choice([-1.0, 1.0], len(state)))
 
     def rounding(self, run: int, generator: np.random.Generator) -> Rounded | None:
-        """What the oracle's states become after every step of a disturbed ``run`` (0, 1, …): in the first the nearest numbers
-        of this precision, in others numbers that are off by anything that these may be. None: what they are."""
+        """The rounding of the oracle's states after every step of a disturbed ``run`` (0, 1, …): in the first the nearest
+        numbers of this precision, in others numbers that are off by anything that these may be. None: no rounding."""
         if self.perturbation:
             return None
         if run == 0:
@@ -201,7 +201,7 @@ PRECISIONS: Mapping[str, Precision] = {
     DOUBLE: Precision(
         DOUBLE, model=MODEL_TOLERANCE, motion=1e-9, factor=100.0, loosest=1e-7, perturbation=1e-15, sliding=1e-8
     ),
-    # 32 roundings: engines of single precision that are told the same model keep it to 1e-7 to 3e-7 (masses, tensors, poses,
+    # 32 roundings: engines of single precision that receive the same model keep it to 1e-7 to 3e-7 (masses, tensors, poses,
     # mass matrices, measured in two), while what must be caught is 1e-5 off
     SINGLE: Precision(SINGLE, model=2e-6, motion=2e-6, factor=10.0, loosest=1e-3, perturbation=0.0, sliding=1e-5),
 }
@@ -221,14 +221,14 @@ def inventory_checks(
     tally = Tally()
     for name in sorted(expected.keys() | actual.keys()):
         both = name in actual and name in expected
-        deviation = held_apart(expected[name], actual[name]) if both else None
+        deviation = value_difference(expected[name], actual[name]) if both else None
         wanted = repr(expected[name]) if name in expected else "absent"
         detail = f"{name} is {actual[name]!r}, should be {wanted}" if name in actual else f"{name} is missing"
         tally.add(INVENTORY_LEVEL, INVENTORY, precision.model, deviation, name, "" if deviation == 0.0 else detail)
     return tally.checks()
 
 
-# How far two values of a model are apart: numbers, vectors, orientations, poses of shapes, values of an inventory, height
+# Distances of two values of a model: numbers, vectors, orientations, poses of shapes, values of an inventory, height
 # fields, hulls, and tables of contact laws.
 
 Array = NDArray[np.float64]
@@ -255,12 +255,12 @@ def turn_between(a: Quaternion, b: Quaternion) -> float:
 def relative(expected: float, actual: float) -> float:
     """|found − expected| relative to the larger of both; 0 when both are 0."""
     largest = max(abs(expected), abs(actual))
-    # beside a zero, max() passes a NaN over: the difference has it
+    # with a zero, max() passes a NaN over: the difference has it
     return abs(actual - expected) / (largest or 1.0)
 
 
-def held_apart(expected: object, actual: object) -> float | None:
-    """How far two held values are apart: relative for numbers, else 0 when they are the same and None when they are not."""
+def value_difference(expected: object, actual: object) -> float | None:
+    """The distance of two values: relative for numbers; else 0 when they are the same and None when they are not."""
     if isinstance(expected, (list, tuple)) != isinstance(actual, (list, tuple)):
         return None
     values: Sequence[object] = expected if isinstance(expected, (list, tuple)) else (expected,)
@@ -318,7 +318,7 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
     return abs(frames.dot(axis, offset)), turned
 
 
-# How far two height fields are apart: by the heights of their surfaces, at the points of the grid and within every triangle.
+# The distance of two height fields: by the heights of their surfaces, at the points of the grid and within every triangle.
 #
 # Within each cell one place is looked at in either of its triangles, so that a surface which is split along the other diagonal
 # differs there, by a third of what the cell is bent by, though all its points are the same.
@@ -366,7 +366,7 @@ def _sampled(size: tuple[float, ...]) -> tuple[Array, Array]:
     return shares, surface(field, shares)
 
 
-# How far two convex hulls are apart: by their support functions, whatever their vertices and faces are called and counted.
+# The distance of two convex hulls: by their support functions, whatever their vertices and faces are called and counted.
 #
 # The directions are 2,000 spread over the sphere, and those that tell most of the wanted hull: the normals of its faces,
 # along which no point of the other may reach further, and at each vertex one along which that vertex alone reaches as far. So
@@ -374,11 +374,11 @@ def _sampled(size: tuple[float, ...]) -> tuple[Array, Array]:
 #
 # Where every vertex of each hull is as near to one of the other as is tolerated, their support functions differ by no more
 # along any direction at all (the largest difference of the support functions of two convex sets is the largest distance of a
-# point of either from the other: Schneider, Convex Bodies, 1.8). Nothing else is asked of such hulls: where these have 20,000
+# point of either from the other: Schneider, Convex Bodies, 1.8). Such hulls need no other comparison: where these have 20,000
 # vertices, directions times vertices are 10⁹.
 
 DIRECTIONS = 2000
-"""Spread over the sphere: 4.5° apart."""
+"""Spread over the sphere, at 4.5° from each other."""
 AT_ONCE = 65_536
 """Products of a direction and a vertex that are looked at together: they stay in the processor's cache, and are too few for
 a BLAS to share among threads, which on a busy machine wait for each other forty times as long as they work (measured)."""
@@ -450,15 +450,15 @@ def _spread() -> Array:
 # A table of the laws of materials, as an engine holds it, against the world's.
 
 Difference = tuple[str, float | None, str, str]
-"""What is compared, how far it is off (None: of another kind), where, and what was found."""
+"""The quantity, its deviation (None: of another kind), the place, and the value found."""
 HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
 
 
 def table_differences(
     laws: Mapping[tuple[str, str], PairContact], table: Sequence[PairContact]
 ) -> Iterator[Difference]:
-    """What a table says of every two materials that meet, whose laws are ``laws`` by their sorted names: one row for each and
-    none beside them."""
+    """Differences of a table from the ``laws`` of every two materials that meet, by their sorted names: one row for each, and
+    no other rows."""
     names = [(law.first, law.second) for law in table]
     whole = sorted(names) == sorted(laws)  # a pair that is held twice is one too many
     found = "" if whole else f"{sorted(names)}, should be {sorted(laws)}"

@@ -42,14 +42,14 @@ from simspec.proof.verify import Probes, engine_checks, prepare, read_back_check
 from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack, World
 
-# What became of the mutations of the complete self-test, and its counts.
+# Verdicts on the mutations of the complete self-test, and their counts.
 
 VERDICTS = ("caught", "refused", "inert", "missed")
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of one mutation: ``verdict`` is one of ``VERDICTS``, ``by`` the first level that noticed, ``why`` what it
+    """The verdict on one mutation: ``verdict`` is one of ``VERDICTS``, ``by`` the first level that noticed, ``why`` what it
     said, or what the engine refused it with, or the reason that is declared for its being inert; ``row`` names the row of
     the dialect's table that declares it."""
 
@@ -92,7 +92,7 @@ class CompleteTest:
 
     @property
     def missed(self) -> tuple[Verdict, ...]:
-        """What went unseen."""
+        """The mutations that were not noticed."""
         return tuple(verdict for verdict in self.verdicts if verdict.verdict == "missed")
 
     @property
@@ -199,7 +199,7 @@ def complete_self_test(
 
 @dataclass
 class _Found:
-    """What became of some mutations: ``verdicts`` by name; ``steady``: those that are declared inert, and are in glimpses;
+    """The verdicts on some mutations: ``verdicts`` by name; ``steady``: those that are declared inert, and are in glimpses;
     ``acting``: by name what was seen of those that are declared inert and act; ``same``: names of those that leave all that the
     engine's numbers follow from as it was, where it says so."""
 
@@ -232,7 +232,7 @@ class _Bench:
     whole: Seen
     glimpses: Seen
     made_of: str
-    """What the engine's numbers follow from with the unchanged files; "" where it does not say."""
+    """The hash of all that the engine's numbers follow from with the unchanged files; "" where it gives none."""
     python: str | None
 
     @classmethod
@@ -256,7 +256,7 @@ class _Bench:
             whole = Seen.of(scenes, answers)
             glimpses = glimpses_of(world, scenes, course.arrays)
             looked = Seen.of(glimpses, requested([*glimpses, *glimpses]).answers)
-            read_back = _held(requested([Operation("read_back")]).answers)
+            read_back = _stored_model(requested([Operation("read_back")]).answers)
         if max(whole.unsteady, looked.unsteady) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
         table = table_of(compiled.dialect)
@@ -267,7 +267,7 @@ class _Bench:
         names: list[str] = []
         found = _Found()
         with side_by_side(WORKERS) as pool:
-            # batches are made as they are asked for: all texts at once would be large
+            # batches are made on demand: all texts at once would be large
             for of_batch, batch_names in pool.map(self._batch, _batches(planted)):
                 found.add(of_batch)
                 names += batch_names
@@ -281,7 +281,7 @@ class _Bench:
 
     def _batch(self, batch: Sequence[Mutation]) -> tuple[_Found, list[str]]:
         found = _Found()
-        for stage in (self._held, self._untouched, self._glimpsed, self._unmoved, self._probed, self._shown):
+        for stage in (self._stored_model, self._untouched, self._glimpsed, self._unmoved, self._probed, self._shown):
             left = found.left(batch)
             if not left:
                 break
@@ -289,7 +289,7 @@ class _Bench:
         return found, [mutation.name for mutation in batch]
 
     def _alone(self, batch: Sequence[Mutation]) -> _Found:
-        """What becomes of mutations that move otherwise in whole motions."""
+        """The verdicts on mutations that move otherwise in whole motions."""
         found = _Found()
         for stage in (self._unmoved, self._probed, self._shown):
             if left := found.left(batch):
@@ -298,16 +298,16 @@ class _Bench:
 
     # --- stages ---------------------------------------------------------------------------------------------------
 
-    def _held(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _stored_model(self, batch: Sequence[Mutation], found: _Found) -> None:
         """By what the engine says it holds."""
         self._judge(batch, found, [Operation("read_back")], self._read_back_checks)
 
     def _untouched(self, batch: Sequence[Mutation], found: _Found) -> None:
-        """What is declared inert, and leaves what the engine's numbers follow from as it was: alone it need not be seen."""
+        """Mutations that are declared inert and change nothing that the engine's numbers follow from: they need no glimpses."""
         found.steady += [mutation for mutation in self._declared(batch) if mutation.name in found.same]
 
     def _glimpsed(self, batch: Sequence[Mutation], found: _Found) -> None:
-        """What is declared inert, in glimpses of its motion: the same to the last bit, or noted where it acts."""
+        """Mutations that are declared inert, in glimpses: their motion is the same to the last bit, or they are noted."""
         if sum(self.whole.seconds) < SHORT:
             return
         for mutation, answers in self._ask(self._declared(batch), self.glimpses.operations):
@@ -321,7 +321,7 @@ class _Bench:
                     self._note(mutation, departure, found)
 
     def _unmoved(self, batch: Sequence[Mutation], found: _Found) -> None:
-        """What is declared inert must move as the sound files do; what does not is noted, and goes on."""
+        """Mutations that are declared inert must move as the sound files do; others are noted, and go on."""
         left = [mutation for mutation in self._declared(batch) if mutation.name not in found.acting]
         for mutation, answers in self._ask(left, self.whole.operations):
             if (refused := self._refused(mutation, answers)) is not None:
@@ -390,7 +390,7 @@ class _Bench:
     # --- judging --------------------------------------------------------------------------------------------------
 
     def _read_back_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
-        return read_back_checks(self.world, self.engine, _held(answers))
+        return read_back_checks(self.world, self.engine, _stored_model(answers))
 
     def _probe_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
         return engine_checks(self.world, self.engine, answers, self.probes)[0]
@@ -456,6 +456,6 @@ def _given(engine: str, python: str | None) -> dict[str, str]:
     return {} if python is None else {engine: python}
 
 
-def _held(answers: Sequence[Answer]) -> ReadBack:
+def _stored_model(answers: Sequence[Answer]) -> ReadBack:
     read_back: ReadBack = from_plain(ReadBack, answers[0].result)
     return read_back

@@ -1,4 +1,4 @@
-"""What a world's proof must hold, from the world alone: what the world does not have is not compared and says why; all else is.
+"""The parts that a world's proof must contain, from the world alone: parts that it does not have are named with the reason.
 
 A stored certificate is judged by the same function as a new one (:func:`shortfalls`).
 """
@@ -52,7 +52,7 @@ def motionless(world: World) -> str:
         limits = body.joint.position_limits
         if limits is not None and limits[0] >= limits[1]:
             return f"the limits of joint {body.joint.name!r} leave it one position, so that every motion is at a limit"
-    return (_without_room(world) or _held_at_a_limit(world)) if world.constraints else ""
+    return (_without_room(world) or _kept_at_a_limit(world)) if world.constraints else ""
 
 
 def _without_room(world: World) -> str:
@@ -70,7 +70,7 @@ def _without_room(world: World) -> str:
     return ""
 
 
-def _held_at_a_limit(world: World) -> str:
+def _kept_at_a_limit(world: World) -> str:
     """The same of a world whose constraints hold a joint where it begins, and that is at a limit or beyond. It is held where it
     cannot move at the beginning, nor where the other joints are as far inside their limits as they come: in one of the two a
     linkage that can move may be at the end of its way."""
@@ -106,11 +106,11 @@ def chaotic(world: World, precision: str = DOUBLE) -> str:
     return motion.plan(world, oracle_of(world), PRECISIONS[precision]).chaos
 
 
-NOT_ASKED = "not asked for"
+NOT_REQUESTED = "not asked for"
 """The reason of a part that the caller of ``verify`` left out."""
 MATRIX = "collision matrix"
 OPTIONAL = (("L4", MATRIX), ("L5", ""), ("L6", ""), ("L7", ""))
-"""The parts that are left out where their level is not asked for; all else comes from one read-back and two quick probes."""
+"""The parts that are left out where their level is not requested; all else comes from one read-back and two quick probes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,20 +187,20 @@ def expected(world: World) -> dict[Part, str]:
 
 
 def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str]:
-    """What a world does not have by its nature, or of ``OPTIONAL`` what is not in ``levels`` (None: all are asked for), by
-    :func:`title`, with the reason. A check is named only where the rest of its level is compared."""
+    """The parts that a world does not have by its nature, or of ``OPTIONAL`` what is not in ``levels`` (None: all are
+    requested), by :func:`title`, with the reason. A check is named only where the rest of its level is compared."""
     reasons: dict[str, str] = {}
     for (level, name), why in expected(world).items():
         if (level, name) in OPTIONAL and levels is not None and level not in levels:
-            why = NOT_ASKED
-        if why and level not in reasons and (why == NOT_ASKED or PARTS[level, name].mentioned):
+            why = NOT_REQUESTED
+        if why and level not in reasons and (why == NOT_REQUESTED or PARTS[level, name].mentioned):
             reasons[title(level, name)] = why
     return reasons
 
 
 def uncomparable(world: World, precision: str = DOUBLE) -> dict[str, str]:
-    """What a world has and numbers of a precision cannot compare, by :func:`title`, with the reason: too chaotic a motion.
-    It is named by its level where the world has nothing else of that level. It costs a plan of the motion."""
+    """The parts that a world has and that numbers of a precision cannot compare, by :func:`title`, with the reason: too chaotic
+    a motion. It is named by its level where the world has nothing else of that level. It costs a plan of the motion."""
     why = chaotic(world, precision)
     if not why:
         return {}
@@ -211,7 +211,7 @@ def uncomparable(world: World, precision: str = DOUBLE) -> dict[str, str]:
 
 
 def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[Check]:
-    """A failed check for each part that nobody compared, though it is expected of ``world`` and ``not_compared`` (by
+    """A failed check for each part that was not compared, though it is expected of ``world`` and ``not_compared`` (by
     :func:`title`) does not name it."""
     compared = {check.level for check in checks if check.count}
     compared_checks = {(check.level, check.name) for check in checks if check.count}
@@ -253,7 +253,7 @@ def judge(
     return faults
 
 
-# What a proof does not check because an engine lacks what it takes (``Engine.LACKS``): parts of levels, with the reason.
+# Parts that a proof does not check because an engine lacks what it takes (``Engine.LACKS``): parts of levels, with the reason.
 #
 # Such a part is neither passed nor failed. A certificate says that it was not checked, and a stored one is compared with the
 # engine's declarations, so that nothing else can hide there.
@@ -267,7 +267,7 @@ TITLES = frozenset({title(*part) for part, rule in PARTS.items() if rule.needs} 
 
 
 def unchecked(world: World, engine: type[Engine]) -> dict[Part, str]:
-    """The parts (level, name of a check) that ``engine`` cannot be asked for, with the reason that it declares."""
+    """The parts (level, name of a check) that ``engine`` does not support, with the reason that it declares."""
     off = (Capability.DRY_FRICTION_OFF,) if len(frictional_coordinates(world)) else ()
     parts = {}
     for part, rule in PARTS.items():
@@ -280,7 +280,7 @@ def unchecked(world: World, engine: type[Engine]) -> dict[Part, str]:
 
 def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[str, str]) -> dict[str, str]:
     """The same as a certificate says it: by title, and by level where nothing of a level is left; without what ``not_compared``
-    names, which this world does not have or was not asked for."""
+    names, which this world does not have, or that were not requested."""
     lacking, wanted = unchecked(world, engine), expected(world)
     parts: dict[str, str] = {}
     for (level, name), why in lacking.items():
@@ -296,8 +296,8 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
 
 
 def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
-    """What is not checked of an engine that is not there, which ``why`` says: every level but that of the files, without those
-    that ``not_compared`` names."""
+    """The levels that are not checked of an engine that is not installed (``why``): every level but that of the files, without
+    those that ``not_compared`` names."""
     return {level: why for level in ENGINE_LEVELS if level not in not_compared}
 
 
@@ -306,8 +306,8 @@ UNTOLD = "the engine is told none"
 
 
 def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
-    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers and of frames only where the world
-    has some."""
+    """The fields that a read-back does not contain, with the reasons, sorted; of engines' own controllers and of frames only
+    where the world has some."""
     left = unreadable(world, read_back.unreadable)
     if world.frames and read_back.frames is None:
         left["frames"] = UNTOLD
@@ -350,7 +350,7 @@ def approximations(decisions: Iterable[Decision]) -> dict[str, str]:
 
 @derived
 def realised(world: World, engine: str, version: str) -> Realised:
-    """What compiling ``world`` for an engine (a name or label) of a version gives."""
+    """The realisation of ``world`` by an engine (a name or label) of a version."""
     label = f"{engine_name(engine)}@{version}" if find_engine(engine).version() is not None else engine
     try:
         compiled = compile_world(world, [label])[label]

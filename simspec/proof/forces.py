@@ -1,4 +1,4 @@
-"""Level L7 of worlds with forces on bodies and with kinematic bodies: what they do to motion, in every engine, without contact.
+"""Level L7 of worlds with forces on bodies and with kinematic bodies: their effect on motion, in every engine, without contact.
 
 Every body begins at rest, held against its weight, and the world's own forces act soon after, each for a while, with what share
 of a step they begin and end by in the world. The oracle has them by its own Jacobians. The tolerance is L6's.
@@ -57,7 +57,7 @@ class Pushed:
         return self.precision.tolerance(self.floor)
 
     def operation(self, world: World) -> Operation:
-        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
+        """The operation for an engine (see ``engines/kit/worker.py``)."""
         arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": frictional_coordinates(self.world)}
         return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, world)
 
@@ -144,7 +144,7 @@ class Followed:
     precision: Precision = PRECISIONS[DOUBLE]
 
     def operation(self, world: World) -> Operation:
-        """The operation that an engine is asked for: all bodies begin where the world's do, at rest."""
+        """The operation for an engine: all bodies begin where the world's do, at rest."""
         q, v = initial_state(self.world)
         parameters, motions = motions_to_request(self.world)
         rest = np.zeros_like(v)
@@ -179,7 +179,7 @@ def plan_motions(world: World, oracle: Oracle, precision: Precision = PRECISIONS
     return Followed(faster, tuple(motion.body for motion in quick), poses, precision)
 
 
-# Dry friction in joints and along sums of their positions, measured against closed forms (level L6, beside the motion, for
+# Dry friction in joints and along sums of their positions, measured against closed forms (level L6, alongside the motion, for
 # which it is switched off).
 #
 # A joint that slides is braked by f against its velocity, whatever that is; one at rest stays there while the effort that is
@@ -189,7 +189,7 @@ def plan_motions(world: World, oracle: Oracle, precision: Precision = PRECISIONS
 #     M a + h + f sign(v) = τ    a joint slides, to both sides, gaining speed, losing it, and from rest     a = 0
 # a joint at rest is held, just below f, to both sides
 #
-# So nothing sticks that should slide within a probe, and no law of stick and slip is needed beside the engine's own.
+# So nothing sticks that should slide within a probe, and no law of stick and slip is needed in addition to the engine's.
 
 LEVEL = "L6"
 SLIDING_CHECK, REST_CHECK = "dry friction, sliding", "dry friction, at rest"
@@ -203,7 +203,7 @@ SLIDES = 1e-4
 welded to the world, is not compared as it slides. Soft friction holds it, which does not matter to the others."""
 RANGE, REACH = 0.05, 0.01
 """Largest share of a joint's range, and rad or m, that a trial may cross: efforts are right where it begins. A single step may
-cross more than ``REACH``: what friction does to a speed is settled before anything moves."""
+cross more than ``REACH``: the effect of friction on a speed is settled before anything moves."""
 SLIDE_TOLERANCE = 1e-8
 """Of the speed that f alone gives in a trial: where all joints slide, friction is a constant effort, held to round-off (largest
 measured in 16 × 36 arms of 0.5 to 16 ms and f of 2e-3 to 20 N m: 5e-11)."""
@@ -253,7 +253,7 @@ class DryFriction:
         return found if found.any() else np.ones(len(self.places), dtype=bool)
 
     def operation(self, world: World) -> Operation:
-        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
+        """The operation for an engine (see ``engines/kit/worker.py``)."""
         arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in ("q", "v", "effort")}
         return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)
 
@@ -295,7 +295,7 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
             low, high = body.joint.position_limits
             q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
     q, start = inside(world, q, MIDDLE), initial_state(world)[0]
-    if world.constraints:  # what is held together may not be in the middle of its range, and must not be beyond
+    if world.constraints:  # constrained joints may not be in the middle of its range, and must not be beyond
         couple(world, oracle, q, start)
         q = oracle.inwards(oracle.settled(q, start))
     places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
@@ -318,7 +318,7 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
     if world.constraints:  # joints that are held together slide together
         slides = oracle.constrained_velocity(q, gain * side)
         gain, side = np.abs(slides), np.sign(slides)
-    rubbed = _Rubbed(friction, tuple(along))
+    rubbed = _Friction(friction, tuple(along))
     trials = tuple(_trials(oracle, q, rubbed, gain, room, side))
     if precision.name != DOUBLE:
         floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
@@ -329,10 +329,10 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
 
 
 def _floor(
-    trial: Trial, oracle: Oracle, friction: _Rubbed, strength: np.ndarray, rough: np.ndarray, precision: Precision
+    trial: Trial, oracle: Oracle, friction: _Friction, strength: np.ndarray, rough: np.ndarray, precision: Precision
 ) -> float:
-    """What fewer digits of states and efforts make of the speeds of a trial, in its own units: where friction is a small part
-    of what acts, rounding is a large part of it."""
+    """The effect of fewer digits of states and efforts on the speeds of a trial, in its own units: where friction is a small
+    part of what acts, rounding is a large part of it."""
     generator = np.random.default_rng(STATES_SEED + 302)
     rounded, off = precision.rounding(1, generator), ROUNDING[precision.name]
     brake = friction.against(trial.along)
@@ -346,22 +346,22 @@ def _floor(
 
 
 @dataclass(frozen=True)
-class _Rubbed:
+class _Friction:
     """The dry friction of joints (nv,), and along sums: weights (nv,) and the largest force of each."""
 
-    own: np.ndarray
+    joints: np.ndarray
     along: tuple[tuple[np.ndarray, float], ...]
 
     def against(self, v: np.ndarray) -> np.ndarray:
         """The effort (nv,) that overcomes the friction of motion along ``v``."""
-        total: np.ndarray = self.own * np.sign(v)
+        total: np.ndarray = self.joints * np.sign(v)
         for weights, most in self.along:
             total = total + weights * most * np.sign(weights @ v)
         return total
 
     def slide(self, speeds: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Whether, at each of some instants (n, nv), all that rubs moves the way that it does along ``v``."""
-        rough = self.own != 0.0
+        """Whether, at each of some instants (n, nv), all joints with friction move the way that they do along ``v``."""
+        rough = self.joints != 0.0
         alike: np.ndarray = (speeds * np.sign(v) > 0.0)[:, rough].all(axis=1)
         for weights, _ in self.along:
             alike = alike & ((speeds @ weights) * np.sign(weights @ v) > 0.0)
@@ -369,7 +369,7 @@ class _Rubbed:
 
 
 def _trials(
-    oracle: Oracle, q: np.ndarray, friction: _Rubbed, gain: np.ndarray, room: np.ndarray, side: np.ndarray
+    oracle: Oracle, q: np.ndarray, friction: _Friction, gain: np.ndarray, room: np.ndarray, side: np.ndarray
 ) -> Iterator[Trial]:
     """``gain``: the acceleration of a joint that slides; ``room``: how far it may go: within it, and within the neighbourhood
     for which efforts were chosen."""
@@ -394,9 +394,10 @@ def _trials(
 
 
 def _sliding(
-    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: _Rubbed, along: np.ndarray, most: int
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: _Friction, along: np.ndarray, most: int
 ) -> tuple[int, np.ndarray]:
-    """The most of ``STEPS``, up to ``most``, in which all that rubs slides the way of ``along``, and the velocities then.
+    """The most of ``STEPS``, up to ``most``, in which all joints with friction slide the way of ``along``, and the velocities
+    then.
 
     A joint that comes to rest or turns round on its way is held back by less than its friction, or the other way.
     """

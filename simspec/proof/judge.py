@@ -1,8 +1,8 @@
 """Whether a certificate that lies on a disk proves a world: judged from its figures, never from what it says of itself.
 
-Somebody may have edited it, it may be of another world, of another simspec, or of a time when less was compared. What an edit
-can say is held against what the world demands: the parts (``proof/expected.py``), how often each was compared, how closely at
-least, and each figure of contact behind the checks of level L5.
+It may have been edited, it may be of another world, of another simspec, or of a time when less was compared. Every statement
+that an edit can change is compared with the world's demands: the parts (``proof/expected.py``), how often each was compared,
+how closely at least, and each figure of contact behind the checks of level L5.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
 
-# What levels L6 and L7 of a world's proof must have compared, how often and how closely: planned anew from the world, as
-# ``simspec verify`` plans it. It takes the oracle's motion, 0.1 to 7 s of processor time for the library's worlds.
+# The comparisons of levels L6 and L7 that a world's proof must contain, how often and how closely: planned anew from the
+# world, as ``simspec verify`` plans it. It takes the oracle's motion, 0.1 to 7 s of processor time for the library's worlds.
 
 
 @derived
@@ -70,7 +70,7 @@ def judge(certificate: Certificate, world: World) -> list[str]:
 
 
 def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = False) -> list[str]:
-    """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack.
+    """The same for one engine, by name or label. The parts listed as not checked must be those that it declares to lack.
     ``thorough``: also whether the checks of L6 and L7 are as many and as close as the world demands, which takes the
     oracle's motion (:func:`simspec.proof.judge.demanded`)."""
     known = engines().get(engine_name(engine))
@@ -124,7 +124,7 @@ def _declarations(engine: str, known: type[Engine], proof: EngineProof, world: W
     fields = {name: why for name, why in proof.not_checked.items() if name not in TITLES}
     wanted = {} if proof.files_alone else unreadable(world, known.UNREADABLE)
     if "frames" in fields and world.frames:
-        wanted["frames"] = UNTOLD  # whether an engine is told some is seen by reading it back
+        wanted["frames"] = UNTOLD  # whether an engine has some is seen by reading it back
     yield from _compared("the field that is not readable back", fields, wanted)
 
 
@@ -218,7 +218,7 @@ def _contact(
 
 @dataclass(frozen=True)
 class Stored:
-    """What becomes of the certificate that was there: ``kept``, the proofs that hold, and ``dropped``, why each other one goes,
+    """The remains of the earlier certificate: ``kept``, the proofs that hold, and ``dropped``, why each other one goes,
     by engine; ``unread``: why the file is no certificate that could be read, None where it is one, or there is none."""
 
     kept: Mapping[str, EngineProof] = field(default_factory=dict)
@@ -232,12 +232,12 @@ class Stored:
         return Stored(kept, dropped, self.unread)
 
     def after(self, earlier: Stored) -> Stored:
-        """What became of the certificate in two steps, of which this is the second."""
+        """The remains of the certificate after two steps, of which this is the second."""
         dropped = {name: why for name, why in earlier.dropped.items() if name not in self.kept}
         return Stored(self.kept, dropped | dict(self.dropped), earlier.unread or self.unread)
 
     def lines(self) -> list[str]:
-        """In words, a line each: what was kept of other engines, what was dropped and why."""
+        """In words, a line each: the proofs of other engines that were kept, and those that were dropped, with the reason."""
         shown = ", ".join(f"{name} {proof.version} ({proof.brief})" for name, proof in sorted(self.kept.items()))
         said = [f"kept from before, not verified now: {shown}"] if shown else []
         return [*said, f"dropped: {self.reasons}"] if self.reasons else said
@@ -261,7 +261,7 @@ class Stored:
         return {"kept": kept, "dropped": dict(self.dropped), "unread": self.unread}
 
 
-def still_holding(earlier: Certificate, world: World, files: Mapping[str, str], oracle: str | None = None) -> Stored:
+def holding_proofs(earlier: Certificate, world: World, files: Mapping[str, str], oracle: str | None = None) -> Stored:
     """Which proofs of ``earlier`` hold of ``world`` and its files as they are.
 
     ``files``: the hash of each engine's artifacts; ``oracle``: that of the certificate which they will stand in (None: their
@@ -292,7 +292,7 @@ def _stale(engine: str, proof: EngineProof, world: World, files: str | None) -> 
         return "its files are not there"
     if files != proof.artifacts_sha256:
         return "its files are others than were verified"
-    # what says itself that it is not valid claims nothing
+    # a proof that is not valid claims nothing
     if proof.valid and (found := judge_proof(engine, proof, world)):
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         return f"not valid, as it claims to be: {found[0]}{more}"

@@ -27,7 +27,7 @@ MIDDLE = 0.4
 CALM = 0.2
 """Of its range per second: the speed with which a sum begins at most."""
 CLOSE = 1e-12
-"""rad or m of a joint by which positions may miss what is asked of them."""
+"""rad or m of a joint by which positions may miss their targets."""
 
 
 def followers(world: World) -> dict[str, list[tuple[str, float, float]]]:
@@ -206,7 +206,7 @@ class SumLimits:
     out_of_reach: tuple[str, ...]
 
     def operation(self, world: World) -> Operation:
-        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
+        """The operation for an engine (see ``engines/kit/worker.py``)."""
         arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in ("q", "v", "effort")}
         arrays["rubbing"] = frictional_coordinates(world)
         return Operation("stopped", {"steps": [STEPS] * len(self.trials)}, arrays, world)
@@ -275,7 +275,7 @@ def _of_sum(oracle: Oracle, stops: Stops, row: int, side: int, q: Floats) -> Ite
 
 def _of_balls(world: World, oracle: Oracle) -> Iterator[Trial]:
     """A ball at its largest angle is turned further about the axis of that angle, whose rate is the ball's velocity about it,
-    in either frame: what is pressed is what the stop gives back, as of a sum."""
+    in either frame: the stop gives back exactly the pressing force, as of a sum."""
     q = Stops(world).within(initial_state(world)[0], 0.1)
     balls = [
         parts

@@ -2,7 +2,7 @@
 
 The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floor: the oracle run again several times, its
 beginning changed in the last bits (of engines in single precision: ``proof/checks.py``). Below that floor no two programs
-can agree, whatever they hold; it is printed beside the deviation. Motion is compared as far as the floor is low enough for
+can agree, whatever they hold; it is printed next to the deviation. Motion is compared as far as the floor is low enough for
 the tolerance to mean something.
 """
 
@@ -35,7 +35,7 @@ RESTING_WORK = 400_000
 INSIDE = 0.1
 """Share of its range by which a joint has to be inside its limits at the beginning; otherwise it begins in their middle."""
 NEAR = 0.05
-"""Share of its range to a limit from which on a joint, a ball or a sum is near it: what follows is not compared."""
+"""Share of its range to a limit from which on a joint, a ball or a sum is near it: later instants are not compared."""
 
 
 def at_rest(world: World, oracle: Oracle, near_limits: Callable[[np.ndarray], bool]) -> np.ndarray:
@@ -72,10 +72,10 @@ bodies do not make each one's motion harder to tell."""
 EVERY, LOOK = 40, 10
 """Steps between two instants that are compared; the second where there are few, and when a beginning is tried."""
 SECONDS = 2.0
-"""Time in which motion comes as far as it should: what falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80 m/s, where
-the round-off of one engine is a hundred times the others' (measured)."""
+"""Time in which motion comes as far as it should: a body that falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80
+m/s, where the round-off of one engine is a hundred times the others' (measured)."""
 LARGEST_TURN = 0.25
-"""rad in a step up to which motion is compared: what turns faster is not resolved by the timestep at all, and one engine
+"""rad in a step up to which motion is compared: a faster turn is not resolved by the timestep at all, and one engine
 turns nothing by more than π/4 in a step (measured, at the end of motions that diverge)."""
 LARGEST_SLIDE = 3.0
 """m from the beginning up to which a slide is followed: one without limits is flung out without end, and at 100 m the mass
@@ -84,7 +84,7 @@ DISTURBED = 4
 """Disturbed runs: the floor of one alone is off by up to a factor of 15 (measured)."""
 TRIES = 6
 """Seeded beginnings to try until one keeps all joints off their limits for all steps; the longest is taken."""
-HELD = 2
+BALANCED = 2
 """The first of those tries in which the weight is held up."""
 GENTLE = 0.2
 """Share of speeds and efforts in those."""
@@ -109,7 +109,7 @@ slip of a digit in printing makes of gravity, moves a body by the tolerance; whe
 
 @dataclass(frozen=True)
 class Motion:
-    """What to do (``q``, ``v``, ``effort``, ``steps``), what the oracle made of it, and its round-off floor."""
+    """A beginning and its efforts (``q``, ``v``, ``effort``, ``steps``), the oracle's poses, and their round-off floor."""
 
     q: np.ndarray
     v: np.ndarray
@@ -118,7 +118,7 @@ class Motion:
     every: int
     poses: np.ndarray
     floor: float
-    rubbing: np.ndarray
+    frictional: np.ndarray
     """Places in v of the joints whose dry friction is taken away: it has a probe of its own."""
     ends: str = ""
     """Why there are fewer steps than were wanted."""
@@ -142,8 +142,8 @@ class Motion:
         return self.precision.tolerance(self.floor)
 
     def operation(self, world: World) -> Operation | None:
-        """The operation that an engine is asked for (see ``engines/kit/worker.py``); None where no motion can be compared."""
-        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": self.rubbing}
+        """The operation for an engine (see ``engines/kit/worker.py``); None where no motion can be compared."""
+        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": self.frictional}
         return None if self.chaos else Operation("motion", {"steps": self.steps, "every": self.every}, arrays, world)
 
     def demands(self) -> Demands:
@@ -157,8 +157,8 @@ class Motion:
         """One check: the worst deviation of any body at any instant."""
         detail = f"floor {self.floor:.1e}, {self.steps} steps of {world.physics.timestep:g} s"
         detail += f" ({self.ends})" if self.ends else ""
-        if len(self.rubbing):
-            detail += f", dry friction of {len(self.rubbing)} joints switched off"
+        if len(self.frictional):
+            detail += f", dry friction of {len(self.frictional)} joints switched off"
         if self.steps < FEWEST:
             detail = f"{self.steps} steps, should be {FEWEST} at least: {self.ends}; {detail}"
             return [Check(*MOTION, 0, self.tolerance, None, "", detail)]
@@ -244,7 +244,7 @@ class _Planning:
                 break
             best = max(best, self._tried(*self._beginning(attempt)), key=lambda begun: begun.steps)
         planned = self._planned(best)
-        for attempt in range(HELD, TRIES + len(GENTLER)):
+        for attempt in range(BALANCED, TRIES + len(GENTLER)):
             if planned.steps >= FEWEST or unstable(self.world):
                 return planned  # enough, or nothing gentler helps
             gentler = self._planned(self._tried(*self._beginning(attempt)))
@@ -265,7 +265,7 @@ class _Planning:
         return planned
 
     def _planned(self, begun: _Beginning) -> Motion:
-        """What the oracle makes of a beginning, with its floor, as far as that can be used."""
+        """The oracle's motion from a beginning, with its floor, as far as that can be used."""
         precision, steps, ends, unsteady = self.precision, begun.steps, begun.ends, begun.unsteady
         every = EVERY if steps >= 10 * EVERY else LOOK
         rows = [min(done, steps) for done in range(0, steps + every, every)]
@@ -346,10 +346,10 @@ class _Planning:
     def _beginning(self, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
 
-        Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From ``HELD``
-        on they also carry the weight and the springs of where they start, and all else is gentler: falling reaches limits
-        soonest. In longer motions than ``SECONDS`` everything is as much slower, and free roots are held up as far as that
-        takes, so that all come as far as in that time.
+        Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From
+        ``BALANCED`` on they also carry the weight and the springs of where they start, and all else is gentler: falling reaches
+        limits soonest. In longer motions than ``SECONDS`` everything is as much slower, and free roots are held up as far as
+        that takes, so that all come as far as in that time.
         """
         world, oracle, slower = self.world, self.oracle, self.slower
         q, v = (states[0] for states in random_states(world, 1, STATES_SEED + 1 + attempt, speed=0.5))
@@ -365,13 +365,13 @@ class _Planning:
                 v[at_v] *= min(1.0, 0.2 * (limits[1] - limits[0]))
         if any(total.position_limits for total in world.sums):
             q, v = inside(world, q, MIDDLE), calmed(world, v, CALM)
-        if world.constraints:  # what is held together begins there, and moves so
+        if world.constraints:  # constrained joints begin there, and move so
             couple(world, oracle, q, self.start)
             q = oracle.inwards(oracle.settled(q, self.start))
             v = oracle.constrained_velocity(q, v)
         effort = self._push(q, attempt)
         v *= slower
-        if attempt < HELD:
+        if attempt < BALANCED:
             weight = oracle.bias_force(q, np.zeros(oracle.nv))
             for body, at_v in zip(world.bodies, oracle.layout.velocity, strict=True):
                 if body.joint.kind == "free":

@@ -10,7 +10,7 @@ import numpy as np
 
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
-from simspec.proof.building import fixed, free, one_material, slab, with_bodies, with_shapes
+from simspec.proof.building import fixed, free, single_material, slab, with_bodies, with_shapes
 from simspec.proof.selftest_worlds import CONTACT, EVERY, FRICTION, PHYSICS, SMALLER, TENSOR, bench
 from simspec.world.actions import Controller, Trajectory
 from simspec.world.kinematics import joined
@@ -84,7 +84,7 @@ def shapes(engine: str) -> World:
         free("toy", AT, Inertial(1.0, (0.0, 0.01, 0.0), TENSOR), *solid),
         Body("knob", "toy", Inertial(0.2, (0.0, 0.0, 0.2), TENSOR), Joint("knob_joint", "fixed", "toy"), (knob,)),
     )
-    contact = one_material("stone", 0.4, excluded_bodies=(("knob", "toy"),))
+    contact = single_material("stone", 0.4, excluded_bodies=(("knob", "toy"),))
     options = EngineOptions(engine, accept=(*CONTACT, "shape.cylinder", "shape.plane"))
     return World("self-test-shapes", bodies, contact, PHYSICS, engines=(options,))
 
@@ -104,7 +104,7 @@ def weightless(engine: str) -> World:
         Body("tip", "root", Inertial(0.0), Joint("tip_joint", "fixed", "arm", tilt)),
     )
     excluded = (("arm", "root"), ("arm", "tip"), ("bob", "load"), ("load", "root"))
-    contact = one_material("rubber", 0.5, excluded_bodies=excluded)
+    contact = single_material("rubber", 0.5, excluded_bodies=excluded)
     options = EngineOptions(engine, accept=CONTACT)
     return World("self-test-weightless", bodies, contact, PHYSICS, engines=(options,))
 
@@ -130,7 +130,7 @@ def several_joints(engine: str) -> World:
         Body("bob.yaw", "ground", Inertial(0.0), yaw),
         Body("bob", "ground", Inertial(0.5, (0.0, 0.03, 0.05), TENSOR), turn),
     )
-    contact = one_material("rubber", 0.5, excluded_bodies=tuple(sorted(joined(bodies))))
+    contact = single_material("rubber", 0.5, excluded_bodies=tuple(sorted(joined(bodies))))
     options = EngineOptions(engine, accept=CONTACT)
     return World("self-test-several-joints", bodies, contact, PHYSICS, engines=(options,))
 
@@ -159,7 +159,7 @@ def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
     """A ball on a floor of that hardness, without restitution."""
 
     def made(engine: str) -> World:
-        contact = one_material("rubber", 0.5, hardness=hardness)
+        contact = single_material("rubber", 0.5, hardness=hardness)
         accept = (*CONTACT, f"contact.hardness.{kind}")
         return _accept(uneven("bouncing")(engine), *accept, name=f"self-test-{kind}", contact=contact)
 

@@ -46,9 +46,9 @@ def kinematics_checks(
     v: np.ndarray,
     answer: Mapping[str, np.ndarray],
     precision: Precision = PRECISIONS[DOUBLE],
-    told: bool = False,
+    has_frames: bool = False,
 ) -> list[Check]:
-    """Poses and velocities of all bodies at states (k, nq), (k, nv), poses of named frames where the engine is ``told`` them,
+    """Poses and velocities of all bodies at states (k, nq), (k, nv), poses of named frames where the engine is told,
     and whether the engine gives a state back."""
     tally = Tally()
     names = [body.name for body in world.bodies]
@@ -62,11 +62,11 @@ def kinematics_checks(
         for name, values in (("pose, position", away), ("pose, orientation", turned), ("body velocity", faster)):
             worst = int(np.argmax(values)) if np.isfinite(values).all() else int(np.argmin(np.isfinite(values)))
             tally.add("L2", name, precision.model, float(values[worst]), f"bodies.{names[worst]}, state {row}")
-        if told and world.frames:
+        if has_frames and world.frames:
             given = answer["frame"][row] if "frame" in answer else np.zeros((0, 7))
             _add_frames(tally, world, pose, given, row, precision.model)
         state = float(np.abs(answer["v"][row] - v[row]).max(initial=0.0))
-        if precision.name != DOUBLE:  # whose digits are fewer than velocities of some m/s have behind the point
+        if precision.name != DOUBLE:  # single precision has fewer digits behind the point for velocities of some m/s
             state /= max(1.0, float(np.abs(v[row]).max(initial=0.0)))
         tally.add("L2", "state given back", precision.model, state, f"state {row}")
     return tally.checks()
@@ -90,13 +90,13 @@ def _add_frames(tally: Tally, world: World, pose: np.ndarray, values: np.ndarray
 
 
 QUANTITIES = ("mass_matrix", "bias_force")
-"""What an engine may be asked of its dynamics, each where it has the capability of that name."""
+"""Quantities of an engine's dynamics, each where it has the capability of that name."""
 
 
 def dynamics_operation(
     oracle: Oracle, q: np.ndarray, v: np.ndarray, quantities: Sequence[str] = QUANTITIES
 ) -> Operation:
-    """What an engine is asked at states (k, nq), (k, nv): see :func:`dynamics_checks`."""
+    """The operation for an engine at states (k, nq), (k, nv): see :func:`dynamics_checks`."""
     places = np.concatenate([np.zeros(0, dtype=np.int64), *oracle.blocks])
     sizes = [len(block) for block in oracle.blocks]
     parameters = {"sizes": sizes, "quantities": list(quantities)}
@@ -115,7 +115,7 @@ def dynamics_checks(
 
     Deviations are in each coordinate's own scale: an element of M as :func:`_scale` says, a force relative to √(Mii · hᵀM⁻¹h),
     its share of the effort's own energy norm in its tree, or to Mii × 1 (m/s² or rad/s²) where the force vanishes. Arrays
-    that are not in ``answer`` were not asked for.
+    that are not in ``answer`` were not requested.
     """
     tally = Tally()
     names = [body.name for body in world.bodies for _ in body.joint.velocity]
@@ -156,7 +156,7 @@ def _turning(world: World) -> np.ndarray:
 
 
 def _scale(mass: np.ndarray, turning: np.ndarray, precision: Precision) -> np.ndarray:
-    """What deviations of a mass matrix (n, n) are relative to: √(Mii Mjj). Engines hold the inverse of a body's tensor, whose
+    """The scale of deviations of a mass matrix (n, n): √(Mii Mjj). Engines hold the inverse of a body's tensor, whose
     elements are all rounded as the largest one is, that of the least moment. Inverted again this is a rounding times the ratio
     of √(Mii Mjj) to the least moment, which counts as the whole tolerance at least. In doubles it is of no account; in singles
     it is for rods whose moments differ by more than 33 times (4e-6 measured at a ratio of 109, in two engines)."""
@@ -168,12 +168,12 @@ def _scale(mass: np.ndarray, turning: np.ndarray, precision: Precision) -> np.nd
     return np.where(same, scale * np.maximum(1.0, rounded), scale)
 
 
-# The shortest question that tells whether an engine works at all: a ball falls for a tenth of a second, in its own process.
+# The shortest test of whether an engine works at all: a ball falls for a tenth of a second, in its own process.
 
 GRAVITY, TIMESTEP, STEPS, HEIGHT = 9.81, 1e-3, 100, 1.0
 DEADLINE = 60.0
-"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds. What it compiles
-for a model comes on top (``Engine.COMPILING``)."""
+"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds. Compiling
+a model comes on top (``Engine.COMPILING``)."""
 SPEED = 1e-5
 """How far the speed may be from g t, relative: every integrator that simspec admits gives it exactly, and a hundred sums in
 single precision are off by 100 × 6e-8 at most."""
@@ -192,7 +192,7 @@ class Fall:
 
 
 def fall(engine: str, python: str | None = None, deadline: float | None = None) -> Fall:
-    """Let a ball fall in ``engine``, within ``deadline`` (s; None: what the engine needs at most). Raises EngineError where
+    """Let a ball fall in ``engine``, within ``deadline`` (s; None: the engine's largest need). Raises EngineError where
     that fails, or where the ball does not fall as a ball does."""
     ball = Body(
         "ball",
@@ -203,7 +203,7 @@ def fall(engine: str, python: str | None = None, deadline: float | None = None) 
     world = World("fall", (ball,), Contact(), Physics((0.0, 0.0, -GRAVITY), TIMESTEP, STEPS))
     deadline = DEADLINE + find_engine(engine).COMPILING if deadline is None else deadline
     pythons = {engine: python} if python is not None else {}
-    # how a body turns, which an engine may have approximately, is not asked here
+    # how a body turns, which an engine may have approximately, is not tested here
     needed = missing_options(world, engine, pythons)
     accept, outside = (tuple(sorted(needed.get(key, ()))) for key in ("accept", "outside"))
     world = replace(world, engines=(EngineOptions(engine_name(engine), accept=accept, outside=outside),))
@@ -228,7 +228,7 @@ def fall(engine: str, python: str | None = None, deadline: float | None = None) 
 
 # Level L7: the controllers' step response, in every engine, without contact.
 #
-# All driven joints begin at rest and are told to be a little elsewhere, for good. What the engine makes of that is held against
+# All driven joints begin at rest and receive constant targets close by. The engine's motion is compared with
 # the oracle under the same law, dry friction switched off, and, where computed torque has the whole tree to itself, against the
 # closed form: then v̇ is the law's a exactly, whatever the robot, and the deviation of each joint obeys a recursion of two
 # numbers. The tolerance is L6's.
@@ -239,7 +239,7 @@ EVERY = 10
 STEP = 0.05
 """rad or m: large enough for the Coriolis force to matter, small enough for a finger."""
 SHARE = 0.05
-"""Largest share of a joint's range that it is told to move."""
+"""Largest share of a joint's range that its target is away."""
 INSIDE = 0.1
 """Share of its range that a joint begins away from its limits, which the oracle does not know."""
 HALVINGS = 30
@@ -248,9 +248,10 @@ HALVINGS = 30
 
 @dataclasses.dataclass(frozen=True)
 class Response:
-    """What to do (``world`` with its constant trajectory, ``q``, ``v``), and what must come of it, at every ``EVERY``-th step:
-    ``positions`` (n, joints) by the oracle with its round-off ``floor``, ``closed`` the same by the closed form, NaN where
-    there is none. ``joints``: their names. ``steps``: after so many a joint comes near a limit; from there on both are NaN."""
+    """A beginning (``q``, ``v``) of a ``world`` with a constant trajectory, and the expected motion, at every ``EVERY``-th
+    step: ``positions`` (n, joints) by the oracle with its round-off ``floor``, ``closed`` the same by the closed form, NaN
+    where there is none. ``joints``: their names. ``steps``: after so many a joint comes near a limit; from there on both are
+    NaN."""
 
     world: World
     q: np.ndarray
@@ -264,7 +265,7 @@ class Response:
     precision: Precision = PRECISIONS[DOUBLE]
 
     def operation(self, world: World) -> Operation:
-        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
+        """The operation for an engine (see ``engines/kit/worker.py``)."""
         parameters, arrays = to_request(self.world)
         arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": frictional_coordinates(self.world)}
         return Operation("respond", {**parameters, "steps": RESPONSE_STEPS, "every": EVERY}, arrays, self.world)

@@ -34,16 +34,16 @@ DEADLINE = 400.0
 """Seconds for one defective load, contact probes included: several times what the slowest engine takes for a sound one."""
 WORKERS = 2
 READ_BACK = LEVELS[:5]
-"""Levels at which an engine is asked what it holds, and nothing moves."""
+"""Levels at which an engine is read back, and nothing moves."""
 BUT_CONTACT = tuple(level for level in LEVELS if level != "L5")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one defect in one engine.
+    """The outcome of one defect in one engine.
 
     ``caught``: True, False, or None where the engine cannot hold it (``reason`` says why). ``by``: the levels that noticed;
-    only those above L0 count as catching, since the text alone says nothing of the engine. ``first``: what was found.
+    only those above L0 count as catching, since the text alone says nothing of the engine. ``first``: the first finding.
     """
 
     engine: str
@@ -101,7 +101,7 @@ def self_test(
 ) -> SelfTest:
     """Plant every defect (or those named) into every engine's files, one at a time, and verify each.
 
-    ``every_level``: False asks first for what engines hold, and moves (L5 to L7, most of the time it takes) only what that does
+    ``every_level``: False reads engines back first, and moves (L5 to L7, most of the time it takes) only what that does
     not notice.
 
     Before the first defect of a world, the world itself must verify: a proof that refuses a sound world catches nothing.
@@ -124,7 +124,7 @@ def self_test(
 
 
 class _Sound:
-    """A sound world of one engine: compiled, with its probes, and proven to be sound at the levels that it was asked about."""
+    """A sound world of one engine: compiled, with its probes, and proven to be sound at the requested levels."""
 
     def __init__(self, name: str, world: World, compiled: Compiled, prove: Callable[..., Certificate]):
         self.name, self.world, self.compiled = name, world, compiled
@@ -202,7 +202,7 @@ class _Bench:
                     probes=sound.probes(levels),
                 )
                 failures = [check for _, check in certificate.failures()]
-                # what could not be compared because the text was refused says nothing of the engine
+                # a missing comparison because of a refused text says nothing of the engine
                 beyond_text = [check for check in failures if check.level != "L0" and check.name != NOTHING]
                 if beyond_text:
                     break
@@ -214,7 +214,7 @@ class _Bench:
 
 # The same questions about many changed folders of files, in one process of an engine.
 #
-# The process works on each apart (``engines/kit/attempts.py``): one that crashes is refused, and the next one follows.
+# The process works on each separately (``engines/kit/attempts.py``): one that crashes is refused, and the next one follows.
 
 Answers = Sequence[Answer] | EngineError
 """One for each operation, or the error of a process that ended over one plant alone."""
@@ -277,14 +277,14 @@ def ask(
     if len(plants) == 1:
         yield plants[0], failed
         return
-    # the whole process ended: what it was at is asked alone again, as it can have been ended by what came before
+    # the whole process ended: its last request is repeated alone, since an earlier one can have ended it
     at = failed.operation // count if failed.operation is not None else len(plants) // 2
     last = at + 1 if failed.operation is not None else at
     for part in (plants[:at], plants[at:last], plants[last:]):
         yield from ask(engine, files, part, operations, longest, python)
 
 
-# Motions of the complete self-test that show whether a mutation acts, and how far two answers to them are apart.
+# Motions of the complete self-test that show whether a mutation acts, and how far two answers to them differ.
 
 SCENE_STEPS = 600
 SCENE_EVERY = 20
@@ -301,11 +301,11 @@ SEED = 12
 
 @dataclasses.dataclass(frozen=True)
 class Seen:
-    """Scenes, and what the unchanged files do in them: ``still``. ``unsteady``: how far they depart from it the next time;
-    ``seconds``: what each takes."""
+    """Scenes, and what the unchanged files do in them: ``sound``. ``unsteady``: how far they depart from it the next time;
+    ``seconds``: the time of each."""
 
     operations: tuple[Operation, ...]
-    still: tuple[Mapping[str, np.ndarray], ...]
+    sound: tuple[Mapping[str, np.ndarray], ...]
     unsteady: float
     seconds: tuple[float, ...]
 
@@ -320,7 +320,7 @@ class Seen:
 
     def departure(self, answers: Sequence[Answer]) -> float:
         """How far ``answers`` to the same operations are from what the unchanged files do."""
-        return departure(self.still, [observed(answer) for answer in answers])
+        return departure(self.sound, [observed(answer) for answer in answers])
 
 
 def glimpses_of(world: World, whole: Sequence[Operation], course: Mapping[str, np.ndarray]) -> tuple[Operation, ...]:
@@ -344,7 +344,7 @@ def glimpses_of(world: World, whole: Sequence[Operation], course: Mapping[str, n
 
 
 def course_of(world: World) -> Operation:
-    """What is asked of the unchanged files to know their course when they are left alone."""
+    """The operation that gives the course of the unchanged files when they are left alone."""
     return Operation("run", {"steps": SCENE_STEPS, "every": SCENE_STEPS // (WINDOWS - 1), "channels": []}, {}, world)
 
 
@@ -369,7 +369,7 @@ def scenes_of(world: World, probes: Probes, engine: type[Engine]) -> tuple[Opera
 
 
 def _shortened(operation: Operation) -> Operation:
-    """A motion of at most ``SCENE_STEPS``: what acts has shown by then."""
+    """A motion of at most ``SCENE_STEPS``: a change that acts has shown by then."""
     steps = operation.parameters.get("steps")
     if steps is None:
         return operation
@@ -377,7 +377,7 @@ def _shortened(operation: Operation) -> Operation:
 
 
 def observed(answer: Answer) -> Mapping[str, np.ndarray]:
-    """The arrays of a scene's answer, with what touches told by what it is, not by the place it has in the engine's list."""
+    """The arrays of a scene's answer, with touching shapes by name, not by their place in the engine's list."""
     if "units" not in answer.result:
         return answer.arrays
     names = [(unit["body"], *unit["shapes"]) for unit in answer.result["units"]]
@@ -388,7 +388,7 @@ def observed(answer: Answer) -> Mapping[str, np.ndarray]:
 
 
 def departure(first: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> float:
-    """How far two answers to the same scenes are apart, relative to the larger of one and the value; infinite when they
+    """How far two answers to the same scenes differ, relative to the larger of one and the value; infinite when they
     differ in kind or one is not finite. A quaternion and its negative are the same; ``q`` is what poses say too."""
     if len(first) != len(other):
         return math.inf

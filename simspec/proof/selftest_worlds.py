@@ -11,7 +11,7 @@ import numpy as np
 
 from simspec.dialects.kit.defects import NAMES
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.proof.building import fixed, free, one_material, slab, with_bodies, with_joint, with_shapes
+from simspec.proof.building import fixed, free, single_material, slab, with_bodies, with_joint, with_shapes
 from simspec.world import frames
 from simspec.world.actions import Fluid, JointSum
 from simspec.world.hull import centred
@@ -129,13 +129,13 @@ def model(engine: str) -> World:
         *loose,
     )
     excluded = (("ball", "cube"), ("base", "upper"), ("lower", "upper"))
-    contact = one_material("rubber", 0.5, ignored_groups=(("arm", "quiet"),), excluded_bodies=excluded)
+    contact = single_material("rubber", 0.5, ignored_groups=(("arm", "quiet"),), excluded_bodies=excluded)
     options = _options(engine, *CONTACT, "joint.limits.position", "shape.box")
     return World("self-test-model", bodies, contact, PHYSICS, engines=options)
 
 
 def core(engine: str) -> World:
-    """What is left of :func:`model` for an engine that has hinges and free bodies only: its base, the arm as two hinges, and
+    """The part of :func:`model` for an engine that has hinges and free bodies only: its base, the arm as two hinges, and
     its free bodies, without shapes, limits, damping and springs."""
 
     def bare(body: Body) -> Body:
@@ -206,7 +206,7 @@ def lifted(engine: str) -> World:
 
 
 def framed(engine: str) -> World:
-    """Named frames on two bodies, of which one is told from its centre of mass."""
+    """Named frames on two bodies, one of them given from its centre of mass."""
     named = (
         Frame("nose", "kite", Pose((0.0, 0.2, 0.1))),
         Frame("tip", "tail", Pose((0.1, 0.0, 0.3), (0.8, 0.0, 0.6, 0.0))),
@@ -235,7 +235,7 @@ def bouncing(engine: str) -> World:
     """A sphere above a floor, with restitution."""
     solid = Inertial(1.0, inertia=(0.004, 0.004, 0.004, 0.0, 0.0, 0.0))
     ball = free("ball", (0.0, 0.0, 0.5), solid, Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"))
-    options, contact = _options(engine, *CONTACT, "material.restitution"), one_material("rubber", 0.5, 0.5)
+    options, contact = _options(engine, *CONTACT, "material.restitution"), single_material("rubber", 0.5, 0.5)
     bodies = (slab("floor", (6.0, 6.0, 0.4), "rubber"), ball)
     return World("self-test-bouncing", bodies, contact, PHYSICS, engines=options)
 
@@ -302,7 +302,7 @@ def meshes(engine: str) -> World:
     loose = (
         free(name, (x, 0.0, 0.5), solid, *shapes[name], group="parts") for name, x in (("stone", 0.0), ("toy", 0.6))
     )
-    contact = one_material("rubber", 0.5, ignored_groups=(("parts", "parts"),))
+    contact = single_material("rubber", 0.5, ignored_groups=(("parts", "parts"),))
     bodies = (slab("floor", (6.0, 6.0, 0.4), "rubber"), *loose)
     return World("self-test-meshes", bodies, contact, PHYSICS, engines=_options(engine, *CONTACT, "shape.mesh"))
 
@@ -328,10 +328,10 @@ def belts(engine: str) -> World:
     turning, at = (0.0,) * 5 + (0.7,), Pose((6.0, 0.0, -0.1))
     turntable = Shape("turntable", "cylinder", (0.5, 0.2), at, "rubber", surface_velocity=turning)
     bodies = (fixed("floor", belt, turntable), _cube("cube", 0.0, "rubber"))
-    return World("self-test-belts", bodies, one_material("rubber", 0.5), PHYSICS, engines=_options(engine, *CONTACT))
+    return World("self-test-belts", bodies, single_material("rubber", 0.5), PHYSICS, engines=_options(engine, *CONTACT))
 
 
-def held(engine: str) -> World:
+def constrained(engine: str) -> World:
     """An arm whose slide follows its hinge; a chain of a hinge, a ball and a hinge, closed at a point; two free bodies that are
     held together. Nothing touches anything."""
     inertial = Inertial(0.7, (0.0, 0.03, 0.05), TENSOR)
@@ -416,7 +416,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "ground": ground,
     "margins": margins,
     "belts": belts,
-    "held": held,
+    "held": constrained,
     "sums": sums,
     "sum limits": sum_limits,
     "sum friction": sum_friction,
@@ -436,7 +436,7 @@ def _freed(body: Body, row: int) -> Body:
 
 
 def without_joints(make: Callable[[str], World], name: str) -> Callable[[str], World]:
-    """What is left of a world for an engine without joints: its bodies, free, with all that is theirs."""
+    """The part of a world for an engine without joints: its bodies, free, with all that is theirs."""
 
     def made(engine: str) -> World:
         whole = make(engine)

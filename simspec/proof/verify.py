@@ -72,8 +72,8 @@ UNREAD = "text"
 
 @dataclass(frozen=True)
 class Experiment:
-    """A motion that engines repeat: its level, the parts of a proof that it makes (an engine that lacks one is not asked), and
-    how it is planned (None: the world has none)."""
+    """A motion that engines repeat: its level, the parts of a proof that it makes (an engine that lacks one does not run it),
+    and how it is planned (None: the world has none)."""
 
     level: str
     parts: tuple[Part, ...]
@@ -90,7 +90,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
     "pushed": Experiment("L7", (("L7", FORCES_CHECK),), forces.plan),
     "prescribed": Experiment("L7", (("L7", PRESCRIBED_CHECK),), forces.plan_motions),
 }
-"""By the operation that an engine is asked for."""
+"""By the operation of an engine."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Probes:
         return planned.chaos if isinstance(planned, Motion) else ""
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
-        """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
+        """The operations for ``engine``, by its capabilities; :func:`engine_checks` reads the answers."""
         world = self.oracle.world
         lacking = unchecked(world, engine)
         operations = [
@@ -142,7 +142,7 @@ class Probes:
 
 
 def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE) -> Probes:
-    """Choose the probes for ``world`` and run the oracle. ``precision``: of the engine that is asked first; others get
+    """Choose the probes for ``world`` and run the oracle. ``precision``: of the first engine; others get
     theirs from :meth:`Probes.of`."""
     levels, numbers = set(levels), PRECISIONS[precision]
     oracle = touch.oracle_of(world)
@@ -174,11 +174,11 @@ def verify(
 ) -> Certificate:
     """Hold what every engine of ``engines`` makes of ``world`` against the world and the oracle.
 
-    ``compiled``: what compiling the world for these engines gave (default: compiled here); ``artifacts``: folders of its files
+    ``compiled``: the world compiled for these engines (default: compiled here); ``artifacts``: folders of its files
     by engine (default: written to a temporary one); ``pythons``: interpreters by engine;
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
-    are forked from (default: its own, since an engine is asked twice where there is contact).
+    are forked from (default: its own, since an engine is started twice where there is contact).
     An engine that fails is a failed check with its message, the others go on. Of one that is not installed
     (``Engine.FILES_ALONE``) the files are checked alone: its proof says that, and is not valid.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
@@ -242,7 +242,7 @@ def verify(
 
 
 def _measured(world: World, levels: Collection[str], figures: Sequence[Figure]) -> dict[str, Any]:
-    """What a proof says of contact: its figures, and which kinds of contact they are of."""
+    """The part of a proof about contact: its figures, and their kinds of contact."""
     kinds = scope(world, (figure.probe for figure in figures)) if "L5" in levels else {}
     return {"contact": tuple(figures), "contact_scope": kinds}
 
@@ -348,7 +348,7 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> tuple[list[C
 
 
 def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) -> list[Check]:
-    """What the engine says it holds against the world: levels L1, L2 and L4."""
+    """The engine's read-back against the world: levels L1, L2 and L4."""
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
     checks = compare(
@@ -369,7 +369,7 @@ def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) ->
 def engine_checks(
     world: World, engine: type[Engine], answers: Sequence[Answer], probes: Probes
 ) -> tuple[list[Check], dict[str, str]]:
-    """The checks of everything that ``probes.operations(engine)`` asked, and what the engine could not be asked for."""
+    """The checks of the answers to ``probes.operations(engine)``, and the fields that are not readable back."""
     probes = probes.of(engine)
     oracle, q, v, numbers = probes.oracle, probes.q, probes.v, probes.precision
     requested = [operation.op for operation in probes.operations(engine)]

@@ -23,7 +23,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.proof import limits
 from simspec.proof.checks import Check
 from simspec.proof.probes import dynamics_operation
-from simspec.proof.selftest_worlds import held, sums
+from simspec.proof.selftest_worlds import constrained, sums
 from simspec.proof.verify import read_back_checks
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -57,7 +57,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,
     "several joints": worlds.several_joints,
-    "held": lambda: dataclasses.replace(held(""), engines=()),  # the bench asks for what its engine needs
+    "held": lambda: dataclasses.replace(constrained(""), engines=()),  # the bench asks for what its engine needs
     "sums": lambda: dataclasses.replace(sums(""), engines=()),
 }
 """From little to much: an engine may refuse some, by declaration, but not the first."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from simspec.compiler import missing_options
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
-from simspec.proof.building import fixed, free, one_material, slab, with_bodies, with_joint, with_shapes
+from simspec.proof.building import fixed, free, single_material, slab, with_bodies, with_joint, with_shapes
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.actions import Fluid
@@ -262,7 +262,7 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
         solid = inertial(generator, 0.02)
         shape = Shape(f"{kind}_0", kind, SIZES[kind], pose(generator, 0.02), "default")
         bodies.append(free(kind, (float(index), 0.0, 0.5), solid, shape))
-    return world(tuple(bodies), "shapes", contact=one_material("default", friction))
+    return world(tuple(bodies), "shapes", contact=single_material("default", friction))
 
 
 GROUND = heightfield_size(
@@ -297,7 +297,7 @@ def spheres(count: int = 8) -> World:
         at = (0.21 * x + generator.uniform(0, 1e-3), 0.21 * y + generator.uniform(0, 1e-3), 0.5 + 0.21 * z)
         name = f"ball_{index}"
         bodies.append(free(name, at, solid, Shape(f"{name}_0", "sphere", (0.1,), Pose(), "slick")))
-    return world(tuple(bodies), "spheres", contact=one_material("slick", 0.0))
+    return world(tuple(bodies), "spheres", contact=single_material("slick", 0.0))
 
 
 def gripper() -> World:
@@ -319,7 +319,7 @@ def gripper() -> World:
         free("bar", (0.0, 0.0, -1.0), solid, box("bar")),
     )
     excluded = (("bar", "palm"), ("left", "palm"), ("palm", "right"))
-    contact = one_material("default", 0.4, ignored_groups=(("finger", "finger"),), excluded_bodies=excluded)
+    contact = single_material("default", 0.4, ignored_groups=(("finger", "finger"),), excluded_bodies=excluded)
     return world(bodies, "gripper", contact=contact)
 
 

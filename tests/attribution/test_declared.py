@@ -49,7 +49,7 @@ def asking(warm_processes):
 def test_a_declared_law_of_recovery_accounts_for_what_it_makes(engines, height, asking, tmp_path):
     sides = [Configuration(dropped(tmp_path, height), engine) for engine in engines]
     found = explain_sides(sides[0], sides[1], engines, asking=asking)
-    (declared,) = [one for one in found.declared if one.predicted]
+    (declared,) = [declared for declared in found.declared if declared.predicted]
     assert (declared.engine, declared.acts) == ("DART", "recovery of overlaps")
     assert declared.share["impact"] > 0.98
     assert declared.share["contact"] > 0.9
@@ -77,18 +77,22 @@ def test_a_wrong_law_is_not_claimed(asking, tmp_path, monkeypatch):
     sides = [Configuration(dropped(tmp_path, 0.5), engine) for engine in ("dart", "dart")]
     other = dataclasses.replace(sides[1], engine="mujoco")
     found = explain_sides(sides[0], other, ("A", "B"), asking=asking)
-    assert all(one.share.get("contact", 0.0) < 0.95 for one in found.declared)
+    assert all(declared.share.get("contact", 0.0) < 0.95 for declared in found.declared)
 
 
 def test_deviations_of_friction_are_located_where_the_difference_goes_with_friction(asking, monkeypatch):
     monkeypatch.setattr(explaining, "MUCH", 2.0)
-    held = explaining.probes
+    probes = explaining.probes
     monkeypatch.setattr(
-        explaining, "probes", lambda pair: [one for one in held(pair) if one.group == "friction" or one.name == COULOMB]
+        explaining,
+        "probes",
+        lambda pair: [
+            candidate for candidate in probes(pair) if candidate.group == "friction" or candidate.name == COULOMB
+        ],
     )
     sides = [Configuration(world(), engine) for engine in ("mujoco", "dart")]
     found = explain_sides(sides[0], sides[1], ("A", "B"), most=60, asking=asking)
-    mine = [one for one in found.declared if one.engine == "MuJoCo" and one.acts == "friction"]
+    mine = [entry for entry in found.declared if entry.engine == "MuJoCo" and entry.acts == "friction"]
     assert mine
     assert not mine[0].predicted
     assert max(mine[0].share.values()) > 0.2
@@ -96,7 +100,7 @@ def test_deviations_of_friction_are_located_where_the_difference_goes_with_frict
     assert any(line.startswith("Declared of friction: ") for line in lines)
     assert any(line.startswith("Unexplained, and not within friction") for line in lines)
     # the setting with which MuJoCo has the friction of impacts was tried: the deviation accounts for what that closes
-    assert COULOMB in {one.swap for one in mine}
+    assert COULOMB in {declared.swap for declared in mine}
     assert any("takes this deviation of MuJoCo away and closes" in line for line in lines)
 
 
@@ -111,10 +115,10 @@ def test_recovery_is_bounded_by_both_of_its_laws(overlap, steps, dt, share, spee
 def test_what_lies_on_a_body_moves_with_it():
     up = np.array([0.0, 0.0, 1.0])
     bodies = world().bodies[:4]
-    held = dataclasses.replace(world(), bodies=bodies)
+    actual = dataclasses.replace(world(), bodies=bodies)
     shift = np.zeros((4, 3))
     # 0 is static; 1 lies on 0, 2 on 1; normals point from the second body to the first
-    _carry(shift, {(0, 1): -1e-3 * up, (1, 2): -2e-3 * up}, [True, False, False, False], held)
+    _carry(shift, {(0, 1): -1e-3 * up, (1, 2): -2e-3 * up}, [True, False, False, False], actual)
     assert shift.tolist() == [[0, 0, 0], [0, 0, 1e-3], [0, 0, 3e-3], [0, 0, 0]]
 
 
@@ -172,9 +176,9 @@ def test_more_than_all_unexplained_has_a_reason():
 
 
 def test_what_a_located_deviation_covers_is_not_called_unexplained():
-    one = Declared("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
-    other = dataclasses.replace(one, engine="OTHER", what="hops")
-    lines = told(declared=(one, other))
+    declared = Declared("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
+    other = dataclasses.replace(declared, engine="OTHER", what="hops")
+    lines = told(declared=(declared, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
     gone = "Of what is left, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
     assert gone in lines
@@ -194,10 +198,10 @@ def test_what_a_located_deviation_covers_is_not_called_unexplained():
 def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(closed, made, words):
     """All of it goes without friction, and a seventh with the cone that the engine has: the cone is not the cause of the
     rest; where that swap was made already, what is left is none of it."""
-    one = Declared(
+    declared = Declared(
         "ONE", "has a pyramid", "friction", False, {"contact": 1.0, "all": 1.0}, {}, "the cone: pyramid", closed
     )
-    lines = told(declared=(one,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
+    lines = told(declared=(declared,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
     share = "15 % in contact" if closed else "nothing"
     assert f"The cone: pyramid takes this deviation of ONE away and closes {share}: it accounts for no more." in lines
     assert f"Within friction, not explained: {words}." in lines
@@ -209,24 +213,26 @@ def test_a_declared_cone_is_measured_by_the_cone_that_the_engine_has():
     deviation away and brings another of its kind measures neither."""
     sides = (Configuration(world(), "ode"), Configuration(world(), "gazebo"))
     tried = [
-        (one, Swap(one.name, one.kind.value, one.group, one.values, share=shares[one.name]))
-        for one in explaining.probes(sides)
-        if one.name
+        (probe, Swap(probe.name, probe.kind.value, probe.group, probe.values, share=shares[probe.name]))
+        for probe in explaining.probes(sides)
+        if probe.name
         in (shares := {"no friction": {"contact": 0.98}, PYRAMID: {"contact": 0.15}, HALF: {"contact": 0.4}})
     ]
     touching = {(a.name, b.name) for a, b in itertools.combinations(sides[0].world.bodies, 2)}
-    found = {one.what: one for one in located(sides, touching, tried) if one.engine == "Gazebo"}
-    cone = next(one for what, one in found.items() if "circumscribed pyramid" in what)
+    found = {entry.what: entry for entry in located(sides, touching, tried) if entry.engine == "Gazebo"}
+    cone = next(declared for what, declared in found.items() if "circumscribed pyramid" in what)
     assert (cone.swap, cone.closed) == (PYRAMID, {"contact": 0.15})
     assert cone.share == {"contact": 0.98}
 
 
 def test_without_contact_nothing_is_predicted(asking, tmp_path, monkeypatch):
     """A probe that takes contact away leaves nothing of the gap, whatever the laws of recovery are."""
-    held = explaining.probes
-    monkeypatch.setattr(explaining, "probes", lambda pair: [one for one in held(pair) if one.name == "no contact"])
+    probes = explaining.probes
+    monkeypatch.setattr(
+        explaining, "probes", lambda pair: [candidate for candidate in probes(pair) if candidate.name == "no contact"]
+    )
     sides = [Configuration(dropped(tmp_path, 0.5), engine) for engine in ("mujoco", "dart")]
     found = explain_sides(sides[0], sides[1], ("A", "B"), asking=asking)
-    assert any(one.predicted for one in found.declared)
+    assert any(declared.predicted for declared in found.declared)
     (probe,) = found.probes
     assert probe.share["all"] > 0.99

@@ -63,8 +63,8 @@ def test_windows_that_do_not_count_are_not_drawn():
 
 def test_the_same_windows_give_the_same_interval():
     gap = np.linspace(0.0, 1.0, 30)
-    one, other = (draws([2] * 30).share(gap, np.ones(30)) for _ in range(2))
-    assert one == other
+    entry, other = (draws([2] * 30).share(gap, np.ones(30)) for _ in range(2))
+    assert entry == other
 
 
 def test_a_share_of_either_sign_is_not_claimed():

@@ -62,11 +62,11 @@ def test_the_culprit_is_named_first_although_the_engines_differ_too(name, asking
 
 def test_windows_that_do_not_end_finite_are_left_out_and_counted(asking, monkeypatch):
     monkeypatch.setattr(explaining, "probes", lambda pair: [])
-    held = measuring.poses_at_ends
+    poses_at_ends = measuring.poses_at_ends
     lost = []
 
     def some_not_finite(configuration, windows, answer):
-        poses = held(configuration, windows, answer).copy()
+        poses = poses_at_ends(configuration, windows, answer).copy()
         if configuration.engine == "pybullet" and not lost:
             lost.append(len(poses) - 3)
             poses[:3] = float("nan")

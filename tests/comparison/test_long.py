@@ -42,19 +42,19 @@ EXPECTED = tuple(
 
 
 def test_every_expectation_that_goes_through_all_rows_is_looked_at():
-    assert {one.kind for one in EXPECTED} | NEEDS_OTHERS == set(MEASURES)
+    assert {expectation.kind for expectation in EXPECTED} | NEEDS_OTHERS == set(MEASURES)
 
 
 def made(seed: int, rows: int, noise: float = 0.0, contacts: float = 0.3, **facts: object) -> Run:
     """A run that wanders as ``seed`` says, and departs from that by ``noise``, growing, as ``facts`` (a name) say."""
     of = world(*(free_body(name) for name in NAMES), expect=EXPECTED, steps=10 * (rows - 1))
-    own = np.random.default_rng([seed, *str(facts).encode()])
+    default_rng = np.random.default_rng([seed, *str(facts).encode()])
 
     def place(name, t):
         common = np.random.default_rng([seed, NAMES.index(name)])
         found = np.cumsum(0.1 * common.normal(size=(len(t), 7)), axis=0)
         found[:, 3] += 9.0
-        found += noise * np.exp(np.minimum(0.1 * t, 30.0))[:, None] * own.normal(size=found.shape)
+        found += noise * np.exp(np.minimum(0.1 * t, 30.0))[:, None] * default_rng.normal(size=found.shape)
         found[:, 3:] /= np.linalg.norm(found[:, 3:], axis=1)[:, None]
         return found
 
@@ -62,7 +62,7 @@ def made(seed: int, rows: int, noise: float = 0.0, contacts: float = 0.3, **fact
     listed = [
         (int(row), *map(int, touching.choice(len(NAMES), 2, replace=False)), *touching.normal(size=2).tolist())
         for row in np.sort(touching.integers(0, rows, int(contacts * rows)))
-        if noise == 0.0 or own.random() < 0.99
+        if noise == 0.0 or default_rng.random() < 0.99
     ]
     speed = np.random.default_rng([seed, 11]).normal(size=(rows, 6))
     return run(of, place, lambda name, t: speed, contacts=listed, **facts)
@@ -89,15 +89,15 @@ def assert_same(found, expected):
         for field in dataclasses.fields(found):
             # sums of very many numbers depend on their order in the last bits
             inexact = field.name in ("position_rms", "angle_rms") or getattr(found, "name", "") == "contact force, mean"
-            one, other = getattr(found, field.name), getattr(expected, field.name)
-            if inexact and isinstance(one, float):
-                assert one == pytest.approx(other, rel=1e-12)
+            entry, other = getattr(found, field.name), getattr(expected, field.name)
+            if inexact and isinstance(entry, float):
+                assert entry == pytest.approx(other, rel=1e-12)
             else:
-                assert_same(one, other)
+                assert_same(entry, other)
     elif isinstance(found, (list, tuple)):
         assert len(found) == len(expected)
-        for one, other in zip(found, expected, strict=True):
-            assert_same(one, other)
+        for entry, other in zip(found, expected, strict=True):
+            assert_same(entry, other)
     elif isinstance(found, dict):
         assert found == {name: pytest.approx(value, rel=1e-12, abs=0) for name, value in expected.items()}
     else:
@@ -121,12 +121,12 @@ def test_blocks_of_any_size_give_what_one_gives(tmp_path_factory, seed, rows, no
         assert_same(all_of_it(seed, rows, noise, tolerance, folder / "many"), expected)
 
 
-def on_disk(one: Run) -> Run:
+def on_disk(entry: Run) -> Run:
     arrays = {}
-    for name, values in one.arrays.items():
+    for name, values in entry.arrays.items():
         arrays[name] = mapped.zeros(values.shape, values.dtype.type)
         arrays[name][...] = values
-    return dataclasses.replace(one, arrays=arrays)
+    return dataclasses.replace(entry, arrays=arrays)
 
 
 def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
@@ -159,10 +159,10 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
     assert stored.arrays["pose"].shape == a.arrays["pose"].shape
 
 
-def pairs_by_row(one: Run) -> list[set[frozenset[str]]]:
-    names = [body.name for body in one.world.bodies]
-    found: list[set[frozenset[str]]] = [set() for _ in one.time]
-    for row, pair in zip(one.arrays["contact.row"], one.arrays["contact.body"], strict=True):
+def pairs_by_row(entry: Run) -> list[set[frozenset[str]]]:
+    names = [body.name for body in entry.world.bodies]
+    found: list[set[frozenset[str]]] = [set() for _ in entry.time]
+    for row, pair in zip(entry.arrays["contact.row"], entry.arrays["contact.body"], strict=True):
         found[row].add(frozenset(names[index] for index in pair))
     return found
 
@@ -177,9 +177,9 @@ def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, one, ot
         run(
             world(*(free_body(name) for name in names)),
             engine=engine,
-            contacts=[(row, *pair, 0.0, 1.0) for row, pair in sorted(common + own)],
+            contacts=[(row, *pair, 0.0, 1.0) for row, pair in sorted(common + local)],
         )
-        for engine, names, own in (("first", NAMES, one), ("second", NAMES, other))
+        for engine, names, local in (("first", NAMES, one), ("second", NAMES, other))
     )
     rows = range(0, len(a.time), 2 if coarse else 1)
     if coarse:  # every second row alone is of a common time
@@ -193,8 +193,8 @@ def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, one, ot
     assert found.contact_first_difference == (different[0] if different else None)
     for name in NAMES:
         times = [
-            one.time[row]
-            for one, listed in zip((a, b), pairs, strict=True)
+            entry.time[row]
+            for entry, listed in zip((a, b), pairs, strict=True)
             for row, there in enumerate(listed)
             if name in set().union(*there)
         ]

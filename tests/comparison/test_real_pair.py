@@ -45,17 +45,17 @@ def pair():
     found = []
     for friction in (0.3, 0.3001):
         world = sliding(friction)
-        one = run(world, ENGINE)
-        found.append((one, measure_floor(one, [run(world, ENGINE, perturb=PERTURBATION)])))
+        entry = run(world, ENGINE)
+        found.append((entry, measure_floor(entry, [run(world, ENGINE, perturb=PERTURBATION)])))
     return found
 
 
 def test_a_small_change_of_friction_shows_above_bounded_noise(pair):
     (a, floor_a), (b, floor_b) = pair
     noise = max(floor_a.largest, floor_b.largest)
-    apart = diff(a, b, floor=[floor_a, floor_b]).worst.position_largest
+    position_largest = diff(a, b, floor=[floor_a, floor_b]).worst.position_largest
     # the box stops v²/(2 g) (1/0.3 − 1/0.3001) = 87 µm earlier
-    assert apart == pytest.approx(8.7e-5, rel=0.05)
+    assert position_largest == pytest.approx(8.7e-5, rel=0.05)
     assert 1e-9 < noise < 1e-5
     floors = [floor_a, floor_b]
     for tolerance in (3e-5, 1e-6, 1e-7):
@@ -71,8 +71,8 @@ def test_a_small_change_of_friction_shows_above_bounded_noise(pair):
 )
 def test_the_command_says_it_and_its_exit_code_follows(pair, tmp_path, capsys, others, tolerance, verdict, code):
     folders = []
-    for name, (one, floor) in (("a", pair[0]), ("b", pair[others])):
-        one.save(tmp_path / name)
+    for name, (entry, floor) in (("a", pair[0]), ("b", pair[others])):
+        entry.save(tmp_path / name)
         save_floor(floor, tmp_path / name)
         folders.append(str(tmp_path / name))
     arguments = ["diff", *folders, "--tolerance", tolerance]

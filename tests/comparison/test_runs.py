@@ -25,9 +25,9 @@ def drifting(rate):
     return lambda name, t: column(rate * t * (name == "mover"), 0, 0)
 
 
-def quiet(one, size: float = 0.0) -> Floor:
-    shape = one.arrays["pose"].shape[:2]
-    return Floor(one.engine, one.time, np.full(shape, size), np.zeros(shape), True, 1e-15)
+def quiet(entry, size: float = 0.0) -> Floor:
+    shape = entry.arrays["pose"].shape[:2]
+    return Floor(entry.engine, entry.time, np.full(shape, size), np.zeros(shape), True, 1e-15)
 
 
 def pair(rate: float, **facts):
@@ -59,12 +59,12 @@ def test_within_tolerance_is_within():
 def test_angles_keep_their_digits(angle):
     turn = frames.from_axis_angle((0.6, 0.0, 0.8), 1.0)
     more = frames.multiply(turn, frames.from_axis_angle((0.0, 1.0, 0.0), angle))
-    one = np.array([[[0, 0, 0, *turn]]])
+    values = np.array([[[0, 0, 0, *turn]]])
     other = np.array([[[0, 0, 0, *more]]])
-    assert deviations(one, other)[1][0, 0] == pytest.approx(angle, rel=1e-3 if angle < 1e-9 else 1e-9)
+    assert deviations(values, other)[1][0, 0] == pytest.approx(angle, rel=1e-3 if angle < 1e-9 else 1e-9)
     # q and −q are one orientation
     other[..., 3:] *= -1
-    assert deviations(one, other)[1][0, 0] == pytest.approx(angle, rel=1e-3 if angle < 1e-9 else 1e-9)
+    assert deviations(values, other)[1][0, 0] == pytest.approx(angle, rel=1e-3 if angle < 1e-9 else 1e-9)
 
 
 def test_an_angle_alone_is_a_difference():
@@ -87,8 +87,8 @@ def growing(rate: float):
 def test_chaos_is_not_disagreement():
     a, b = run(TWO), run(TWO, growing(40.0), engine="second")
     # the engine's own perturbed repeat departs just as the other engine does
-    own = measure_floor(a, [run(TWO), run(TWO, growing(40.0), perturb=1e-15)])
-    found = diff(a, b, tolerance=1e-3, floor=[own, quiet(b)])
+    floor = measure_floor(a, [run(TWO), run(TWO, growing(40.0), perturb=1e-15)])
+    found = diff(a, b, tolerance=1e-3, floor=[floor, quiet(b)])
     assert found.horizon == pytest.approx(0.6)
     assert found.compared_until == pytest.approx(0.5)
     assert found.within
@@ -101,15 +101,15 @@ def test_chaos_is_not_disagreement():
 
 def test_a_difference_above_the_floor_is_one_even_in_noise():
     a, b = pair(0.01)
-    own = quiet(a, 1e-4)
-    found = diff(a, b, tolerance=1e-6, floor=[own, quiet(b)])
+    floor = quiet(a, 1e-4)
+    found = diff(a, b, tolerance=1e-6, floor=[floor, quiet(b)])
     # the noise stays at 0.1 mm, above the tolerance: what is beyond three times that is told all the same, at 0.1 s
     assert (found.horizon, found.compared_until) == (None, 1.0)
     assert found.verdict == OUT
     assert found.first_out.first_out == pytest.approx(0.1)
     # the other body does not deviate, and nothing below the noise can be told of it
     assert found.bodies[1].verdict == INCONCLUSIVE
-    assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[own, quiet(b)]).within
+    assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[floor, quiet(b)]).within
 
 
 def test_a_tolerance_below_the_noise_inconclusive_note():
@@ -129,9 +129,9 @@ FINE = dataclasses.replace(TWO, physics=dataclasses.replace(TWO.physics, steps=2
 
 def noise_of(engine: str, size) -> Floor:
     """A floor of ``mover`` that is ``size(t)``."""
-    one = run(FINE, engine=engine)
-    position = np.stack([0.0 * one.time, np.maximum.accumulate(size(one.time))], axis=-1)
-    return Floor(engine, one.time, position, 0.0 * position, True, 1e-15)
+    entry = run(FINE, engine=engine)
+    position = np.stack([0.0 * entry.time, np.maximum.accumulate(size(entry.time))], axis=-1)
+    return Floor(engine, entry.time, position, 0.0 * position, True, 1e-15)
 
 
 LEVEL = 4e-6
@@ -307,7 +307,7 @@ def test_the_first_time_that_other_bodies_touch():
 def test_quantities_are_those_of_each_run():
     a = run(TWO, contacts=[(2, 0, 1, -0.003, 11.0)])
     b = run(TWO, None, lambda n, t: column(0 * t + 3.0, 0, 0), engine="second")
-    found = {one.name: (one.first, one.second) for one in diff(a, b).quantities}
+    found = {quantity.name: (quantity.first, quantity.second) for quantity in diff(a, b).quantities}
     assert found["deepest penetration"] == (0.003, 0.0)
     assert found["contact force, mean"] == (1.0, 0.0)
     assert found["linear momentum at the end"] == (0.0, pytest.approx(2 * 2.0 * 3.0))
@@ -322,10 +322,10 @@ def test_a_state_without_bound_has_an_infinite_energy_and_no_warning():
     assert summary(b)["linear momentum at the end"] >= 1e200
 
 
-def shifted(one, by: float):
+def shifted(entry, by: float):
     """The run as if recorded ``by`` seconds later, but for the first row."""
-    time = one.time + by * (np.arange(len(one.time)) > 0)
-    return dataclasses.replace(one, arrays={**one.arrays, "time": time})
+    time = entry.time + by * (np.arange(len(entry.time)) > 0)
+    return dataclasses.replace(entry, arrays={**entry.arrays, "time": time})
 
 
 @pytest.mark.parametrize("steps", [0.6, 1.0, 3.0, 5.0])
@@ -366,10 +366,10 @@ def test_rows_within_half_a_step_are_of_one_time():
 def saved_with_floor(folder, engine: str = "first"):
     from simspec.comparison.floor import FLOOR_FILE
 
-    one = run(TWO, engine=engine)
-    one.save(folder)
-    flat = np.zeros(one.arrays["pose"].shape[:2])
-    save_floor(Floor(engine, one.time, flat + 1e-15, flat, True, 1e-15), folder)
+    entry = run(TWO, engine=engine)
+    entry.save(folder)
+    flat = np.zeros(entry.arrays["pose"].shape[:2])
+    save_floor(Floor(engine, entry.time, flat + 1e-15, flat, True, 1e-15), folder)
     return folder / FLOOR_FILE
 
 

@@ -26,21 +26,21 @@ def test_a_world_has_not_changed_from_itself(make):
 
 
 def changed(a, b):
-    return {one.path: (one.kind, one.before, one.after) for one in diff_worlds(a, b)}
+    return {diff_world.path: (diff_world.kind, diff_world.before, diff_world.after) for diff_world in diff_worlds(a, b)}
 
 
 def test_a_number_in_a_body():
-    one = worlds.spheres(2)
-    ball = one.bodies[1]
+    spheres = worlds.spheres(2)
+    ball = spheres.bodies[1]
     heavier = dataclasses.replace(ball, inertial=dataclasses.replace(ball.inertial, mass=11.0))
-    other = dataclasses.replace(one, bodies=(one.bodies[0], heavier, one.bodies[2]))
-    assert changed(one, other) == {"bodies.ball_0.inertial.mass": ("changed", 10.0, 11.0)}
+    other = dataclasses.replace(spheres, bodies=(spheres.bodies[0], heavier, spheres.bodies[2]))
+    assert changed(spheres, other) == {"bodies.ball_0.inertial.mass": ("changed", 10.0, 11.0)}
 
 
 def test_bodies_are_matched_by_name_not_by_place():
-    one = worlds.spheres(3)
-    other = dataclasses.replace(one, bodies=(one.bodies[0], *reversed(one.bodies[1:])))
-    assert diff_worlds(one, other) == []
+    spheres = worlds.spheres(3)
+    other = dataclasses.replace(spheres, bodies=(spheres.bodies[0], *reversed(spheres.bodies[1:])))
+    assert diff_worlds(spheres, other) == []
 
 
 def test_added_and_removed_bodies_are_one_change_each():
@@ -52,17 +52,17 @@ def test_added_and_removed_bodies_are_one_change_each():
 
 
 def test_everything_else_that_a_world_says():
-    one = dataclasses.replace(worlds.gripper(), engines=(worlds.BULLET,))
+    world = dataclasses.replace(worlds.gripper(), engines=(worlds.BULLET,))
     other = dataclasses.replace(
-        one,
+        world,
         physics=Physics((0.0, 0.0, -1.62), 0.001, 2000),
         contact=dataclasses.replace(
-            one.contact, pairs=(PairContact("default", "default", 0.5, 0.0),), excluded_bodies=(("bar", "palm"),)
+            world.contact, pairs=(PairContact("default", "default", 0.5, 0.0),), excluded_bodies=(("bar", "palm"),)
         ),
         expectations=(Expectation("comes_to_rest", (("speed", 0.1),)), Expectation("comes_to_rest", (("speed", 0.2),))),
     )
     other = worlds.with_options(other, "mujoco", settings=(("iterations", 7),))
-    found = changed(one, other)
+    found = changed(world, other)
     assert found["physics.gravity"] == ("changed", [0.0, 0.0, -9.81], [0.0, 0.0, -1.62])
     assert found["contact.pairs.default+default.friction"] == ("changed", 0.4, 0.5)
     assert found["contact.excluded_bodies.left+palm"][0] == "removed"
@@ -70,16 +70,16 @@ def test_everything_else_that_a_world_says():
 
 
 def test_shapes_by_name():
-    one = worlds.shapes_world()
-    ball = one.bodies[1]
+    shapes_world = worlds.shapes_world()
+    ball = shapes_world.bodies[1]
     bigger = dataclasses.replace(ball, shapes=(dataclasses.replace(ball.shapes[0], size=(0.06,)),))
-    other = dataclasses.replace(one, bodies=(one.bodies[0], bigger, *one.bodies[2:]))
-    assert changed(one, other) == {"bodies.sphere.shapes.sphere_0.size": ("changed", [0.05], [0.06])}
+    other = dataclasses.replace(shapes_world, bodies=(shapes_world.bodies[0], bigger, *shapes_world.bodies[2:]))
+    assert changed(shapes_world, other) == {"bodies.sphere.shapes.sphere_0.size": ("changed", [0.05], [0.06])}
 
 
 def test_an_empty_contact_law():
-    one = worlds.spheres(2)
-    found = changed(one, dataclasses.replace(one, contact=Contact()))
+    spheres = worlds.spheres(2)
+    found = changed(spheres, dataclasses.replace(spheres, contact=Contact()))
     assert found["contact.materials.slick"][0] == "removed"
 
 
@@ -113,7 +113,7 @@ def test_a_gain_is_named_and_so_is_its_joint(tmp_path):
     assert (change.path, change.before, change.after) == ("controllers.legs.kd.1", 2.0, 2.5)
     assert change.joint == "b_joint"
     every = diff_worlds(legs(tmp_path), legs(tmp_path, "control.legs.kp=45"))
-    assert [one.path for one in every] == [f"controllers.legs.kp.{index}" for index in range(3)]
+    assert [change.path for change in every] == [f"controllers.legs.kp.{index}" for index in range(3)]
 
 
 def test_another_set_of_joints_names_those_that_came_and_went(tmp_path):
@@ -145,13 +145,13 @@ def test_many_changes_are_counted_and_all_in_the_json(tmp_path, capsys):
     times = tuple(k / 1e4 for k in range(10_000))
     few, many = (dataclasses.replace(world, trajectory=Trajectory(world.trajectory.joints, times, row)) for row in rows)
     assert diff_specs(few, many, as_json=False) == 1
-    told = capsys.readouterr().out
-    assert len(told.splitlines()) < 80
-    assert "10,000 changes in all; --json lists every one" in told
+    out = capsys.readouterr().out
+    assert len(out.splitlines()) < 80
+    assert "10,000 changes in all; --json lists every one" in out
     diff_specs(few, many, as_json=True)
     listed = json.loads(capsys.readouterr().out)["changes"]
-    assert [one["path"] for one in listed] == [f"trajectory.positions.{k}.0" for k in range(10_000)]
-    assert {one["joint"] for one in listed} == {"a_joint"}
+    assert [entry["path"] for entry in listed] == [f"trajectory.positions.{k}.0" for k in range(10_000)]
+    assert {entry["joint"] for entry in listed} == {"a_joint"}
 
 
 PLAIN = st.recursive(
@@ -165,9 +165,9 @@ PLAIN = st.recursive(
 def test_nothing_changed_exactly_where_the_values_are_equal(before, after):
     found = list(leaves("it", before, after))
     assert bool(found) == (before != after)
-    assert all(one.before != one.after or one.kind != "changed" for one in found)
-    assert len({one.path for one in found}) == len(found)
+    assert all(change.before != change.after or change.kind != "changed" for change in found)
+    assert len({change.path for change in found}) == len(found)
     back = list(leaves("it", after, before))
-    assert {(one.path, repr(one.before), repr(one.after)) for one in found} == {
-        (one.path, repr(one.after), repr(one.before)) for one in back
+    assert {(change.path, repr(change.before), repr(change.after)) for change in found} == {
+        (change.path, repr(change.after), repr(change.before)) for change in back
     }

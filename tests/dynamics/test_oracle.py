@@ -12,7 +12,7 @@ from simspec.dynamics.oracle import Oracle, random_states
 from simspec.dynamics.oracle_tree import Tree
 from simspec.engines.kit.capabilities import SINGLE
 from simspec.proof.checks import PRECISIONS
-from simspec.proof.selftest_worlds import held, sums
+from simspec.proof.selftest_worlds import constrained, sums
 from simspec.testing import worlds as model_worlds
 from simspec.world.actions import Box, Fluid, Force
 from simspec.world.kinematics import initial_state, poses
@@ -218,7 +218,7 @@ def test_bodies_listed_breadth_first_keep_their_order():
         model_worlds.limits_and_armature(),
         model_worlds.lifted(),
         model_worlds.immersed(),
-        held("mujoco"),
+        constrained("mujoco"),
         sums("mujoco"),
         dataclasses.replace(sums("mujoco"), sums=(), engines=()),
     ],

@@ -31,8 +31,8 @@ def world_of(law, trial, settings=None):
         for name in sorted({pair.first, pair.second})
     )
     pairs = tuple(
-        dataclasses.replace(pair, first=one.name, second=other.name)
-        for one, other in itertools.combinations_with_replacement(materials, 2)
+        dataclasses.replace(pair, first=material.name, second=other.name)
+        for material, other in itertools.combinations_with_replacement(materials, 2)
     )
     physics = Physics((0.0, 0.0, -GRAVITY), law.timestep)
     world = world_of_trial(trial, Contact(law.friction_cone, materials, pairs), physics, EngineOptions("none"))

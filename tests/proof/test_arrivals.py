@@ -26,9 +26,9 @@ def world(damping):
 
 def arrived(damping):
     """The trial of an arrival, and the velocities with which an ideal stop leaves it: it acts in the second step."""
-    one = world(damping)
-    oracle = Oracle(one)
-    plan = limits.plan(one, oracle)
+    entry = world(damping)
+    oracle = Oracle(entry)
+    plan = limits.plan(entry, oracle)
     assert plan is not None
     trial = next(trial for trial in plan.trials if trial.name.startswith("arrives"))
     q, v = oracle.step(trial.q, trial.v, trial.effort)
@@ -36,21 +36,21 @@ def arrived(damping):
     axis = q[1:] / np.linalg.norm(q[1:])
     taken = np.linalg.solve(oracle.mass_matrix(q), axis)
     left = v - taken * float(axis @ v) / float(axis @ taken)
-    return one, plan, trial, left
+    return entry, plan, trial, left
 
 
 @pytest.mark.parametrize("damping", [0.03, 0.06, 0.1])
 def test_what_damping_turns_aside_is_no_fault_of_a_stop(damping):
     """Of a light body on a ball with damping, an ideal stop leaves more than a stop may leave else."""
-    one, plan, trial, left = arrived(damping)
-    still = np.zeros_like(left)
+    entry, plan, trial, left = arrived(damping)
+    rest = np.zeros_like(left)
     share = np.abs(left).max() / np.abs(trial.free).max()
     assert share > 0.01
-    rows = [left if other is trial else still for other in plan.trials]
-    (check,) = plan.checks(one, {"v": np.array(rows)})
+    rows = [left if other is trial else rest for other in plan.trials]
+    (check,) = plan.checks(entry, {"v": np.array(rows)})
     assert check.passed
-    missing = [trial.free if other is trial else still for other in plan.trials]
-    (check,) = plan.checks(one, {"v": np.array(missing)})
+    missing = [trial.free if other is trial else rest for other in plan.trials]
+    (check,) = plan.checks(entry, {"v": np.array(missing)})
     assert not check.passed
 
 

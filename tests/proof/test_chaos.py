@@ -28,7 +28,7 @@ def chain(links: int, side: float = -1.0, first: float = 0.0, **joint: object) -
     for row in range(links):
         place = (0.0, 0.0, side * LINK) if row else (0.0, 0.0, 20.0)
         axis = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))[row % 2]
-        held = Joint(
+        actual = Joint(
             f"j{row}",
             "hinge",
             f"l{row - 1}" if row else None,
@@ -38,7 +38,7 @@ def chain(links: int, side: float = -1.0, first: float = 0.0, **joint: object) -
             velocity=(0.0,),
             **joint,
         )
-        bodies.append(Body(f"l{row}", "l0", Inertial(0.05, (0.0, 0.0, side * LINK / 2), ROD), held))
+        bodies.append(Body(f"l{row}", "l0", Inertial(0.05, (0.0, 0.0, side * LINK / 2), ROD), actual))
     options = (EngineOptions("mujoco", accept=("joint.limits.position",)),)
     return World("chain", tuple(bodies), physics=Physics(steps=100), engines=options)
 
@@ -61,15 +61,15 @@ def test_a_long_chain_is_followed_near_its_rest(first):
 def test_rest_is_where_weights_and_springs_balance():
     world = chain(3, first=1.0, spring_stiffness=0.05, spring_rest=0.3)
     oracle = Oracle(world)
-    still = np.zeros(3)
+    zeros = np.zeros(3)
 
     def unbalanced(q: np.ndarray) -> float:
-        return float(np.abs(oracle.bias_force(q, still) - oracle.joint_effort(q, still)).max())
+        return float(np.abs(oracle.bias_force(q, zeros) - oracle.joint_effort(q, zeros)).max())
 
     rest = at_rest(world, oracle, lambda q: False)
     assert unbalanced(rest) < 0.05 * unbalanced(np.array([1.0, 0.0, 0.0]))
-    held = at_rest(world, oracle, lambda q: bool(abs(q[0]) < 0.9))
-    assert 0.9 <= held[0] < 0.95, "it ends where a joint comes near a limit"
+    values = at_rest(world, oracle, lambda q: bool(abs(q[0]) < 0.9))
+    assert 0.9 <= values[0] < 0.95, "it ends where a joint comes near a limit"
 
 
 def test_what_grows_by_itself_is_too_chaotic_and_a_narrow_range_is_not():
@@ -77,8 +77,8 @@ def test_what_grows_by_itself_is_too_chaotic_and_a_narrow_range_is_not():
     assert plan.steps < motion.FEWEST
     assert plan.chaos.startswith(TOO_CHAOTIC)
     assert uncomparable(STANDING) == {"L6": plan.chaos}
-    rubbing = dataclasses.replace(STANDING.bodies[-1].joint, dry_friction=1e-6)
-    bodies = (*STANDING.bodies[:-1], dataclasses.replace(STANDING.bodies[-1], joint=rubbing))
+    joint = dataclasses.replace(STANDING.bodies[-1].joint, dry_friction=1e-6)
+    bodies = (*STANDING.bodies[:-1], dataclasses.replace(STANDING.bodies[-1], joint=joint))
     assert list(uncomparable(dataclasses.replace(STANDING, bodies=bodies))) == ["L6 motion"]
     hanging = chain(3, position_limits=(-1e-12, 1e-12))
     short = motion.plan(hanging, Oracle(hanging))

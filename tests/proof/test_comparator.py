@@ -9,7 +9,7 @@ import pytest
 
 from simspec.contact.plan import contact_plan, surfaces
 from simspec.contact.rules import Rules
-from simspec.proof.checks import held_apart, inventory_checks
+from simspec.proof.checks import inventory_checks, value_difference
 from simspec.proof.comparator import compare
 from simspec.world import frames
 from simspec.world.actions import Box, Fluid, JointSum
@@ -83,19 +83,20 @@ def held(world: World) -> ReadBack:
     """A perfect read-back: the world, with numbers on its shapes instead of materials."""
     plan = contact_plan(world, RULES, True)
 
-    def shape(one: Shape) -> Shape:
-        if not one.collision:
-            return dataclasses.replace(one, material="")
-        return dataclasses.replace(one, material="", surfaces=surfaces(one, plan))
+    def shape(entry: Shape) -> Shape:
+        if not entry.collision:
+            return dataclasses.replace(entry, material="")
+        return dataclasses.replace(entry, material="", surfaces=surfaces(entry, plan))
 
     bodies = tuple(dataclasses.replace(body, shapes=tuple(map(shape, body.shapes))) for body in world.bodies)
     return ReadBack(bodies, world.physics.gravity, world.physics.timestep, world.contact.friction_cone)
 
 
 def with_surface(found: ReadBack, body: str, shape: str, layer: int = 0, /, **changes) -> ReadBack:
-    held_surfaces = next(one for one in body_of(found, body).shapes if one.name == shape).surfaces
+    actual_surfaces = next(entry for entry in body_of(found, body).shapes if entry.name == shape).surfaces
     changed = tuple(
-        dataclasses.replace(one, **changes) if index == layer else one for index, one in enumerate(held_surfaces)
+        dataclasses.replace(surface, **changes) if index == layer else surface
+        for index, surface in enumerate(actual_surfaces)
     )
     return with_shape(found, body, shape, surfaces=changed)
 
@@ -123,7 +124,7 @@ def with_inertial(found: ReadBack, name: str, /, **changes) -> ReadBack:
 
 def with_shape(found: ReadBack, body: str, shape: str, /, **changes) -> ReadBack:
     shapes = tuple(
-        dataclasses.replace(one, **changes) if one.name == shape else one for one in body_of(found, body).shapes
+        dataclasses.replace(entry, **changes) if entry.name == shape else entry for entry in body_of(found, body).shapes
     )
     return with_body(found, body, shapes=shapes)
 
@@ -144,42 +145,42 @@ def moved(values, index=0, by=MISS):
 
 def _inertial_cases():
     for name in (b.name for b in WORLD.bodies if b.name != "floor"):
-        own = body_of(HELD, name).inertial
-        scale = sum(own.inertia[:3])
-        yield f"{name} mass", "L1", "mass", with_inertial(HELD, name, mass=own.mass * (1 + MISS))
+        inertial = body_of(HELD, name).inertial
+        scale = sum(inertial.inertia[:3])
+        yield f"{name} mass", "L1", "mass", with_inertial(HELD, name, mass=inertial.mass * (1 + MISS))
         for i in range(3):
-            found = with_inertial(HELD, name, centre_of_mass=moved(own.centre_of_mass, i))
+            found = with_inertial(HELD, name, centre_of_mass=moved(inertial.centre_of_mass, i))
             yield f"{name} centre {i}", "L1", "centre of mass", found
         for i in range(6):
-            found = with_inertial(HELD, name, inertia=moved(own.inertia, i, MISS * scale))
+            found = with_inertial(HELD, name, inertia=moved(inertial.inertia, i, MISS * scale))
             yield f"{name} inertia {i}", "L1", "inertia tensor", found
         for i in (3, 4, 5):
-            mirrored = tuple(-x if at == i else x for at, x in enumerate(own.inertia))
+            mirrored = tuple(-x if at == i else x for at, x in enumerate(inertial.inertia))
             yield f"{name} product {i} sign", "L1", "inertia tensor", with_inertial(HELD, name, inertia=mirrored)
 
 
 def _joint_cases():
     for name in (HINGE, FIXED, SLIDE, BALL, "floor"):
-        own = body_of(HELD, name).joint
+        joint = body_of(HELD, name).joint
         for i in range(3):
-            origin = dataclasses.replace(own.origin, position=moved(own.origin.position, i))
+            origin = dataclasses.replace(joint.origin, position=moved(joint.origin.position, i))
             yield f"{name} origin {i}", "L2", "origin, position", with_joint(HELD, name, origin=origin)
-        origin = dataclasses.replace(own.origin, quaternion=turned(own.origin.quaternion))
+        origin = dataclasses.replace(joint.origin, quaternion=turned(joint.origin.quaternion))
         yield f"{name} origin turned", "L2", "origin, orientation", with_joint(HELD, name, origin=origin)
-        other = "slide" if own.kind == "hinge" else "hinge"
+        other = "slide" if joint.kind == "hinge" else "hinge"
         yield f"{name} kind", "L2", "joint type", with_joint(HELD, name, kind=other)
         yield f"{name} parent", "L2", "parent", with_joint(HELD, name, parent="seat")
     numbers = ("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest")
     for name in (HINGE, SLIDE):
-        own = body_of(HELD, name).joint
+        joint = body_of(HELD, name).joint
         for field in (*numbers, "velocity_limit", "effort_limit"):
-            value = getattr(own, field)
+            value = getattr(joint, field)
             assert value, f"{name} has no {field} to change"
             label = field.replace("_", " ")
             yield f"{name} {field}", "L2", label, with_joint(HELD, name, **{field: value * (1 + MISS)})
             gone = 0.0 if field in numbers else None
             yield f"{name} {field} gone", "L2", label, with_joint(HELD, name, **{field: gone})
-        lower, upper = own.position_limits
+        lower, upper = joint.position_limits
         for label, limits in (
             ("lower", (lower * (1 + MISS), upper)),
             ("upper", (lower, upper * (1 + MISS))),
@@ -187,14 +188,14 @@ def _joint_cases():
         ):
             found = with_joint(HELD, name, position_limits=limits)
             yield f"{name} limits {label}", "L2", "position limits", found
-        yield f"{name} axis", "L2", "axis", with_joint(HELD, name, axis=moved(own.axis, 1))
-        yield f"{name} axis flipped", "L2", "axis", with_joint(HELD, name, axis=tuple(-x for x in own.axis))
-        yield f"{name} position", "L2", "initial position", with_joint(HELD, name, position=moved(own.position))
+        yield f"{name} axis", "L2", "axis", with_joint(HELD, name, axis=moved(joint.axis, 1))
+        yield f"{name} axis flipped", "L2", "axis", with_joint(HELD, name, axis=tuple(-x for x in joint.axis))
+        yield f"{name} position", "L2", "initial position", with_joint(HELD, name, position=moved(joint.position))
         yield (
             f"{name} velocity",
             "L2",
             "initial velocity",
-            with_joint(HELD, name, velocity=moved(own.velocity, 0, 1e-7)),
+            with_joint(HELD, name, velocity=moved(joint.velocity, 0, 1e-7)),
         )
         yield f"{name} name", "L2", "joint name", with_joint(HELD, name, name="other")
     ball = body_of(HELD, BALL).joint
@@ -244,7 +245,7 @@ def _shape_cases():
         yield f"{shape.name} kind", "L4", "shape type", changed
         changed = with_shape(HELD, "link0", shape.name, collision=not shape.collision, surfaces=())
         yield f"{shape.name} collision", "L4", "shape type", changed
-        rest = tuple(one for one in body_of(HELD, "link0").shapes if one.name != shape.name)
+        rest = tuple(entry for entry in body_of(HELD, "link0").shapes if entry.name != shape.name)
         yield f"{shape.name} missing", "L4", "shape type", with_body(HELD, "link0", shapes=rest)
         if shape.collision:
             unseen = with_shape(HELD, "link0", shape.name, visual=False)
@@ -480,12 +481,12 @@ def test_what_cannot_be_read_is_left_out_only_when_it_is_declared(field):
 def test_pairs_are_combined_by_the_engines_own_rule():
     """The numbers that give 0.3 under min give another under max or product."""
     numbers = {"rubber": Surface(0.8, 0.03, 0.02, 0.5, Hardness()), "steel": Surface(0.3, 0.03, 0.02, 0.2, Hardness())}
-    shape = {one.name: one for body in WORLD.bodies for one in body.shapes}
+    shape = {shape.name: shape for body in WORLD.bodies for shape in body.shapes}
 
     def with_numbers(body: Body) -> Body:
         shapes = tuple(
-            dataclasses.replace(one, surfaces=(numbers[shape[one.name].material],)) if one.collision else one
-            for one in body.shapes
+            dataclasses.replace(entry, surfaces=(numbers[shape[entry.name].material],)) if entry.collision else entry
+            for entry in body.shapes
         )
         return dataclasses.replace(body, shapes=shapes)
 
@@ -547,8 +548,8 @@ def explicit(world: World) -> ReadBack:
         dataclasses.replace(
             body,
             shapes=tuple(
-                dataclasses.replace(one, material="", surfaces=surfaces(one, plan)) if one.collision else one
-                for one in body.shapes
+                dataclasses.replace(shape, material="", surfaces=surfaces(shape, plan)) if shape.collision else shape
+                for shape in body.shapes
             ),
         )
         for body in world.bodies
@@ -584,8 +585,8 @@ def test_an_explicit_pair_of_what_does_not_collide_is_noticed():
     passing = tuple(
         dataclasses.replace(pair, collide=pair.first == pair.second, friction=0.5) for pair in world.contact.pairs
     )
-    apart = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=passing))
-    assert "explicit pair" in explicit_failures(apart, found)
+    separate = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=passing))
+    assert "explicit pair" in explicit_failures(separate, found)
 
 
 def test_a_failure_says_where_and_what():
@@ -645,11 +646,11 @@ def test_names_that_only_one_side_has_differ_in_kind():
     assert (good.passed, good.count) == (True, len(INVENTORY))
     (extra,) = inventory_checks(INVENTORY, {**INVENTORY, "count.tendon": 0})
     (missing,) = inventory_checks({**INVENTORY, "count.tendon": 0}, INVENTORY)
-    assert [(one.passed, one.where) for one in (extra, missing)] == [(False, "count.tendon")] * 2
+    assert [(check.passed, check.where) for check in (extra, missing)] == [(False, "count.tendon")] * 2
     assert inventory_checks({}, {}) == []
 
 
 def test_infinite_values_are_the_same_or_not():
-    assert held_apart((math.inf, 1.0), (math.inf, 1.0)) == 0.0
-    assert held_apart(math.inf, -math.inf) is None
-    assert held_apart((math.inf, 1.0), (math.inf, 1.1)) == pytest.approx(0.1 / 1.1)
+    assert value_difference((math.inf, 1.0), (math.inf, 1.0)) == 0.0
+    assert value_difference(math.inf, -math.inf) is None
+    assert value_difference((math.inf, 1.0), (math.inf, 1.1)) == pytest.approx(0.1 / 1.1)

@@ -26,14 +26,14 @@ SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused",
 
 @pytest.fixture(scope="module")
 def tested():
-    return complete_self_test(["mujoco"], worlds=["ball joint"], only=lambda one: one.site in SITES)
+    return complete_self_test(["mujoco"], worlds=["ball joint"], only=lambda mutation: mutation.site in SITES)
 
 
 def test_mutations_are_caught_refused_or_inert(tested):
-    found = {(one.site, one.verdict) for one in tested.verdicts}
+    found = {(verdict.site, verdict.verdict) for verdict in tested.verdicts}
     assert ("inertial@mass", "caught") in found
     assert ("inertial@mass", "refused") in found, "a body without mass"
-    assert all(one.by and one.why for one in tested.verdicts if one.verdict == "caught")
+    assert all(verdict.by and verdict.why for verdict in tested.verdicts if verdict.verdict == "caught")
     assert tested.missed == ()
     assert ("mujoco@model", "inert") in found
     assert tested.versions["mujoco"]
@@ -58,9 +58,9 @@ def test_what_is_declared_inert_must_move_as_before(seen, monkeypatch):
 
     def verdicts_of():
         found = complete_self_test(
-            ["mujoco"], worlds=["ball joint"], only=lambda one: one.site in ("inertial@mass", "mujoco@model")
+            ["mujoco"], worlds=["ball joint"], only=lambda mutation: mutation.site in ("inertial@mass", "mujoco@model")
         )
-        return found, {(one.site, one.kind): one.verdict for one in found.verdicts}
+        return found, {(verdict.site, verdict.kind): verdict.verdict for verdict in found.verdicts}
 
     _, verdicts = verdicts_of()
     assert verdicts["inertial@mass", "scaled"] == "caught", "what moves otherwise has the whole proof before it"
@@ -93,17 +93,17 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
 
     def call(engine, folder, operations, python, deadline):
         sizes.append(len(operations))
-        texts = [(folder / one.parameters["artifacts"] / "model.xml").read_text() for one in operations]
+        texts = [(folder / operation.parameters["artifacts"] / "model.xml").read_text() for operation in operations]
         if any(' mass="-' in text for text in texts):
             raise EngineError(engine, "the process was ended by signal 11 (SIGSEGV) without a result")
         return type("Reply", (), {"answers": [Answer({"refused": "just so"}, {}, 0.0, 0.0, []) for _ in operations]})()
 
     bench = complete._Bench.of("mujoco", "ball joint")
     monkeypatch.setattr(selftest, "call", call)
-    verdicts = bench.verdicts(lambda one: one.site in ("inertial@mass", "inertial@pos"))
-    assert all(one.verdict == "refused" for one in verdicts)
-    ended = [one for one in verdicts if "SIGSEGV" in one.why]
-    assert [(one.site, one.kind) for one in ended] == [("inertial@mass", "sign")]
+    verdicts = bench.verdicts(lambda verdict: verdict.site in ("inertial@mass", "inertial@pos"))
+    assert all(verdict.verdict == "refused" for verdict in verdicts)
+    ended = [verdict for verdict in verdicts if "SIGSEGV" in verdict.why]
+    assert [(verdict.site, verdict.kind) for verdict in ended] == [("inertial@mass", "sign")]
     assert sizes[0] == len(verdicts)
 
 
@@ -166,7 +166,7 @@ def test_rows_that_no_change_needs_are_named(tested):
     needed, stale = Inert("mujoco@model", "a name"), Inert("nothing@*", "of nothing", ("word",))
     caught = Inert("inertial@mass", "what is caught", file="*.xml")
     table = MutationTable(inert=(needed, stale, caught))
-    assert needed.name in {one.row for one in tested.verdicts if one.verdict == "inert"}
+    assert needed.name in {verdict.row for verdict in tested.verdicts if verdict.verdict == "inert"}
     assert complete.unused_rows(table, tested.verdicts) == ("nothing@*; word", "inertial@mass; *.xml")
     assert tested.unused == {}, "nothing is known of rows when only some changes were tried"
 
@@ -195,11 +195,11 @@ def test_a_world_that_stands_in_for_another_is_left_out_where_that_one_is_suppor
     monkeypatch.setattr(complete._Bench, "of", bench_of)
     found = complete_self_test(["mujoco"])
     others = set(STAND_INS.values()) - {"core"}
-    assert {one.world for one in found.verdicts} == set(WORLDS) - others - {"core" if large else "model"}
+    assert {verdict.world for verdict in found.verdicts} == set(WORLDS) - others - {"core" if large else "model"}
     assert ("mujoco, core" in found.skipped) == large
     assert found.unused["mujoco"], "no row was needed"
     named = complete_self_test(["mujoco"], worlds=["model", "core"])
-    assert {one.world for one in named.verdicts} == {"core", *(("model",) if large else ())}
+    assert {verdict.world for verdict in named.verdicts} == {"core", *(("model",) if large else ())}
 
 
 NOT_ACCEPTED = {("ode", "settings"), ("ode", "settings on a floor")}
@@ -249,11 +249,11 @@ def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(mo
     """An engine that hashes that is asked for no glimpses of it, but for whole motions together with others."""
     bench = complete._Bench.of("mujoco", "ball joint")
     assert bench.made_of == "", "MuJoCo's motions are quick: it hashes nothing"
-    own, asked = selftest.call, set()
+    local, requested = selftest.call, set()
 
     def call(engine, folder, operations, python, deadline):
-        reply = own(engine, folder, operations, python=python, deadline=deadline)
-        asked.update(operation.op for operation in operations)
+        reply = local(engine, folder, operations, python=python, deadline=deadline)
+        requested.update(operation.op for operation in operations)
         for answer in reply.answers:
             if "bodies" in answer.result:
                 answer.result["made_of"] = "all"
@@ -262,9 +262,9 @@ def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(mo
     monkeypatch.setattr(selftest, "call", call)
     monkeypatch.setattr(complete, "SHORT", 0.0)
     bench = dataclasses.replace(bench, made_of="all")
-    verdicts = bench.verdicts(lambda one: one.site in ("mujoco@model", "visual@rgba", "geom@rgba", "inertial@mass"))
-    inert = [one for one in verdicts if one.verdict == "inert"]
+    verdicts = bench.verdicts(lambda entry: entry.site in ("mujoco@model", "visual@rgba", "geom@rgba", "inertial@mass"))
+    inert = [verdict for verdict in verdicts if verdict.verdict == "inert"]
     assert inert
-    assert len({one.verdict for one in verdicts}) > 1
-    assert "drive" in asked
-    assert "windows" not in asked
+    assert len({verdict.verdict for verdict in verdicts}) > 1
+    assert "drive" in requested
+    assert "windows" not in requested

@@ -57,12 +57,12 @@ def test_rows_are_projected_as_each_of_them_is(cone):
         np.testing.assert_allclose(project_rows(vectors, size, cone), expected, rtol=0.0, atol=1e-15)
 
 
-def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
+def motions(probe, requested, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
     """What a flat world with the friction ``mu`` under ``cone`` gives for the trials of ``asked``."""
-    mu = asked.pair.friction if mu is None else mu
-    cone = cone or asked.friction_cone
+    mu = requested.pair.friction if mu is None else mu
+    cone = cone or requested.friction_cone
     found = []
-    for trial in probe.trials(asked):
+    for trial in probe.trials(requested):
         bodies = [body for body in trial.bodies if body.name != FLOOR]
         (floor,) = (body for body in trial.bodies if body.name == FLOOR)
         belt = np.array(floor.shapes[0].surface_velocity[:2])
@@ -72,17 +72,17 @@ def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=
         velocity = np.array([body.joint.velocity for body in bodies], dtype=float)
         poses, velocities, times, done = [pose.copy()], [velocity.copy()], [0.0], 0
         velocity[:, 2:] = 0.0
-        limit = mu * weight * GRAVITY * asked.timestep
+        limit = mu * weight * GRAVITY * requested.timestep
         for phase in trial.phases:
             push = np.array([phase.effort.get(name, (0.0,) * 6)[:2] for name in names])
             for step in range(phase.steps):
-                free = velocity[:, :2] + asked.timestep * push / mass
+                free = velocity[:, :2] + requested.timestep * push / mass
                 brake = project_rows(free - belt, limit, cone)
-                velocity[:, :2] = free - brake + asked.timestep * floor_push * push
-                pose[:, :2] += asked.timestep * (velocity[:, :2] + creep)
+                velocity[:, :2] = free - brake + requested.timestep * floor_push * push
+                pose[:, :2] += requested.timestep * (velocity[:, :2] + creep)
                 done += 1
                 if (step + 1) % phase.every == 0 or step + 1 == phase.steps:
-                    times.append(done * asked.timestep)
+                    times.append(done * requested.timestep)
                     poses.append(pose.copy())
                     velocities.append(velocity.copy())
         moved, speeds = np.array(poses), np.array(velocities)
@@ -96,9 +96,9 @@ def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=
     return found
 
 
-def figures(name, asked, **other):
+def figures(name, requested, **other):
     probe = PROBES[name]
-    return probe.figures(asked, motions(probe, asked, **other))
+    return probe.figures(requested, motions(probe, requested, **other))
 
 
 @pytest.mark.parametrize("dt", TIMESTEPS)
@@ -138,18 +138,18 @@ def test_a_push_gives_the_force_in_every_direction():
 
 @pytest.mark.parametrize("friction_found", [1e-4, 0.05])
 def test_without_friction_any_force_fails(friction_found):
-    asked = law(0.0)
-    assert [name for name, probe in PROBES.items() if probe.applies(asked)] == ["push"]
-    assert figures("push", asked)[0].passed
-    assert not figures("push", asked, mu=friction_found)[0].passed
+    requested = law(0.0)
+    assert [name for name, probe in PROBES.items() if probe.applies(requested)] == ["push"]
+    assert figures("push", requested)[0].passed
+    assert not figures("push", requested, mu=friction_found)[0].passed
 
 
 @pytest.mark.parametrize(("told", "sign"), [((0.33, -0.22, 0.11), 1), ((-0.3, 0.2, -0.1), 1), ((0.0, 0.0, 0.0), -1)])
 def test_another_surface_velocity_fails(told, sign):
     """Faster, backwards (off by a vector that is longer than the way), and not at all."""
-    asked = law()
+    requested = law()
     probe = PROBES["carry"]
-    (figure,) = probe.figures(asked, motions(probe, dataclasses.replace(asked, belt_written=told)))
+    (figure,) = probe.figures(requested, motions(probe, dataclasses.replace(requested, belt_written=told)))
     assert not figure.passed
     assert (figure.measured - figure.expected) * sign > 0.0
 
@@ -166,14 +166,14 @@ def test_creep_below_the_limit_fails():
 @pytest.mark.parametrize("name", PROBES)
 def test_a_probe_is_bounded_and_its_sliders_stay_apart(name, mu, dt):
     for cone in FRICTION_CONES:
-        asked = law(mu, cone, dt)
-        for trial in PROBES[name].trials(asked):
+        requested = law(mu, cone, dt)
+        for trial in PROBES[name].trials(requested):
             assert sum(phase.steps for phase in trial.phases) <= 600
-        for motion in motions(PROBES[name], asked):
+        for motion in motions(PROBES[name], requested):
             places = np.stack([pose[:, :2] for pose in motion.pose.values()])  # (bodies, times, 2)
-            apart = np.linalg.norm(places[:, None] - places[None, :], axis=-1)
-            apart[np.arange(len(places)), np.arange(len(places))] = math.inf
-            assert apart.min() > math.hypot(*friction.OBLONG[:2])
+            norm = np.linalg.norm(places[:, None] - places[None, :], axis=-1)
+            norm[np.arange(len(places)), np.arange(len(places))] = math.inf
+            assert norm.min() > math.hypot(*friction.OBLONG[:2])
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -183,20 +183,20 @@ def test_what_has_no_numbers_fails_without_a_traceback(name):
     more = {"hardness": hardness} if name == "compliance" else {}
     if name == "compliance-shape":
         more = {"hardness": Hardness("stiffness", stiffness=1e4, damping=50.0)}
-    asked = law(0.5, torsional_friction=0.01, rolling_friction=0.002, **more)
-    asked = dataclasses.replace(asked, reach=Reach(kinds=("box",)))
+    requested = law(0.5, torsional_friction=0.01, rolling_friction=0.002, **more)
+    requested = dataclasses.replace(requested, reach=Reach(kinds=("box",)))
     probe = ALL[name]
-    assert probe.applies(asked)
+    assert probe.applies(requested)
     for keep in (0, 1):
         broken = []
-        for trial in probe.trials(asked):
+        for trial in probe.trials(requested):
             rows = 1 + sum(math.ceil(phase.steps / phase.every) for phase in trial.phases)
             names = [body.name for body in trial.bodies]
             pose, velocity = np.full((rows, 7), np.nan), np.full((rows, 6), np.nan)
             pose[:keep], velocity[:keep] = (0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0), 0.0
-            times = np.arange(rows) * asked.timestep
+            times = np.arange(rows) * requested.timestep
             broken.append(Motion(times, dict.fromkeys(names, pose), dict.fromkeys(names, velocity)))
-        found = probe.figures(asked, broken)
+        found = probe.figures(requested, broken)
         assert found
         assert not any(figure.passed for figure in found)
 
@@ -217,13 +217,14 @@ def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, nam
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
     laws = [law(mu) for mu in (0.05, 0.5, 1.0)]
-    found = probing.figures_of_each(engine, [(PROBES[name], asked, asked) for asked in laws], tmp_path)
-    for asked, (figure,) in zip(laws, found, strict=True):
+    found = probing.figures_of_each(engine, [(PROBES[name], requested, requested) for requested in laws], tmp_path)
+    for requested, (figure,) in zip(laws, found, strict=True):
         off = abs(figure.measured - figure.expected) / figure.expected
         declared = [
-            one.size
-            for one in find_engine(engine).CONTACT_DEVIATIONS
-            if one.probe == name and one.counts_for(asked.pair, asked.friction_cone, asked.timestep)
+            contact_deviation.size
+            for contact_deviation in find_engine(engine).CONTACT_DEVIATIONS
+            if contact_deviation.probe == name
+            and contact_deviation.counts_for(requested.pair, requested.friction_cone, requested.timestep)
         ]
         if (engine, name) in ASIDE:
             assert off == pytest.approx(ASIDE[engine, name], abs=0.001)
@@ -257,13 +258,15 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
-    asked, probe = law(0.3), PROBES[name]
+    requested, probe = law(0.3), PROBES[name]
     if name == "carry" and engine not in engines_with(Feature.SURFACE_VELOCITY):
         with pytest.raises(UnsupportedError, match=r"shape\.surface_velocity"):
-            probing.figures_of_each(engine, [(probe, asked, asked)], tmp_path)
+            probing.figures_of_each(engine, [(probe, requested, requested)], tmp_path)
         return
-    slippery = dataclasses.replace(asked, pair=dataclasses.replace(asked.pair, friction=0.2))
-    right, wrong = probing.figures_of_each(engine, [(probe, asked, asked), (probe, asked, slippery)], tmp_path)
+    slippery = dataclasses.replace(requested, pair=dataclasses.replace(requested.pair, friction=0.2))
+    right, wrong = probing.figures_of_each(
+        engine, [(probe, requested, requested), (probe, requested, slippery)], tmp_path
+    )
     assert all(figure.passed for figure in right) == ((engine, name) not in ASIDE)
     assert not any(figure.passed for figure in wrong)
 

@@ -64,8 +64,8 @@ def test_files_of_another_law_are_what_counts(engine, tmp_path):
     other = worlds.table({**PAIRS, ("rubber", "rubber"): 0.15})
     kind = find_engine(engine)
     found = held(world, kind, written(other, engine, tmp_path / engine))
-    asked, real = ((contact_plan(one, kind.RULES, kind.LAYERS)) for one in (world, other))
-    changed = {key for key in asked.numbers if asked.numbers[key].friction != real.numbers[key].friction}
+    plan, real = ((contact_plan(entry, kind.RULES, kind.LAYERS)) for entry in (world, other))
+    changed = {key for key in plan.numbers if plan.numbers[key].friction != real.numbers[key].friction}
     assert bool(changed) is (kind.RULES.friction != "table")
     for key in changed:
         assert found.plan.numbers[key].friction == pytest.approx(real.numbers[key].friction, rel=1e-12)
@@ -101,7 +101,7 @@ def with_surface(read, name, **values):
                 body,
                 shapes=tuple(
                     dataclasses.replace(
-                        shape, surfaces=tuple(dataclasses.replace(one, **values) for one in shape.surfaces)
+                        shape, surfaces=tuple(dataclasses.replace(surface, **values) for surface in shape.surfaces)
                     )
                     if body.name == name
                     else shape
@@ -117,10 +117,10 @@ def with_surface(read, name, **values):
 @pytest.mark.parametrize("body", ["sphere_0", "sphere_3"])
 def test_one_wrong_shape_does_not_hide_behind_the_others(engine, body, tmp_path, monkeypatch):
     world = worlds.spheres(4)
-    names = [one.name for one in world.bodies if one.joint.kind == "free"]
+    names = [body.name for body in world.bodies if body.joint.kind == "free"]
     wrong = names[0] if body == "sphere_0" else names[-1]
     found = told(monkeypatch, world, engine, tmp_path / engine, lambda read: with_surface(read, wrong, friction=3.0))
-    material = next(one for one in world.bodies if one.name == wrong).shapes[0].material
+    material = next(body for body in world.bodies if body.name == wrong).shapes[0].material
     assert {surface.friction for (name, _), surface in found.plan.numbers.items() if name == material} == {3.0}
 
 
@@ -129,7 +129,7 @@ def test_one_wrong_shape_does_not_hide_behind_the_others(engine, body, tmp_path,
 @pytest.mark.parametrize("engine", ENGINES)
 def test_numbers_that_are_none_are_refused_by_name(engine, quantity, value, tmp_path, monkeypatch):
     world = worlds.spheres(2)
-    moving = next(one for one in world.bodies if one.joint.kind == "free")
+    moving = next(body for body in world.bodies if body.joint.kind == "free")
     with pytest.raises(UnsupportedError) as caught:
         told(
             monkeypatch,
@@ -193,13 +193,13 @@ def pairs_in_probe(world, folder):
     files = written(world, "mujoco", folder)
     whole = held(world, find_engine("mujoco"), files)
     names = [material.name for material in world.contact.materials]
-    one = of_pair(whole, names[0], names[0])
-    probe = dataclasses.replace(world, contact=dataclasses.replace(one.contact), engines=(one.options,))
+    pair = of_pair(whole, names[0], names[0])
+    probe = dataclasses.replace(world, contact=dataclasses.replace(pair.contact), engines=(pair.options,))
     only = tuple(
         body for body in world.bodies if all(shape.material == names[0] for shape in body.shapes if shape.collision)
     )
     probe = dataclasses.replace(probe, bodies=only)
-    text = compile_world(probe, ["mujoco"], plans={"mujoco": one.plan})["mujoco"].files["model.xml"]
+    text = compile_world(probe, ["mujoco"], plans={"mujoco": pair.plan})["mujoco"].files["model.xml"]
     root = ElementTree.fromstring(text)
     return len(root.findall("contact/pair")), root.find("option").attrib
 
@@ -250,11 +250,11 @@ def test_a_pair_is_only_its_own():
         world.options(kind.NAME),
         0.001,
     )
-    one = of_pair(whole, "a", "b")
-    assert {(pair.first, pair.second) for pair in one.contact.pairs} == {("a", "a"), ("a", "b"), ("b", "b")}
-    assert {material.name for material in one.contact.materials} == {"a", "b"}
-    assert {name for name, _ in one.plan.numbers} == {"a", "b"}
-    assert set(one.plan.layer_of) <= {("a", "a"), ("a", "b"), ("b", "b")}
+    entry = of_pair(whole, "a", "b")
+    assert {(pair.first, pair.second) for pair in entry.contact.pairs} == {("a", "a"), ("a", "b"), ("b", "b")}
+    assert {material.name for material in entry.contact.materials} == {"a", "b"}
+    assert {name for name, _ in entry.plan.numbers} == {"a", "b"}
+    assert set(entry.plan.layer_of) <= {("a", "a"), ("a", "b"), ("b", "b")}
 
 
 def test_settings_are_those_that_the_engine_runs_with(tmp_path):

@@ -142,7 +142,7 @@ def test_without_restitution_nothing_hops():
 @pytest.mark.parametrize("engine", ENGINES)
 def test_rest_at_a_restitution_between_those_that_deviations_were_measured_at(engine, tmp_path):
     found = figures(engine, normal.Rest(), law(friction=0.8, restitution=0.4), tmp_path)
-    assert all(one.passed for one in found if one.probe == "steady")
+    assert all(entry.passed for entry in found if entry.probe == "steady")
 
 
 def test_a_soft_floor_is_measured_as_deep(tmp_path):

@@ -186,10 +186,12 @@ def test_every_probe_says_what_it_wants():
             if probe.applies(law):
                 wanted = probe.wanted(law)
                 assert wanted, probe.NAME
-                for one in wanted:
-                    assert one.measured is None
-                    assert one.subject == law.subject
-                    reference = probe.reference(law, one)
+                for figure in wanted:
+                    assert figure.measured is None
+                    assert figure.subject == law.subject
+                    reference = probe.reference(law, figure)
                     assert reference is not None
-                    assert (reference.expected, reference.tolerance) == pytest.approx((one.expected, one.tolerance))
-                    assert reference.without == one.without
+                    assert (reference.expected, reference.tolerance) == pytest.approx(
+                        (figure.expected, figure.tolerance)
+                    )
+                    assert reference.without == figure.without

@@ -57,34 +57,34 @@ def made(wanted, trial):
     separation, and the one across that stops the slip, as near to it as the cone lets it come.
     """
     dt, steps = wanted.timestep, sum(phase.steps for phase in trial.phases)
-    partner = {one.name: other for one, other in zip(trial.bodies[::2], trial.bodies[1::2], strict=False)}
+    partner = {body.name: other for body, other in zip(trial.bodies[::2], trial.bodies[1::2], strict=False)}
     couples = [(body, trial.bodies[0]) for body in trial.bodies[1:]] if not trial.meets else []
     couples += [(body, partner[body.name]) for body in trial.bodies[::2]] if trial.meets else []
     pose = {body.name: np.zeros((steps + 1, 7)) for body in trial.bodies}
     velocity = {body.name: np.zeros((steps + 1, 6)) for body in trial.bodies}
-    for one, other in couples:
+    for entry, other in couples:
         states = [
             (np.array(body.joint.position[:3]), np.array(body.joint.velocity))
-            for body in (one, other)
+            for body in (entry, other)
             if body.joint.position
         ]
         hit = False
         for step in range(steps + 1):
-            for body, (place, speed) in zip((one, other), states, strict=False):
+            for body, (place, speed) in zip((entry, other), states, strict=False):
                 pose[body.name][step, :3], velocity[body.name][step] = place, speed
             (place, speed), more = states[0], states[1:]
             if more:
                 line = more[0][0] - place
-                gap = float(np.linalg.norm(line)) - one.shapes[0].size[0] - other.shapes[0].size[0]
-                normal, reach = line / np.linalg.norm(line), one.shapes[0].size[0]
+                gap = float(np.linalg.norm(line)) - entry.shapes[0].size[0] - other.shapes[0].size[0]
+                normal, reach = line / np.linalg.norm(line), entry.shapes[0].size[0]
             else:
-                reach = one.shapes[0].size[0] if one.shapes[0].kind == "sphere" else one.shapes[0].size[2] / 2.0
+                reach = entry.shapes[0].size[0] if entry.shapes[0].kind == "sphere" else entry.shapes[0].size[2] / 2.0
                 gap, normal = place[2] - reach, np.array([0.0, 0.0, -1.0])
             fallen = np.array([0.0, 0.0, -GRAVITY * dt])
             changes = [np.concatenate([fallen, np.zeros(3)]) for _ in states]
             if gap < 0.0 and not hit:
                 hit = True
-                inverse = inverse_mass(one, reach * normal) + inverse_mass(other, -reach * normal)
+                inverse = inverse_mass(entry, reach * normal) + inverse_mass(other, -reach * normal)
                 slip = speed[:3] - (more[0][1][:3] if more else 0.0)
                 load = 0.0 if more else GRAVITY * dt  # a floor does not fall along
                 size = (1.0 + wanted.pair.restitution) * float(slip @ normal) + load
@@ -94,7 +94,7 @@ def made(wanted, trial):
                 most = wanted.pair.friction * size
                 stop *= min(1.0, most / np.linalg.norm(stop))
                 impulse = size * normal + stop
-                for body, change, sign in zip((one, other), changes, (-1.0, 1.0), strict=False):
+                for body, change, sign in zip((entry, other), changes, (-1.0, 1.0), strict=False):
                     change[:3] += sign * impulse / body.inertial.mass
                     if body.shapes[0].kind == "sphere":
                         change[3:] += np.cross(-sign * reach * normal, sign * impulse) / body.inertial.inertia[0]
@@ -168,11 +168,11 @@ def test_what_passes_through_is_not_passed():
     wanted = law(restitution=0.5)
     motions = []
     for trial in PROBE.trials(wanted):
-        still = {body.name: np.zeros((11, 7)) for body in trial.bodies}
+        values = {body.name: np.zeros((11, 7)) for body in trial.bodies}
         speed = {body.name: np.tile(body.joint.velocity or (0.0,) * 6, (11, 1)) for body in trial.bodies}
-        for name, rows in still.items():
+        for name, rows in values.items():
             rows[:, :3] = next(body for body in trial.bodies if body.name == name).joint.position[:3] or 0.0
-        motions.append(Motion(np.zeros(11), still, speed))
+        motions.append(Motion(np.zeros(11), values, speed))
     assert not any(figure.passed for figure in PROBE.figures(wanted, motions))
 
 
@@ -231,7 +231,7 @@ def test_another_friction_is_measured_as_such(engine, tmp_path):
     pair = dataclasses.replace(world.contact.pairs[0], friction=0.44)
     more = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=(pair,)))
     accept = ("contact.cone.elliptic",)
-    more, world = (worlds.with_options(one, engine, settings=MODES[engine], accept=accept) for one in (more, world))
+    more, world = (worlds.with_options(entry, engine, settings=MODES[engine], accept=accept) for entry in (more, world))
     write_folder(compile_world(more, [engine])[engine].files, tmp_path / "more")
     with run.measure(world, engine, tmp_path / "more", None, 120.0, False) as measuring:
         found, _ = measuring.wait()

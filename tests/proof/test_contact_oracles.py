@@ -23,16 +23,16 @@ def scene(name: str) -> World:
 
 def expected(name: str, kind: str) -> dict[str, dict]:
     """The parameters of the expectations of one kind, by body."""
-    found = [dict(one.parameters) for one in scene(name).expectations if one.kind == kind]
-    by_body = {one["body"]: one for one in found}
+    found = [dict(expectation.parameters) for expectation in scene(name).expectations if expectation.kind == kind]
+    by_body = {entry["body"]: entry for entry in found}
     assert len(by_body) == len(found) > 0
     return by_body
 
 
 def material(name: str, body: str) -> str:
     """The material of a body's shapes that take part in contact."""
-    (one,) = (one for one in scene(name).bodies if one.name == body)
-    (found,) = {shape.material for shape in one.shapes if shape.collision}
+    (entry,) = (entry for entry in scene(name).bodies if entry.name == body)
+    (found,) = {shape.material for shape in entry.shapes if shape.collision}
     return found
 
 
@@ -43,8 +43,8 @@ def law(name: str, body: str, other: str) -> PairContact:
 
 
 def velocity(name: str, body: str) -> np.ndarray:
-    (one,) = (one for one in scene(name).bodies if one.name == body)
-    return np.array(one.joint.velocity)
+    (entry,) = (entry for entry in scene(name).bodies if entry.name == body)
+    return np.array(entry.joint.velocity)
 
 
 def from_rest(name: str, acceleration: float) -> float:
@@ -69,12 +69,12 @@ def test_slide_24():
 def test_ramp_grid():
     found = expected("ramp-grid", "displacement")
     slides = 0
-    for body, one in found.items():
+    for body, entry in found.items():
         degrees = 25 if body in ("box_below", "box_above") else int(body.split("_")[1])
         friction = law("ramp-grid", body, "ramp_15").friction
         angle = math.radians(degrees)
         acceleration = GRAVITY * (math.sin(angle) - friction * math.cos(angle))
-        assert one["distance"] == pytest.approx(from_rest("ramp-grid", max(0.0, acceleration)), abs=1e-5), body
+        assert entry["distance"] == pytest.approx(from_rest("ramp-grid", max(0.0, acceleration)), abs=1e-5), body
         slides += acceleration > 0.0
     assert (slides, len(found)) == (7, 14)
 
@@ -87,7 +87,7 @@ def test_the_boxes_near_the_limit_are_within_3_percent_of_it():
 
 def test_rolling_ramp():
     angle, radius, duration = math.radians(20), 0.1, 0.5
-    grip, slick = (law("rolling-ramp", f"{one}_ball", "ramp").friction for one in ("grip", "slick"))
+    grip, slick = (law("rolling-ramp", f"{name}_ball", "ramp").friction for name in ("grip", "slick"))
     assert slick < 2 / 7 * math.tan(angle) < grip
     rolls = 5 / 7 * GRAVITY * math.sin(angle)
     slips = GRAVITY * (math.sin(angle) - slick * math.cos(angle))
@@ -104,12 +104,12 @@ def test_rolling_ramp():
 
 def test_bouncing_row():
     radius, drop = 0.1, 1.0
-    for body, one in expected("bouncing-row", "apex_height").items():
+    for body, entry in expected("bouncing-row", "apex_height").items():
         ratio = law("bouncing-row", body, "floor").restitution
-        assert one["height"] == pytest.approx(radius + ratio**2 * drop)
+        assert entry["height"] == pytest.approx(radius + ratio**2 * drop)
         if ratio:  # 0.05 in e, which is what is promised
-            assert one["tolerance"] <= (ratio + 0.05) ** 2 * drop - ratio**2 * drop + 1e-3
-        assert one["after"] > math.sqrt(2 * drop / GRAVITY)
+            assert entry["tolerance"] <= (ratio + 0.05) ** 2 * drop - ratio**2 * drop + 1e-3
+        assert entry["after"] > math.sqrt(2 * drop / GRAVITY)
 
 
 def test_oblique_impact():
@@ -140,9 +140,11 @@ def test_oblique_impact():
             assert turned[body]["tolerance"] <= 0.031 * spin[300]
     pair, reduced = law(name, "striker", "struck"), 0.75
     places = {body.name: np.array(body.joint.position[:3]) for body in scene(name).bodies if body.joint.position}
-    one, other, relative = places["striker"], places["struck"], velocity(name, "striker")[:3]
-    free = math.ceil(((other - one)[0] - math.sqrt(0.2**2 - 0.1**2)) / (relative[0] * dt))  # steps until they overlap
-    line = other - one - free * dt * relative
+    values, other, relative = places["striker"], places["struck"], velocity(name, "striker")[:3]
+    free = math.ceil(
+        ((other - values)[0] - math.sqrt(0.2**2 - 0.1**2)) / (relative[0] * dt)
+    )  # steps until they overlap
+    line = other - values - free * dt * relative
     normal = line / np.linalg.norm(line)
     across = relative - (relative @ normal) * normal
     most = pair.friction * (1 + pair.restitution) * (relative @ normal)
@@ -182,15 +184,15 @@ def test_card_house():
         return torque - inertia * bend
 
     def rates(state: np.ndarray) -> np.ndarray:
-        still = push(*state, 0.0)
-        return np.array([state[1], still / (still - push(*state, 1.0))])
+        value = push(*state, 0.0)
+        return np.array([state[1], value / (value - push(*state, 1.0))])
 
     state, step = np.array([tilt, 0.0]), 1e-3
     for _ in range(round(0.3 / step)):  # Runge and Kutta's fourth order
-        one = rates(state)
-        two = rates(state + step / 2 * one)
+        values = rates(state)
+        two = rates(state + step / 2 * values)
         three = rates(state + step / 2 * two)
-        state = state + step / 6 * (one + 2 * two + 2 * three + rates(state + step * three))
+        state = state + step / 6 * (values + 2 * two + 2 * three + rates(state + step * three))
     out, down = half * (math.sin(state[0]) - math.sin(tilt)), half * (math.cos(tilt) - math.cos(state[0]))
     found = expected("card-house", "displacement")
     np.testing.assert_allclose(found["slick_left"]["xyz"], [-out, 0.0, -down], atol=2e-4)
@@ -202,8 +204,8 @@ def test_card_house():
 def test_spinning_disc():
     """Three feet at R: torque μ m g R, against the inertia ½ m R² of a disc."""
     friction, radius, duration = law("spinning-disc", "disc", "floor").friction, 0.1, 0.2
-    (one,) = (one for one in scene("spinning-disc").bodies if one.name == "disc")
-    assert one.inertial.inertia[2] == pytest.approx(one.inertial.mass * radius**2 / 2)
+    (body,) = (body for body in scene("spinning-disc").bodies if body.name == "disc")
+    assert body.inertial.inertia[2] == pytest.approx(body.inertial.mass * radius**2 / 2)
     spin = velocity("spinning-disc", "disc")[5] - 2 * friction * GRAVITY / radius * duration
     assert expected("spinning-disc", "angular_speed")["disc"]["speed"] == pytest.approx(spin, abs=1e-3)
 
@@ -212,12 +214,12 @@ def test_six_materials_are_held_to_1_percent():
     physics = scene("six-materials").physics
     found = expected("six-materials", "displacement")
     pairs = set()
-    for body, one in found.items():
+    for body, entry in found.items():
         assert velocity("six-materials", body)[:3] == pytest.approx([0.0, 1.0, 0.0])
         pair = law("six-materials", body, f"{body.split('_on_')[1]}_tile")
         lost = from_rest("six-materials", pair.friction * GRAVITY)
         way = physics.steps * physics.timestep - lost
-        np.testing.assert_allclose(one["xyz"], [0.0, way, 0.0], atol=1e-6)
-        assert one["tolerance"] <= 0.0101 * lost
+        np.testing.assert_allclose(entry["xyz"], [0.0, way, 0.0], atol=1e-6)
+        assert entry["tolerance"] <= 0.0101 * lost
         pairs.add((pair.first, pair.second))
     assert len(pairs) == 21

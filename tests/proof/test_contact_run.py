@@ -119,9 +119,9 @@ def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
     for probe, drawn in (("push", 0), ("push-oblong", 24)):
         push = {figure.subject: figure for figure in found if figure.probe == probe}
         for (first, second), friction in PAIRS.items():
-            one = push[f"{first}, {second}"]
-            assert one.expected == pytest.approx(friction)
-            assert len(one.points) == drawn
+            entry = push[f"{first}, {second}"]
+            assert entry.expected == pytest.approx(friction)
+            assert len(entry.points) == drawn
     # an oblong slider is where an engine says that its friction is not against the slip, an impact where most of it is missing
     alone = {figure.probe for figure in found if figure.deviation and figure.probe in PROBES}
     assert alone - {"overlap"} == set(ASIDE.get(engine, ()))
@@ -218,11 +218,11 @@ def test_l5_is_part_of_a_certificate_and_survives_its_json(tmp_path, few_probes)
 
 
 def test_a_figure_without_a_number_survives_json():
-    one = Figure("push", "a, b", "crashed", "", "", 0.0, None, 0.0)
-    (check,) = run.contact_checks([one])
+    figure = Figure("push", "a, b", "crashed", "", "", 0.0, None, 0.0)
+    (check,) = run.contact_checks([figure])
     assert not check.passed
     assert "crashed" in check.detail
-    proof = EngineProof("1", "abc", (check,), contact=(one,))
+    proof = EngineProof("1", "abc", (check,), contact=(figure,))
     found = Certificate("x", "", "", {"engine": proof})
     assert Certificate.from_json(found.to_json()) == found
 
@@ -319,13 +319,13 @@ def processes(monkeypatch):
     @contextlib.contextmanager
     def counting(engine, artifacts, operations, **more):
         started.append(len(operations))
-        asked = everything_asked(engine, operations)
-        if asked in REPLIES:
-            yield Replayed(REPLIES[asked])
+        text = everything_asked(engine, operations)
+        if text in REPLIES:
+            yield Replayed(REPLIES[text])
             return
         with original(engine, artifacts, operations, **more) as running:
-            REPLIES[asked] = running.wait()
-            yield Replayed(REPLIES[asked])
+            REPLIES[text] = running.wait()
+            yield Replayed(REPLIES[text])
 
     original = run.start
     monkeypatch.setattr(run, "start", counting)
@@ -436,8 +436,8 @@ def test_the_key_is_of_all_code_and_of_the_processor(monkeypatch):
         patched.setattr(cache, "engine_digest", lambda engine: "other code")
         assert cache.key(engine, "x") != name
     assert cache.key(engine, "x") == name
-    told = cache.environment()
-    assert set(told) == {"simspec", "numpy", "python", "platform", "processor"}
+    environment = cache.environment()
+    assert set(environment) == {"simspec", "numpy", "python", "platform", "processor"}
 
 
 def test_of_what_the_cache_knows_one_is_measured_again(tmp_path, few_probes, monkeypatch):
@@ -461,7 +461,7 @@ def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tm
     (figure,) = measured(world, installed(ENGINES[0]), artifacts)
     monkeypatch.setattr(run, "_sampled", sampled)
     monkeypatch.setattr(cache, "read", lambda name: [dataclasses.replace(figure, **edit)])
-    (differs,) = [one for one in measured(world, ENGINES[0], artifacts) if not one.passed]
+    (differs,) = [entry for entry in measured(world, ENGINES[0], artifacts) if not entry.passed]
     assert "the cache has" in differs.case
     assert "--no-cache" in differs.case
 
@@ -556,15 +556,15 @@ def test_files_that_cannot_be_probed_are_a_failed_check(engine, tmp_path, few_pr
     """Here, settings that the engine does not know."""
     world = worlds.one_law()
     place = files(world, installed(engine), tmp_path / engine)
-    original = run.held
+    original = run.law_of_files
 
-    def held(*given):
+    def actual(*given):
         found = original(*given)
         return dataclasses.replace(
             found, timestep=found.timestep, options=dataclasses.replace(found.options, settings=(("nonsense", 1),))
         )
 
-    monkeypatch.setattr(run, "held", held)
+    monkeypatch.setattr(run, "law_of_files", actual)
     proof = verify(world, [engine], artifacts={engine: place}).engines[engine]
     (check,) = proof.level("L5")
     assert not check.passed
@@ -577,8 +577,10 @@ def test_motion_without_numbers_is_a_figure_without_one(tmp_path, few_probes, mo
     with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, False) as measuring:
         answers = measuring.running.wait().answers
         broken = [
-            dataclasses.replace(one, arrays={name: np.full_like(value, np.nan) for name, value in one.arrays.items()})
-            for one in answers
+            dataclasses.replace(
+                answer, arrays={name: np.full_like(value, np.nan) for name, value in answer.arrays.items()}
+            )
+            for answer in answers
         ]
         running = SimpleNamespace(wait=lambda doing: SimpleNamespace(answers=broken))
         found, _ = dataclasses.replace(measuring, running=running).wait()

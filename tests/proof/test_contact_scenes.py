@@ -107,7 +107,9 @@ def outcomes(name: str, engine: str, sets: tuple[str, ...] = ()):
 
 def test_every_scene_is_tried():
     scenes = {path.stem for path in SCENES.glob("*.yaml")}
-    laws = {one.spec.path.stem for one in load_study_file(STUDY).sweeps(small=False) if "contact" in one.words.show}
+    laws = {
+        sweep.spec.path.stem for sweep in load_study_file(STUDY).sweeps(small=False) if "contact" in sweep.words.show
+    }
     assert {*QUICK, *TOWERS, *OF_VERSIONS, *laws} == scenes
     assert not laws & {*QUICK, *TOWERS}  # these are there to be proven, and move nothing
 
@@ -196,7 +198,7 @@ def test_six_materials_have_a_table_that_no_rule_gives():
     assert len(world.contact.materials) == 6
     values = {(pair.first, pair.second): pair.friction for pair in world.contact.pairs}
     assert len(set(values.values())) == len(values) == 21
-    own = {material.name: material.friction for material in world.contact.materials}
+    local = {material.name: material.friction for material in world.contact.materials}
     for rule in (min, max, lambda a, b: a * b, lambda a, b: (a + b) / 2, lambda a, b: math.sqrt(a * b)):
-        off = [abs(rule(own[a], own[b]) / value - 1) for (a, b), value in values.items() if a != b]
+        off = [abs(rule(local[a], local[b]) / value - 1) for (a, b), value in values.items() if a != b]
         assert max(off) > 0.2

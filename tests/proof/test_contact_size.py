@@ -93,8 +93,8 @@ def test_points_lie_on_the_surface_and_normals_point_out_of_it(kind):
     points = surface_points(shape, 0.0)
     assert len(points) >= 2
     assert len({point.point for point in points}) == len(points)
-    for one in points:
-        point, normal = np.array(one.point), np.array(one.normal)
+    for entry in points:
+        point, normal = np.array(entry.point), np.array(entry.normal)
         assert np.linalg.norm(normal) == pytest.approx(1.0)
         assert DISTANCE[kind](point, SIZES[kind]) == pytest.approx(0.0, abs=1e-12)
         assert DISTANCE[kind](point + 1e-6 * normal, SIZES[kind]) == pytest.approx(1e-6, rel=1e-3)
@@ -137,7 +137,7 @@ def test_true_sizes(engine, kind, tmp_path):
 @pytest.mark.parametrize("role", ["fixed", "free", "child"])
 def test_a_millimetre_more_is_caught(engine, role, tmp_path):
     trial = size_trial(world_of(["cylinder"]))
-    subject, index, _, _ = next(one for one in trial.shapes if one[0] == f"cylinder 0.02 × 0.1 m, {role}")
+    subject, index, _, _ = next(shape for shape in trial.shapes if shape[0] == f"cylinder 0.02 × 0.1 m, {role}")
     bodies = list(trial.world.bodies)
     shape = bodies[index].shapes[0]
     grown = dataclasses.replace(shape, size=(shape.size[0] + 1e-3, shape.size[1]))
@@ -174,8 +174,8 @@ def test_a_detector_that_takes_capsules_for_balls_is_caught(tmp_path):
 
 def test_what_cannot_be_touched_is_not_probed():
     world = world_of(["box"])
-    apart = dataclasses.replace(world.contact, pairs=(PairContact("rubber", "rubber", 0.0, 0.0, collide=False),))
-    assert size_trial(dataclasses.replace(world, contact=apart)) is None
+    separate = dataclasses.replace(world.contact, pairs=(PairContact("rubber", "rubber", 0.0, 0.0, collide=False),))
+    assert size_trial(dataclasses.replace(world, contact=separate)) is None
 
 
 def test_shapes_left_out_are_said(monkeypatch):

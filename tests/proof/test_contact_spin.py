@@ -47,8 +47,8 @@ def test_torsional_friction(engine, length, tmp_path):
 @pytest.mark.parametrize("timestep", [5e-4, 0.016, 0.02])
 def test_moments_are_measured_at_every_timestep(timestep):
     for length, measured in ((0.001, True), (0.02, True), (0.2, True), (0.21, False)):
-        one = dataclasses.replace(law(torsional_friction=length), timestep=timestep)
-        assert TORSIONAL.applies(one) is measured
+        entry = dataclasses.replace(law(torsional_friction=length), timestep=timestep)
+        assert TORSIONAL.applies(entry) is measured
 
 
 @pytest.mark.parametrize("engine", WITH_MOMENTS)

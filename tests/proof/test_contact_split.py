@@ -27,7 +27,7 @@ FLOOR = body("floor", kind="fixed")
 
 
 def names(parts):
-    return [[one.name for one in part.bodies] for part in parts]
+    return [[entry.name for entry in part.bodies] for part in parts]
 
 
 def test_free_bodies_go_apart_and_the_floor_with_each():
@@ -48,10 +48,10 @@ def test_what_is_joined_or_meets_stays_together():
 
 
 def test_motions_of_parts_are_joined_and_must_be_of_the_same_times():
-    one, other = (Motion(np.arange(3.0), {name: np.ones((3, 7))}, {name: np.ones((3, 6))}) for name in "ab")
-    assert set(joined([one, other]).pose) == {"a", "b"}
+    motion, other = (Motion(np.arange(3.0), {name: np.ones((3, 7))}, {name: np.ones((3, 6))}) for name in "ab")
+    assert set(joined([motion, other]).pose) == {"a", "b"}
     with pytest.raises(ValueError, match="different times"):
-        joined([one, dataclasses.replace(other, time=np.arange(3.0) + 1.0)])
+        joined([motion, dataclasses.replace(other, time=np.arange(3.0) + 1.0)])
 
 
 @pytest.mark.parametrize("probe", ["push-oblong", "oblique"])
@@ -59,8 +59,8 @@ def test_every_probe_keeps_all_its_bodies(probe):
     for trial in run.PROBES[probe].trials(law()):
         for most in (1, 3, 4):
             parts = split(trial, most)
-            held = [one.name for part in parts for one in part.bodies if one.name != "floor"]
-            assert sorted(held) == sorted(one.name for one in trial.bodies if one.name != "floor")
+            actual = [entry.name for part in parts for entry in part.bodies if entry.name != "floor"]
+            assert sorted(actual) == sorted(entry.name for entry in trial.bodies if entry.name != "floor")
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "drake"])
@@ -68,19 +68,19 @@ def test_figures_are_those_of_one_world(engine, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "PROBES", {name: run.PROBES[name] for name in ("push", "oblique")})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
     world = worlds.table({("a", "a"): 0.4})
-    held = {}
+    actual = {}
     for most in (None, 4):
         monkeypatch.setattr(find_engine(engine), "PROBED_TOGETHER", most)
         folder = tmp_path / f"{most}"
         write_folder(compile_world(world, [engine])[engine].files, folder)
         with run.measure(world, engine, folder, None, 120.0, False) as measuring:
-            held[most] = measuring.wait()[0]
-    assert len(held[None]) == len(held[4]) > 5
-    for one, other in zip(held[None], held[4], strict=True):
-        assert (one.probe, one.quantity, one.expected, one.tolerance) == (
+            actual[most] = measuring.wait()[0]
+    assert len(actual[None]) == len(actual[4]) > 5
+    for figure, other in zip(actual[None], actual[4], strict=True):
+        assert (figure.probe, figure.quantity, figure.expected, figure.tolerance) == (
             other.probe,
             other.quantity,
             other.expected,
             other.tolerance,
         )
-        assert one.measured == pytest.approx(other.measured, rel=1e-3, abs=1e-6)
+        assert figure.measured == pytest.approx(other.measured, rel=1e-3, abs=1e-6)

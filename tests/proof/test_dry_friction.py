@@ -247,8 +247,8 @@ def test_what_only_motion_shows_is_seen_beside_dry_friction(engine, defect, tmp_
     if any(check.name == "engine" for check in proof.checks):
         return  # refused by the engine's side when it was loaded
     assert found, [check for check in proof.checks if not check.passed]
-    rubs = defect in ("friction", "no friction", "soft friction", "friction switched off")
-    assert found <= {SLIDING_CHECK, REST_CHECK} if rubs else "motion" in found
+    has_friction = defect in ("friction", "no friction", "soft friction", "friction switched off")
+    assert found <= {SLIDING_CHECK, REST_CHECK} if has_friction else "motion" in found
 
 
 def test_joints_that_are_held_together_are_tried_within_the_limits_of_both():

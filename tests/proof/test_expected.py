@@ -8,7 +8,7 @@ import pytest
 
 from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import NOTHING, Check, Tally, failed
-from simspec.proof.expected import NOT_ASKED, judge, left_out, shortfalls
+from simspec.proof.expected import NOT_REQUESTED, judge, left_out, shortfalls
 from simspec.proof.verify import verify
 from simspec.world.actions import Controller
 from tests import worlds
@@ -54,9 +54,9 @@ def test_what_a_world_has_not_is_said_with_its_reason():
     driven = dataclasses.replace(ARM, controllers=(Controller("c", ("link1_joint",), "native"),))
     assert "own controllers" in left_out(driven)["L7"]
     assert left_out(worlds.gripper(), ["L1", "L5"]) == {
-        "L4 collision matrix": NOT_ASKED,
-        "L6": NOT_ASKED,
-        "L7": NOT_ASKED,
+        "L4 collision matrix": NOT_REQUESTED,
+        "L6": NOT_REQUESTED,
+        "L7": NOT_REQUESTED,
     }
 
 

@@ -101,9 +101,9 @@ def test_shapes_of_one_body_never_touch_each_other(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_materials_that_pass_are_judged_by_shape(engine):
     """Bodies of shapes [a, a] and [b, a]: of four pairs two touch."""
-    one = free("one", 0.0, box("x", "a"), box("y", "a", 0.3))
+    body = free("one", 0.0, box("x", "a"), box("y", "a", 0.3))
     two = free("two", 2.0, box("z", "b"), box("w", "a", 0.3))
-    found = verify(materials(engine, one, two, passing=True), [engine], levels=["L4"])
+    found = verify(materials(engine, body, two, passing=True), [engine], levels=["L4"])
     assert found.failures() == []
     assert matrix(found, engine).count == 4
     assert matrix(found, engine).detail.startswith("2 pairs of shapes touch, 2 do not")
@@ -113,9 +113,9 @@ def test_materials_that_pass_are_judged_by_shape(engine):
 def test_the_shapes_of_a_material_need_not_stand_side_by_side(engine):
     """Shapes c, a, c under laws that need copies: the own link holds both of c."""
     friction = {"aa": 0.1, "ac": 0.4, "cc": 0.4, "ab": 0.2, "bb": 0.2, "bc": 0.4}
-    one = free("one", 0.0, box("x", "c"), box("y", "a", 0.3), box("z", "c", 0.6))
+    body = free("one", 0.0, box("x", "c"), box("y", "a", 0.3), box("z", "c", 0.6))
     two = free("two", 2.0, box("w", "a"), box("v", "c", 0.3))
-    world = materials(engine, one, two)
+    world = materials(engine, body, two)
     pairs = tuple(dataclasses.replace(p, friction=friction[p.first + p.second]) for p in world.contact.pairs)
     contact = dataclasses.replace(world.contact, pairs=pairs)
     options = (EngineOptions(engine, accept=("contact.cone.elliptic", *worlds.FRICTION, "shape.box")),)

@@ -37,10 +37,10 @@ def test_the_bound_is_above_the_distance_and_taken_only_where_it_is_tolerated(na
     generator = np.random.default_rng(3)
     for off in (1e-12, 1e-7, 1e-4):
         moved = points + off * generator.uniform(-1.0, 1.0, points.shape)
-        wanted, held = mesh_size(points), mesh_size(moved[generator.permutation(len(moved))])
-        bound, exact = hull_distance(wanted, held, 1.0), hull_distance(wanted, held)
+        wanted, actual = mesh_size(points), mesh_size(moved[generator.permutation(len(moved))])
+        bound, exact = hull_distance(wanted, actual, 1.0), hull_distance(wanted, actual)
         assert 0.0 < exact <= bound <= 4.0 * off  # of an extent of 1 m at least: √3, and round-off
-        assert hull_distance(wanted, held, 0.99 * bound) == exact
+        assert hull_distance(wanted, actual, 0.99 * bound) == exact
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -51,9 +51,9 @@ def test_a_vertex_that_is_moved_or_lacks_is_found_whatever_is_tolerated_below_it
     without = np.delete(points, least, axis=0)
     beyond = points.copy()
     beyond[least] = points.mean(axis=0) + 1.01 * (points[least] - points.mean(axis=0))
-    for held in (without, beyond):
-        found = hull_distance(wanted, mesh_size(held), 1e-7)
-        assert found == hull_distance(wanted, mesh_size(held)) > 1e-7
+    for values in (without, beyond):
+        found = hull_distance(wanted, mesh_size(values), 1e-7)
+        assert found == hull_distance(wanted, mesh_size(values)) > 1e-7
 
 
 def test_points_within_a_hull_are_no_difference():

@@ -24,10 +24,10 @@ def test_it_is_equal_when_it_is_read_again(massless):
         bodies[index] = dataclasses.replace(bodies[index], inertial=Inertial(0.0))
     if massless == "a point mass":
         bodies[3] = dataclasses.replace(bodies[3], inertial=Inertial(0.5))
-    one = world(tuple(bodies))
-    certificate = verify(one, ["mujoco", "pybullet"])
+    entry = world(tuple(bodies))
+    certificate = verify(entry, ["mujoco", "pybullet"])
     assert certificate.valid
-    assert judge(Certificate.from_json(certificate.to_json()), one) == []
+    assert judge(Certificate.from_json(certificate.to_json()), entry) == []
     # and less than that is noticed: one more is of the base, which does not move
     proof = certificate.engines["mujoco"]
     for name in ("mass", "centre of mass", "inertia tensor"):
@@ -36,4 +36,4 @@ def test_it_is_equal_when_it_is_read_again(massless):
             for check in proof.checks
         ]
         changed = dataclasses.replace(certificate, engines={"mujoco": dataclasses.replace(proof, checks=tuple(fewer))})
-        assert f"L1 {name}" in str(judge(changed, one))
+        assert f"L1 {name}" in str(judge(changed, entry))

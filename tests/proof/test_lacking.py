@@ -32,8 +32,8 @@ def lacking(monkeypatch):
 
 
 def test_what_is_lacking_is_not_asked_for_and_stands_in_the_certificate(lacking):
-    asked = {operation.op: operation for operation in prepare(WORLD).operations(lacking)}
-    assert asked["dynamics"].parameters["quantities"] == ["bias_force"]
+    operations = {operation.op: operation for operation in prepare(WORLD).operations(lacking)}
+    assert operations["dynamics"].parameters["quantities"] == ["bias_force"]
     proof = verify(WORLD, [NAME]).engines[NAME]
     assert proof.valid
     assert proof.verdict == f"valid; not checked: L3 mass matrix ({WHY})"
@@ -55,8 +55,8 @@ def test_an_engine_that_declares_a_capability_and_gives_nothing_fails():
     oracle = Oracle(WORLD)
     q, v = random_states(WORLD, 1)
     bias = oracle.bias_force(q[0], v[0])[None]
-    still = oracle.bias_force(q[0], 0.0 * v[0])[None]
-    given = {"bias_force": bias, "gravity_force": still}
+    values = oracle.bias_force(q[0], 0.0 * v[0])[None]
+    given = {"bias_force": bias, "gravity_force": values}
     checks = dynamics_checks(WORLD, oracle, q, v, given)
     parts = not_checked_parts(WORLD, find_engine(NAME), left_out(WORLD))
     missing = shortfalls(WORLD, checks, {**left_out(WORLD), **parts})
@@ -69,6 +69,6 @@ def test_an_engine_that_declares_a_capability_and_gives_nothing_fails():
 def test_parts_of_other_capabilities(lacking, monkeypatch):
     monkeypatch.setattr(lacking, "LACKS", dict.fromkeys(Capability, WHY))
     assert set(unchecked(WORLD, lacking)) >= {("L6", "motion"), ("L4", "collision matrix"), ("L3", "bias force")}
-    assert {one.op for one in prepare(WORLD).operations(lacking)} == {"read_back", "kinematics"}
+    assert {operation.op for operation in prepare(WORLD).operations(lacking)} == {"read_back", "kinematics"}
     assert isinstance(prepare(WORLD).operations(lacking)[0], Operation)
     assert set(not_checked_parts(WORLD, lacking, left_out(WORLD))) >= {"L3", "L6"}

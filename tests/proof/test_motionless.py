@@ -45,11 +45,11 @@ def test_a_joint_that_constraints_hold_at_its_limit_is_named():
     world = constrained.closed_loop()
     assert motionless(world) == ""
     joint = world.bodies[1].joint
-    (own,) = joint.position
-    body = dataclasses.replace(world.bodies[1], joint=dataclasses.replace(joint, position_limits=(own, own + 1.0)))
-    held = dataclasses.replace(world, bodies=(world.bodies[0], body, *world.bodies[2:]))
-    assert f"constraints hold joint {joint.name!r} at" in motionless(held)
-    assert left_out(held)["L6"] == motionless(held)
+    (value,) = joint.position
+    body = dataclasses.replace(world.bodies[1], joint=dataclasses.replace(joint, position_limits=(value, value + 1.0)))
+    actual = dataclasses.replace(world, bodies=(world.bodies[0], body, *world.bodies[2:]))
+    assert f"constraints hold joint {joint.name!r} at" in motionless(actual)
+    assert left_out(actual)["L6"] == motionless(actual)
 
 
 @pytest.mark.parametrize(("limits", "word"), [((0.0, 0.5), "no position of joint"), ((-0.5, 0.5), "")])
@@ -57,9 +57,9 @@ def test_joints_that_turn_against_each_other_and_may_turn_one_way_only_are_named
     """As in a gripper whose fingers' joints all have one range: where two add up to zero, both are at its end."""
     base = constrained.follower()
     joints = [dataclasses.replace(body.joint, position_limits=limits, position=(0.0,)) for body in base.bodies[1:3]]
-    held = [dataclasses.replace(body, joint=joint) for body, joint in zip(base.bodies[1:3], joints, strict=True)]
+    bodies = [dataclasses.replace(body, joint=joint) for body, joint in zip(base.bodies[1:3], joints, strict=True)]
     follow = dataclasses.replace(base.constraints[0], offset=0.0)
-    world = dataclasses.replace(base, bodies=(base.bodies[0], *held, *base.bodies[3:]), constraints=(follow,))
+    world = dataclasses.replace(base, bodies=(base.bodies[0], *bodies, *base.bodies[3:]), constraints=(follow,))
     assert motionless(world)[: len("no position of joint")] == word
     if word:
         assert f"{joints[0].name!r}, {joints[1].name!r} away" in motionless(world)
@@ -69,8 +69,8 @@ def test_joints_that_turn_against_each_other_and_may_turn_one_way_only_are_named
 def test_a_joint_of_one_position_is_not_asked_to_move_and_the_certificate_says_so():
     base = worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 7))
     joint = base.bodies[1].joint
-    (own,) = joint.position
-    body = dataclasses.replace(base.bodies[1], joint=dataclasses.replace(joint, position_limits=(own, own)))
+    (value,) = joint.position
+    body = dataclasses.replace(base.bodies[1], joint=dataclasses.replace(joint, position_limits=(value, value)))
     world = dataclasses.replace(base, bodies=(base.bodies[0], body, *base.bodies[2:]))
     for engine in ENGINES:
         world = worlds.with_options(world, engine, accept=("joint.limits.position",))

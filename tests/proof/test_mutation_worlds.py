@@ -59,9 +59,9 @@ def fields_of(value: Any) -> Iterator[tuple[str, bool]]:
     """Each field of a value and of what is in it, and whether it is other than its default."""
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            held = getattr(value, field.name)
-            yield f"{type(value).__name__}.{field.name}", held != field.default
-            yield from fields_of(held)
+            actual = getattr(value, field.name)
+            yield f"{type(value).__name__}.{field.name}", actual != field.default
+            yield from fields_of(actual)
     elif isinstance(value, tuple):
         for part in value:
             yield from fields_of(part)

@@ -30,13 +30,13 @@ def test_planted_defects_are_seen(engine):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
     some = [defect for defect in DEFECTS if defect.name in SEEN_BY]
-    unchanged = [defect for defect in UNCHANGED if defect.law in {one.law for one in some}]
+    unchanged = [defect for defect in UNCHANGED if defect.law in {entry.law for entry in some}]
     tried = planted.tried(engine, planted.SETTINGS[engine][0], "elliptic", [*unchanged, *some], PROBES)
-    before = {one.job.key: one for one in tried if one.job.defect in unchanged}
-    assert [figure for one in before.values() for figure in one.figures if not figure.passed] == []
+    before = {entry.job.key: entry for entry in tried if entry.job.defect in unchanged}
+    assert [figure for entry in before.values() for figure in entry.figures if not figure.passed] == []
     for defect in some:
         found = planted.Result(engine, "", "", "elliptic", defect.name)
-        planted.judge(found, engine, [one for one in tried if one.job.defect is defect], before)
+        planted.judge(found, engine, [entry for entry in tried if entry.job.defect is defect], before)
         assert (found.verdict, set(found.seen)) == ("seen", SEEN_BY[defect.name])
 
 
@@ -47,13 +47,13 @@ def test_what_changes_nothing_is_not_seen(engine):
     settings, probes = planted.SETTINGS[engine][0], {"row": PROBES["row"]}
     first, again = (planted.tried(engine, settings, "elliptic", UNCHANGED[:1], probes) for _ in range(2))
     found = planted.Result(engine, "", "", "elliptic", "nothing")
-    planted.judge(found, engine, again, {one.job.key: one for one in first})
+    planted.judge(found, engine, again, {entry.job.key: entry for entry in first})
     assert (found.verdict, found.seen, found.blind) == ("inert", [], [])
 
 
 def row(verdict, **fields):
-    one = {"engine": "dart", "version": "1", "setting": "", "cone": "elliptic", "defect": "d", "date": "2026-01-01"}
-    return {**one, "verdict": verdict, "seen": [], "blind": [], "one_pair": [], "why": "", **fields}
+    entry = {"engine": "dart", "version": "1", "setting": "", "cone": "elliptic", "defect": "d", "date": "2026-01-01"}
+    return {**entry, "verdict": verdict, "seen": [], "blind": [], "one_pair": [], "why": "", **fields}
 
 
 def test_the_table_stands_between_its_marks_and_counts_what_nobody_sees():

@@ -33,7 +33,7 @@ def single(value):
         names = [field.name for field in dataclasses.fields(value)]
         return dataclasses.replace(value, **{name: single(getattr(value, name)) for name in names})
     if isinstance(value, tuple):
-        return tuple(single(one) for one in value)
+        return tuple(single(entry) for entry in value)
     return float(np.float32(value)) if isinstance(value, float) else value
 
 
@@ -113,15 +113,15 @@ def test_every_probe_of_motion_goes_by_the_numbers():
         dataclasses.replace(world, forces=(Force("link1", (1.0, 2.0, 3.0)),)), Oracle(world), OF_SINGLES
     )
     assert pushed.tolerance == max(2e-6, 10.0 * pushed.floor)
-    rubbing = worlds.world((bodies[0], rough))
+    friction = worlds.world((bodies[0], rough))
     (sliding,) = {
         trial.tolerance
-        for trial in dry_friction.plan_friction(rubbing, Oracle(rubbing), OF_SINGLES).trials
+        for trial in dry_friction.plan_friction(friction, Oracle(friction), OF_SINGLES).trials
         if trial.slides
     }
     assert 1e-5 <= sliding < 1e-2
     (sliding,) = {
-        trial.tolerance for trial in dry_friction.plan_friction(rubbing, Oracle(rubbing)).trials if trial.slides
+        trial.tolerance for trial in dry_friction.plan_friction(friction, Oracle(friction)).trials if trial.slides
     }
     assert sliding == dry_friction.SLIDE_TOLERANCE == OF_DOUBLES.sliding
 

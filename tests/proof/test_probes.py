@@ -81,11 +81,11 @@ def engine():
         "q": q.copy(),
         "v": v.copy(),
     }
-    still = np.zeros_like(v)
+    zeros_like = np.zeros_like(v)
     dynamics = {
         "mass": np.array([np.concatenate([part.ravel() for part in oracle.mass_blocks(row)]) for row in q]),
         "bias_force": np.array([oracle.bias_force(*row) for row in zip(q, v, strict=True)]),
-        "gravity_force": np.array([oracle.bias_force(*row) for row in zip(q, still, strict=True)]),
+        "gravity_force": np.array([oracle.bias_force(*row) for row in zip(q, zeros_like, strict=True)]),
     }
     return world, oracle, (q, v), kinematics, dynamics
 
@@ -136,8 +136,8 @@ def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine)
         return failed(kinematics_checks(world, oracle, *states, {**kinematics, **changes}, told=True))
 
     assert missed() == set()
-    (held,) = (c for c in kinematics_checks(world, oracle, *states, kinematics, told=True) if c.name == FRAME_CHECK)
-    assert held.count == 3
+    (check,) = (c for c in kinematics_checks(world, oracle, *states, kinematics, told=True) if c.name == FRAME_CHECK)
+    assert check.count == 3
     assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set(), "an engine that is told none"
     for column, name in ((1, FRAME_CHECK), (5, "frame, orientation")):
         off = kinematics["frame"].copy()
@@ -202,9 +202,9 @@ def test_each_tree_is_asked_for_its_own_block_of_the_mass_matrix():
     oracle = Oracle(world)
     q, v = random_states(world, 1)
     assert [block.tolist() for block in oracle.blocks] == [[0, 8], [1, 2, 3, 4, 5, 6], [7, 9]]
-    asked = dynamics_operation(oracle, q, v)
-    assert asked.parameters["sizes"] == [2, 6, 2]
-    assert asked.arrays["places"].tolist() == [0, 8, 1, 2, 3, 4, 5, 6, 7, 9]
+    operation = dynamics_operation(oracle, q, v)
+    assert operation.parameters["sizes"] == [2, 6, 2]
+    assert operation.arrays["places"].tolist() == [0, 8, 1, 2, 3, 4, 5, 6, 7, 9]
     whole = oracle.mass_matrix(q[0])
     for block, mass in zip(oracle.blocks, oracle.mass_blocks(q[0]), strict=True):
         np.testing.assert_array_equal(whole[np.ix_(block, block)], mass)
@@ -335,7 +335,7 @@ def test_a_range_of_a_hair_is_enough_and_too_few_steps_fail(monkeypatch):
 def test_motion_is_asked_without_dry_friction_and_says_so():
     world = worlds.limits_and_armature(dry_friction=0.2)
     _, plan = moved(world)
-    assert plan.rubbing.tolist() == [0, 1, 2]
+    assert plan.frictional.tolist() == [0, 1, 2]
     (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     assert "dry friction of 3 joints switched off" in check.detail

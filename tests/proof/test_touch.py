@@ -69,12 +69,12 @@ ITERATED = 2e-6
 @pytest.mark.parametrize(("kind", "size", "other", "other_size", "reach"), CLOSED_FORMS)
 @pytest.mark.parametrize("distance", [0.05, -0.02, -0.08])
 def test_signed_distances_are_those_of_closed_forms(kind, size, other, other_size, reach, distance):
-    one, two = solid(kind, size), solid(other, other_size, 1)
-    found = gap(one, at(), two, at(reach + distance))
+    entry, two = solid(kind, size), solid(other, other_size, 1)
+    found = gap(entry, at(), two, at(reach + distance))
     assert found.distance == pytest.approx(distance, abs=ITERATED)
     assert found.normal[0] == pytest.approx(1.0, abs=1e-3)
     assert found.normal @ (found.second - found.first) == pytest.approx(distance, abs=ITERATED)
-    back = gap(two, at(reach + distance), one, at())
+    back = gap(two, at(reach + distance), entry, at())
     assert back.distance == pytest.approx(distance, abs=ITERATED)
 
 
@@ -111,16 +111,16 @@ def support(kind: str, size: tuple[float, ...], normal: np.ndarray) -> float:
 )
 def test_in_any_pose_the_distance_is_the_gap_along_the_normal_and_no_direction_has_a_larger_one(kind, other):
     generator = np.random.default_rng(len(kind) * 31 + len(other))
-    one, two = solid(kind), solid(other, number=1)
+    entry, two = solid(kind), solid(other, number=1)
     for _ in range(20):
         pose = np.concatenate([generator.normal(size=3) * 0.12, generator.normal(size=4)])
         pose[3:] /= np.linalg.norm(pose[3:])
         (there,) = transforms(pose[None])
-        found = gap(one, at(), two, there)
+        found = gap(entry, at(), two, there)
 
         def separation(normal: np.ndarray, there=there) -> float:
-            own = support(kind, one.shape.size, normal)
-            return float(normal @ there[:3, 3]) - own - support(other, two.shape.size, there[:3, :3].T @ normal)
+            value = support(kind, entry.shape.size, normal)
+            return float(normal @ there[:3, 3]) - value - support(other, two.shape.size, there[:3, :3].T @ normal)
 
         assert separation(found.normal) == pytest.approx(found.distance, abs=1e-3)
         for _ in range(50):
@@ -134,9 +134,9 @@ def test_in_any_pose_the_distance_is_the_gap_along_the_normal_and_no_direction_h
 )
 @pytest.mark.parametrize("scale", [1.0, 20.0])
 def test_shapes_are_put_where_they_overlap_clearly(kind, other, scale):
-    one = solid(kind, tuple(scale * x for x in worlds.SIZES[kind]))
+    entry = solid(kind, tuple(scale * x for x in worlds.SIZES[kind]))
     two = solid(other, number=1)
-    base, guest = (one, two) if one.outer >= two.outer else (two, one)
+    base, guest = (entry, two) if entry.outer >= two.outer else (two, entry)
     overlaps = Overlaps(0.5)
     wanted, enough = wanted_depth(base, guest)
     places = min(overlaps.places(base), 30)
@@ -154,7 +154,7 @@ def test_shapes_are_put_where_they_overlap_clearly(kind, other, scale):
 def deepest(world: World, oracle: Oracle, q: np.ndarray, meetings: plan.Meetings) -> dict[tuple[int, int], float]:
     """How deep every two shapes of two bodies overlap in a state, in shares of what is wanted."""
     poses = transforms(oracle.body_poses(q))
-    place = [poses[one.body] @ one.pose for one in meetings.solids]
+    place = [poses[entry.body] @ entry.pose for entry in meetings.solids]
     return {
         (a.number, b.number): -gap(a, place[a.number], b, place[b.number]).distance / wanted_depth(a, b)[0]
         for a, b in itertools.combinations(meetings.solids, 2)
@@ -179,7 +179,7 @@ def test_free_spheres_all_meet_each_other_and_the_floor(count):
     meetings = plan.plan(world, oracle)
     assert check_states(world, oracle, meetings) == set(itertools.combinations(range(count + 1), 2))
     assert meetings.pairs == math.comb(count + 1, 2)
-    assert not meetings.apart
+    assert not meetings.separate
     assert meetings.untried == meetings.rigid == 0
     assert max(deepest(world, oracle, meetings.q[0], meetings).values()) < 0.0, "as built nothing overlaps"
 
@@ -231,12 +231,12 @@ def test_joints_are_searched_until_shapes_meet_or_cannot():
     oracle = Oracle(world)
     meetings = plan.plan(world, oracle)
     assert (np.abs(meetings.q) <= 3.0).all(), "inside the limits"
-    names = [one.name.removesuffix("_0") for one in meetings.solids]
+    names = [entry.name.removesuffix("_0") for entry in meetings.solids]
     met = {frozenset((names[i], names[j])) for i, j in check_states(world, oracle, meetings)}
     reachable = [("near", "lower"), ("near", "tip"), ("upper", "lower")]
     assert met == {frozenset(pair) for pair in reachable}
     # upper and near: 0.5 m from the axis, not 1.3; upper and tip: 0.5 m apart at least; upper, lower and tip with far
-    assert len(meetings.apart) == 5
+    assert len(meetings.separate) == 5
     groups = rigid_groups(world)
     assert groups["lower"] == groups["tip"]
     assert meetings.rigid == 2, "lower with tip, near with far"
@@ -272,10 +272,10 @@ def test_what_is_said_to_stay_apart_stays_apart_in_a_thousand_random_states(seed
     oracle = Oracle(world)
     meetings = plan.plan(world, oracle)
     tried = check_states(world, oracle, meetings)
-    assert len(tried) + len(meetings.apart) + meetings.rigid == meetings.pairs
+    assert len(tried) + len(meetings.separate) + meetings.rigid == meetings.pairs
     for q in random_states(world, 300, seed=7)[0]:
         depth = deepest(world, oracle, q, meetings)
-        for pair in meetings.apart:
+        for pair in meetings.separate:
             assert depth[pair] < 0.4, [meetings.solids[number].name for number in pair]
 
 
@@ -299,7 +299,7 @@ def test_the_search_is_bounded_too(monkeypatch):
     monkeypatch.setattr(mechanisms, "LOOKS", 1)
     meetings = plan.plan(arm_of_spheres(), Oracle(arm_of_spheres()))
     assert meetings.untried > 0
-    assert len({(i, j) for _, i, j, _ in meetings.tried.tolist()}) + meetings.untried + len(meetings.apart) == 8
+    assert len({(i, j) for _, i, j, _ in meetings.tried.tolist()}) + meetings.untried + len(meetings.separate) == 8
 
 
 # --- what an engine reports ---------------------------------------------------------------------------------------
@@ -307,7 +307,7 @@ def test_the_search_is_bounded_too(monkeypatch):
 
 def perfect(meetings: plan.Meetings, world: World | None = None) -> tuple[list, np.ndarray]:
     """What an engine would report that tells all shapes apart and filters rightly (None: filters nothing)."""
-    units = [(one.body, (one.name,)) for one in meetings.solids]
+    units = [(entry.body, (entry.name,)) for entry in meetings.solids]
     wrong = set() if world is None else forbidden(world, meetings)
     rows = [(state, i, j) for state, i, j, _ in meetings.tried.tolist() if (i, j) not in wrong]
     return units, np.array(rows, dtype=np.int64).reshape(-1, 3)
@@ -315,7 +315,7 @@ def perfect(meetings: plan.Meetings, world: World | None = None) -> tuple[list, 
 
 def forbidden(world: World, meetings: plan.Meetings) -> set[tuple[int, int]]:
     """The tried pairs of the gripper that must not touch: the fingers, and the palm with all."""
-    names = [one.name for one in meetings.solids]
+    names = [entry.name for entry in meetings.solids]
     return {
         (i, j)
         for _, i, j, _ in meetings.tried.tolist()
@@ -352,8 +352,8 @@ def test_a_contact_that_is_missing_is_noticed(gripper):
 def test_copies_of_two_shapes_meet_once(gripper):
     """A second pair of copies of the same two shapes would add the forces of its own law."""
     world, meetings, units, touching = gripper
-    state, one, other = touching[0].tolist()
-    copies = [*units, units[one], units[other]]
+    state, entry, other = touching[0].tolist()
+    copies = [*units, units[entry], units[other]]
     second = [state, len(units), len(units) + 1]
     (check,) = touch_checks(world, meetings, copies, np.array([second, *touching[1:].tolist()]))
     assert check.passed
@@ -373,8 +373,8 @@ def test_a_contact_that_should_be_filtered_is_noticed(gripper):
 
 def test_what_is_of_no_shape_of_the_world_must_not_touch(gripper):
     world, meetings, units, touching = gripper
-    for stranger in ((-1, ("x",)), (0, ("x",)), (0, ())):
-        (check,) = touch_checks(world, meetings, [*units, stranger], np.vstack([touching, (0, 3, len(units))]))
+    for unknown in ((-1, ("x",)), (0, ("x",)), (0, ())):
+        (check,) = touch_checks(world, meetings, [*units, unknown], np.vstack([touching, (0, 3, len(units))]))
         assert not check.passed
 
 
@@ -388,7 +388,9 @@ def test_a_forbidden_contact_counts_wherever_it_shows():
         [row for row in touching.tolist() if {"upper_0", "lower_0"} != {meetings.solids[k].name for k in row[1:]}]
     )
     assert touch_checks(world, meetings, units, allowed)[0].passed
-    lower, tip = (next(one.number for one in meetings.solids if one.name == name) for name in ("lower_0", "tip_0"))
+    lower, tip = (
+        next(entry.number for entry in meetings.solids if entry.name == name) for name in ("lower_0", "tip_0")
+    )
     (check,) = touch_checks(world, meetings, units, np.vstack([allowed, (0, lower, tip)]))
     assert not check.passed
     assert check.where == "shapes lower_0, tip_0"
@@ -444,14 +446,14 @@ def test_what_an_engine_is_known_to_overlook_is_told_while_it_is_rare():
     world = random_mechanism(0)
     meetings = plan.plan(world, Oracle(world))
     rules = CollisionFilter(world)
-    owner = [world.bodies[one.body].name for one in meetings.solids]
+    owner = [world.bodies[entry.body].name for entry in meetings.solids]
     units, touching = perfect(meetings)
     touching = np.array([row for row in touching.tolist() if rules.may_touch(owner[row[1]], owner[row[2]])])
     (check,) = touch_checks(world, meetings, units, touching)
     assert check.passed
     kinds = [sorted_pair(*(meetings.solids[number].shape.kind for number in row[1:])) for row in touching.tolist()]
     met = {
-        kind: {tuple(row[1:]) for row, own in zip(touching.tolist(), kinds, strict=True) if own == kind}
+        kind: {tuple(row[1:]) for row, local in zip(touching.tolist(), kinds, strict=True) if local == kind}
         for kind in kinds
     }
     common, pairs = max(met.items(), key=lambda item: len(item[1]))

@@ -135,12 +135,12 @@ def test_every_defect_is_planted_in_mujoco_and_every_second_one_in_another_engin
 
 
 def test_a_sound_world_is_proven_once_at_each_level_that_it_is_asked_about():
-    world, asked, valid = worlds.every_joint(), [], [True, True, False]
+    world, requested, valid = worlds.every_joint(), [], [True, True, False]
 
     def prove(of, engines, *, compiled, levels):
-        asked.append(levels)
+        requested.append(levels)
         return SimpleNamespace(
-            valid=valid[len(asked) - 1],
+            valid=valid[len(requested) - 1],
             failures=lambda: [("mujoco", Check("L6", "motion", 1, 0.0, 1.0, "", "it moves"))],
         )
 
@@ -148,7 +148,7 @@ def test_a_sound_world_is_proven_once_at_each_level_that_it_is_asked_about():
     sound.probes(("L0", "L1"))
     assert sound.probes(("L0", "L1")) is sound.probes(("L0", "L1"))
     sound.probes(("L0", "L1", "L3"))
-    assert asked == [("L0", "L1"), ("L3",)]
+    assert requested == [("L0", "L1"), ("L3",)]
     with pytest.raises(AssertionError, match="the sound world 'any' fails L6 motion: it moves"):
         sound.probes(("L1", "L6"))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from simspec.dynamics.oracle_tree import Tree
-from simspec.proof.selftest_worlds import held
+from simspec.proof.selftest_worlds import constrained
 from simspec.world.constraints import ROWS, Violation, impulse
 from simspec.world.kinematics import initial_state
 
 
 def test_the_jacobian_is_the_derivative_of_the_violation():
-    world = held("")
+    world = constrained("")
     tree = Tree(world, constrained=True)
     violation = Violation(world.bodies, world.constraints)
     q, _ = initial_state(world)
@@ -37,7 +37,7 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
     is left out by beginning at rest."""
     import pinocchio
 
-    world = held("")
+    world = constrained("")
     tree = Tree(world, constrained=True)
     q, v = initial_state(world)
     v = np.zeros_like(v)

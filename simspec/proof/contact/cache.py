@@ -1,7 +1,8 @@
 """Figures measured before, so that a proof of the same contact costs nothing the second time.
 
-Whoever can write the user's files can write an entry, with a hash that fits. So a folder that other users could have written is
-not used, and of each proof one entry, chosen at random, is measured again and compared; figures say that they come from here.
+Any program that can write the user's files can write an entry with a valid hash. So a folder that other users could have
+written is not used, and of each proof one entry, chosen at random, is measured again and compared; figures say that they come
+from here.
 
 The key of an entry is the hash of everything that could change it: the probe world's compiled files (materials, numbers,
 cone, hardness, timestep, solver settings), how they are driven, simspec's own code that takes part and the engine module's,
@@ -34,7 +35,7 @@ from simspec.proof.contact.probe import Figure
 from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 
-APART = (
+EXCLUDED = (
     "cli.py",
     "__main__.py",
     "report",
@@ -61,12 +62,12 @@ ENTRIES = Entries("contact", head=b'{"simspec_cache": ', largest=16 * 2**20, bou
 def code_digest() -> str:
     """The hash of simspec's own code that takes part in measuring."""
     package = Path(__file__).resolve().parents[2]
-    files = sorted(path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in APART)
+    files = sorted(path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in EXCLUDED)
     return _digest(files, package)
 
 
 def engine_digest(engine: type[Engine]) -> str:
-    """The hash of the code of an engine's module and of those beside it, which may be another package's."""
+    """The hash of the code of an engine's module and of those next to it, which may be another package's."""
     return _folder_digest(Path(inspect.getfile(engine)).resolve().parent)
 
 
@@ -85,7 +86,7 @@ def _digest(files: Sequence[Path], root: Path) -> str:
 
 @functools.cache
 def environment() -> dict[str, Any]:
-    """What else decides the last digits: versions, and the processor, whose instructions libraries choose by."""
+    """Other causes of different last digits: versions, and the processor, whose instructions libraries choose by."""
     return {
         "simspec": own_version(),
         "numpy": version("numpy"),

@@ -57,7 +57,7 @@ PUSHED = 0.06
 SPEED_OFF = 1.0
 """m/s at most while pushed: under an associated friction law, sliders hop at higher speed."""
 PUSH_TOLERANCE = 0.01
-"""Of μ: what is promised at 1 ms; solvers of finite accuracy stay below."""
+"""Of μ: the promise at 1 ms; solvers of finite accuracy stay below."""
 UNBRAKED = 0.1
 """Push over the weight where there is no friction."""
 NO_FRICTION = 1e-6
@@ -66,16 +66,16 @@ NO_FRICTION = 1e-6
 SLIDE_STEPS = 250
 """Steps in which a slide ends; with a speed of SLIDE_STEPS μ g dt, up to SLIDE_SPEED."""
 SLIDE_SPEED = 1.0
-"""m/s: what slides faster is measured over the same number of steps, which it does not come to rest in."""
+"""m/s: a faster slide is measured over the same number of steps, which it does not come to rest in."""
 STOP_TOLERANCE = 0.015
-"""Of the distance: what is promised at 1 ms. One step more or less is 1/250 of the time and 1/62500 of the distance."""
+"""Of the distance: the promise at 1 ms. One step more or less is 1/250 of the time and 1/62500 of the distance."""
 
 CARRIED = 30.0
 """Degrees from the x axis of the floor in which its surface moves."""
 
-HELD = 0.8
+STICK_PUSH = 0.8
 """Push over the limit, along each direction's own boundary of the cone."""
-HELD_STEPS = 300
+STICK_STEPS = 300
 CREEP = 1e-4
 """m/s at 80 % of the limit: a body that rests creeps less than a hair's width in a second; solvers that are not run to
 the end reach 1e-3."""
@@ -235,19 +235,19 @@ class Stick(_Sliders):
         """0.8 of the force (2,), in N, that the cone holds in a direction."""
         along = direction(degrees)
         reach = 1.0 if law.friction_cone == "elliptic" else 1.0 / cone_norm(along, law.friction_cone)
-        force: np.ndarray = HELD * reach * law.pair.friction * WEIGHT * along
+        force: np.ndarray = STICK_PUSH * reach * law.pair.friction * WEIGHT * along
         return force
 
     def at(self, law: Law, angle: float) -> Figure:
         """``without``: the mean speed of the steps that count, if nothing held."""
         push = float(np.linalg.norm(self._force(law, math.degrees(angle)))) / MASS
-        without = push * law.timestep * (HELD_STEPS - HELD_STEPS // 3 / 2.0)
+        without = push * law.timestep * (STICK_STEPS - STICK_STEPS // 3 / 2.0)
         case = f"{len(DIRECTIONS)} directions"
         return self.figure(law, case, "creep", "m/s", 0.0, CREEP, angle=angle, without=without)
 
     def trials(self, law: Law) -> Sequence[Trial]:
         forces = {degrees: self._force(law, degrees) for degrees in DIRECTIONS}
-        return self.pushed(law, forces, HELD_STEPS, HELD_STEPS // 3)
+        return self.pushed(law, forces, STICK_STEPS, STICK_STEPS // 3)
 
     def vectors(self, law: Law, motion: Motion) -> Vectors:
         time = motion.time[-1] - motion.time[-2]

@@ -6,7 +6,8 @@ All contact points are those of balls, which every engine finds exactly.
 
 rod    Two balls on a light rod, one on the floor, one at a wall of the same material, at an angle θ. With N₂ = μ N₁ and
        N₁ + μ N₂ = m g the moment about the centre vanishes at the least friction that holds the rod.
-clamp  Two balls of one body at opposite faces of a post, a height h apart, the centre of mass at a distance d, under a moment
+clamp  Two balls of one body at opposite faces of a post, at a height h from each other, the centre of mass at a distance d,
+under a moment
        T. Without slip N h = m g d + T; where it slips N (h − 2 μ d) = T, so that friction multiplies the frictionless force
        T/h. It holds from T = m g (h / 2 μ − d) on.
 jam    A clamp with a gain 2 μ d / h above 1: N (h − 2 μ d) = T has no solution for a moment T > 0, so that it stands under
@@ -34,11 +35,11 @@ from simspec.world.types import Body
 
 STANDS, SLIPS = (1.1, 1.7), (0.6, 0.9)
 """Friction over the least friction that holds: near the threshold and well away from it, to both sides."""
-HELD_WAY = 2e-4
+STANDING_WAY = 2e-4
 """m: twice the depth that rigid contact may have at rest (``impact.REST_DEPTH``), since a body settles on two contacts."""
-HELD_SPEED = 1e-4
+STANDING_SPEED = 1e-4
 """m/s: the creep below the limit of friction that sliders may have (``friction.CREEP``)."""
-HELD_TIME, HELD_STEPS = 0.3, 40
+STANDING_TIME, STANDING_STEPS = 0.3, 40
 """The longer of the two (s, steps). A rod at 0.9 of the threshold moves by centimetres in this time."""
 SLIPPED, SLIPPED_SHARE = 0.1, 0.4
 """The lesser of the two (m, share of the way that the equation of motion holds for): how far a body slips before it is
@@ -46,7 +47,7 @@ measured. Far over the settling of any contact, and short of a change of regime.
 SLIP_TIME = 1.0
 """s: in which the slowest slip is measured at the latest."""
 SLIP_TOLERANCE = 0.03
-"""Of the way, at least: what is promised at 1 ms. Near the threshold it is what ``friction.PUSH_TOLERANCE`` of friction changes
+"""Of the way, at least: the promise at 1 ms. Near the threshold it is what ``friction.PUSH_TOLERANCE`` of friction changes
 (a tenth of the way of a pile at 0.9 of the threshold)."""
 TURNS = {"elliptic": (0.0, 35.0), "pyramid-inscribed": (0.0, 90.0), "pyramid-circumscribed": (0.0, 90.0)}
 """Directions (degrees) of the plane of motion, by cone: along a pyramid's axes the law is the same in all engines."""
@@ -85,7 +86,7 @@ class Case:
 
 
 class _Leaning(Probe):
-    """What the three have in common: cases that stand are held to rest, cases that slip to their equation of motion."""
+    """The common part of the three: cases that stand are held to rest, cases that slip to their equation of motion."""
 
     def applies(self, law: Law) -> bool:
         """Rolling friction is a moment that the closed forms have no place for."""
@@ -131,7 +132,7 @@ class _Leaning(Probe):
 
     def steps(self, law: Law) -> int:
         """Long enough for the slowest slip to be ``SLIPPED``, and for what stands to be seen standing."""
-        least = law.steps(HELD_TIME, HELD_STEPS)
+        least = law.steps(STANDING_TIME, STANDING_STEPS)
         slipping = [case for case in self.cases(law) if not case.stands and case.turn == 0.0]
         return max([least, *(self._until(law, case) for case in slipping)])
 
@@ -155,7 +156,7 @@ class _Leaning(Probe):
         if standing:
             steps = self.steps(law)
             falls = max(float(self.slip(law, case, steps, 0.0)[-1]) for case in standing)
-            figures.append(self.figure(law, "stands", "way", "m", 0.0, held_way(law, steps), without=falls))
+            figures.append(self.figure(law, "stands", "way", "m", 0.0, standing_way(law, steps), without=falls))
         for ratio, case in sorted(cases.items()):
             if case.stands:
                 continue
@@ -165,7 +166,7 @@ class _Leaning(Probe):
                 for share in (1.0 - PUSH_TOLERANCE, 1.0, 1.0 + PUSH_TOLERANCE, 0.0)
             )
             tolerance = max(SLIP_TOLERANCE * expected, abs(high - low) / 2.0)
-            # named apart: a declared deviation of a body that slips does not count for one that stands
+            # a name of its own: a declared deviation of a body that slips does not count for one that stands
             named = {"probe": f"{self.NAME}-slips", "without": falls}
             figures.append(self.figure(law, _text(ratio), "way", "m", expected, tolerance, **named))
         return figures
@@ -190,9 +191,9 @@ def _text(ratio: float) -> str:
     return f"at {ratio:g} × the least friction"
 
 
-def held_way(law: Law, steps: int) -> float:
+def standing_way(law: Law, steps: int) -> float:
     """m: how far a body that must stand may move in so many steps."""
-    return HELD_WAY + HELD_SPEED * steps * law.timestep
+    return STANDING_WAY + STANDING_SPEED * steps * law.timestep
 
 
 def _stepped(

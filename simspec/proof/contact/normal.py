@@ -24,7 +24,7 @@ THRESHOLD = "threshold"
 STEP_PHASES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of a step after which the ball reaches the floor: an engine that looks once a step finds it as deep as that."""
 RESTITUTION_TOLERANCE = 0.05
-"""What is promised of the ratio at 1 ms. It is also what taking back the overlap can add (at most β = 0.01, since the
+"""The promise for the ratio at 1 ms. It is also what taking back the overlap can add (at most β = 0.01, since the
 overlap is at most one step's way) and what a step's gravity can (g dt / v = 0.01), several times over."""
 STEPS_AFTER = 12
 """Steps from the one that arrives on: a rigid contact is over after one."""
@@ -39,7 +39,7 @@ OVERLAPS = (1e-5, 5e-5)
 to 1 mm/s) to have the law. Below ``OVERLAPS_FROM`` (s) they are less, in proportion to the timestep, for the same speeds."""
 OVERLAPS_FROM = 5e-4
 OVERLAP_SHARE = 0.02
-"""Of the expected speed: what a solver of finite accuracy may miss, ten times what any core engine does."""
+"""Of the expected speed: the part that a solver of finite accuracy may miss, ten times what any core engine does."""
 OVERLAP_GRAVITY = 2e-3
 """Of one step's gravity: soft contacts reach 0.999 of the reference, and gravity is part of what they stop."""
 

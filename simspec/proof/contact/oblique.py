@@ -1,7 +1,7 @@
 """Contact probes of oblique impacts: friction in the one step in which a body hits another (see ``proof/contact/probe.py``).
 
 Balls and flat boxes land on a floor with a speed along it, and balls of unequal mass hit each other off-centre, all without
-spin. What an impact takes away of the speed along the surface follows from Coulomb's law for impulses (Routh 1905, Dynamics of
+spin. The loss of speed along the surface in an impact follows from Coulomb's law for impulses (Routh 1905, Dynamics of
 a System of Rigid Bodies, ch. IV; Brach 1991, Mechanical Impact Dynamics, ch. 6). With the normal impulse m (1 + e) v, m the
 reduced mass and v the speed of approach, friction stops the slip u if it can, and opposes it by μ times the normal impulse if
 it cannot:
@@ -48,10 +48,11 @@ ABOVE_THRESHOLD = 2.0
 REGIMES = {"slips": 1.6, "grips": 0.6}
 """Friction that would stop the slip, over what there is: clearly above one and below."""
 TOLERANCE = 0.04
-"""Of the change of speed: what is promised at 1 ms. The lever of a contact amid an overlap of up to one step's way is up to 1 %
+"""Of the change of speed: the promise at 1 ms. The lever of a contact amid an overlap of up to one step's way is up to 1 %
 short, taking back the overlap adds up to 1 % to the normal impulse, and e may be 0.03 off (see ``impact``)."""
 ARRIVAL = 0.02
-"""By what share the expected change may differ from that of a planned arrival, beside gravity's part (see ``slack``)."""
+"""By what share the expected change may differ from that of a planned arrival, in addition to gravity's part (see
+``slack``)."""
 SHARE = {"box": 1.0, "ball": 2.0 / 7.0}
 """s: the share of the slip that friction must take from the bodies' velocity to stop it."""
 SOLID = 2.5
@@ -82,7 +83,7 @@ THICK_WAYS = 4.0
 STEPS_AFTER = 8
 """Steps from the one that arrives on."""
 SPACING = 6.0
-"""Radii between bodies, beside the ways that they go: those of a world do not meet but as they are meant to."""
+"""Radii between bodies, in addition to the ways that they go: those of a world do not meet but as they are meant to."""
 STRIKER, STRUCK = "striker", "struck"
 """Collision groups of the balls that hit each other."""
 
@@ -101,8 +102,8 @@ class _Case:
 
 @dataclass(frozen=True)
 class _Hit:
-    """What a case shows: vectors along the surface (2,), in m/s, as the law has them and as measured (``spin``: of balls), and
-    the ratio of separation to approach."""
+    """The readings of a case: vectors along the surface (2,), in m/s, as the law has them and as measured (``spin``: of balls),
+    and the ratio of separation to approach."""
 
     expected: np.ndarray
     velocity: np.ndarray
@@ -183,7 +184,7 @@ class Oblique(Probe):
         return max(RADIUS, WAYS * speed * law.timestep)
 
     def _ways(self, law: Law) -> float:
-        """How far (m) two bodies that go apart can go in a trial."""
+        """How far (m) two separating bodies can go in a trial."""
         return 2.0 * FASTEST * law.timestep * (STEPS_BEFORE + STEPS_AFTER)
 
     def _meeting(self, law: Law, case: _Case, index: int) -> Iterator[Body]:

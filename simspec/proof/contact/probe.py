@@ -38,7 +38,7 @@ NO_BELT = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """What is to be measured: the law of two materials, the cone it is under, and the timestep (s) of the scenario."""
+    """The law to be measured: that of two materials, the cone it is under, and the timestep (s) of the scenario."""
 
     pair: PairContact
     friction_cone: str
@@ -48,7 +48,7 @@ class Law:
     belt_written: Vector3 | None = field(default=None, metadata=LEFT_OUT)
     """The same as the files have it; None: as it is."""
     reach: Reach = field(default=Reach(), metadata=LEFT_OUT)
-    """What bodies of the two materials can do together in the scenario."""
+    """The kinds of contact that bodies of the two materials can have in the scenario."""
 
     @property
     def subject(self) -> str:
@@ -79,7 +79,7 @@ class Phase:
 class Trial:
     """One probe world: its bodies in their initial state, and how they are driven.
 
-    What moves meets the floor alone, but for bodies of the collision groups of ``meets``: those meet each other alone.
+    Moving bodies meet the floor alone, but for bodies of the collision groups of ``meets``: those meet each other alone.
     """
 
     bodies: tuple[Body, ...]
@@ -89,7 +89,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Motion:
-    """What came back of a trial, by body: states at the times (n,), in s, the initial state first.
+    """The motion of a trial, by body: states at the times (n,), in s, the initial state first.
 
     ``pose`` (n, 7) x y z w x y z of the body frame; ``velocity`` (n, 6) linear of the body frame's origin, then angular,
     both in world axes.
@@ -106,7 +106,7 @@ class Figure:
 
     probe      name of the probe (``push``, ``stop``, ``stick``, ``restitution``, ...)
     subject    what was probed: two materials ("rubber, steel"), or a shape
-    case       what was asked, the same in every engine ("24 directions")
+    case       the case of the probe, the same in every engine ("24 directions")
     quantity   what the numbers are ("friction", "distance", "ratio", "depth", ...)
     unit       their unit, "" for ratios
     expected   the analytic value
@@ -161,7 +161,7 @@ class Figure:
 
     @property
     def label(self) -> str:
-        """Case, worst part and note in words: for texts, which nobody reads back."""
+        """Case, worst part and note in words: for texts, which are not read back."""
         return "; ".join(filter(None, (self.case + (f", worst at {self.worst}" if self.worst else ""), self.note)))
 
     @property
@@ -183,7 +183,7 @@ class Probe:
         return ()
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
-        """What a measured ``figure`` must be held against; None where the law has no such figure."""
+        """The reference of a measured ``figure``; None where the law has no such figure."""
         named = (figure.probe, figure.case, figure.quantity)
         return next((each for each in wanted(self, law) if (each.probe, each.case, each.quantity) == named), None)
 

@@ -1,6 +1,6 @@
 """Proof level L5: every contact probe, on every pair of materials of a scenario that can meet, in one engine.
 
-All probe worlds of an engine run one after the other in one process; what was measured before is taken from the cache.
+All probe worlds of an engine run one after the other in one process; figures that were measured before come from the cache.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from simspec.proof.contact.worlds import (
     FileLaw,
     belts,
     drive_of,
-    held,
     joined,
+    law_of_files,
     motion_of,
     of_pair,
     split,
@@ -95,7 +95,7 @@ class _Job:
     """Figures in the cache of a job that is measured all the same, to verify the cache."""
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
-        """What the scenario sets in the engine for the pair."""
+        """The scenario's settings of the engine for the pair."""
         if not self.worlds or self.law is None:
             return {}
         options = self.worlds[0][0].options(engine.NAME)
@@ -126,7 +126,7 @@ class Measuring:
     def wait(self, doing: Callable[[str], None] | None = None) -> tuple[list[Figure], list[str]]:
         """The figures, and the cache's complaints; ``doing`` as of :meth:`Running.wait`.
 
-        What makes the engine fail is a figure without a number."""
+        A job at which the engine fails is a figure without a number."""
         answers = self._answers(doing)
         figures: list[Figure] = []
         complaints = [self.refused] if self.refused else []
@@ -175,7 +175,7 @@ class Measuring:
 
 
 def laws(world: World) -> list[Law]:
-    """What is to be measured of ``world``: the laws of all pairs of materials that can meet."""
+    """The laws to be measured of ``world``: those of all pairs of materials that can meet."""
     moving = belts(world)
     return [
         Law(
@@ -208,7 +208,7 @@ def measure(
     engine = find_engine(engine_name)
     refused = (cache.ENTRIES.refused() or "") if use_cache else ""
     use_cache = use_cache and python is None and not refused  # another interpreter's version is known only afterwards
-    whole = held(world, engine, folder, read)
+    whole = law_of_files(world, engine, folder, read)
     jobs = [
         _job(engine, whole, law, probe, use_cache, python)
         for law in laws(world)
@@ -254,7 +254,7 @@ def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache
         for world, part in zip(worlds[-1], parts, strict=True):
             compiled.append(_compiled(engine, world, of_two.plan, python))
             operations.append(drive_of(world, part))
-    # what else the world can do decides which probes there are, and is in their trials
+    # the other abilities of the world decide which probes there are, and is in their trials
     described = (to_plain(dataclasses.replace(law, reach=Reach())), probe.NAME)
     key, known = _cached(engine, compiled, operations, *described) if use_cache else ("", None)
     return _Job(key, law, probe, tuple(compiled), tuple(operations), tuple(worlds), known=known)
@@ -300,7 +300,7 @@ def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequ
 
 
 def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
-    """The jobs, of which one that the cache knows is measured all the same: nobody can say beforehand which."""
+    """The jobs, of which one that the cache knows is measured all the same, chosen at random."""
     known = [number for number, job in enumerate(jobs) if job.known is not None]
     found = list(jobs)
     if known:

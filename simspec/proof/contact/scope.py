@@ -1,4 +1,4 @@
-"""What the contact figures of a proof rest on: kinds of contact that were measured, declared deviations, and absent effects."""
+"""The basis of the contact figures of a proof: kinds of contact that were measured, declared deviations, and absent effects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simspec.world.contact_pairs import meeting_laws
 from simspec.world.reach import Reach, reach
 from simspec.world.types import World
 
-# What the contact figures of a proof rest on: how many pass by a declared deviation alone, how wide these are, and which
+# The basis of the contact figures of a proof: how many pass by a declared deviation alone, how wide these are, and which
 # effects are absent.
 #
 # A deviation says how far an engine is known to be off in a probe (``Engine.CONTACT_DEVIATIONS``). Where it is so wide that an
@@ -122,7 +122,7 @@ class Declared:
 
 
 def declared(figures: Sequence[Figure]) -> Declared:
-    """What the contact figures of one engine rest on."""
+    """The basis of the contact figures of one engine."""
     by = [figure for figure in figures if figure.declared]
     widest = max(by, key=lambda figure: figure.width, default=None)
     absent = tuple(dict.fromkeys(figure.probe for figure in by if figure.absent))
@@ -138,8 +138,8 @@ def width_text(figure: Figure) -> str:
     return f"{text} %" if figure.expected else f"{text} times its tolerance"
 
 
-# Which kinds of contact the probes of level L5 measured for a world, and which not, with the reason: what a verdict must
-# say, since a law that is right between two bodies says little of a stack.
+# Which kinds of contact the probes of level L5 measured for a world, and which not, with the reason: a verdict must
+# name them, since a law that is right between two bodies says little of a stack.
 #
 # A kind is a group of probes. A world either has such contact, or does not for a reason that follows from the world alone; so
 # a stored certificate is judged by the same function.
@@ -252,7 +252,7 @@ def _state(kind: Kind, world: World, there: set[str]) -> str:
 
 
 def unmeasured(states: Mapping[str, str]) -> dict[str, str]:
-    """The kinds that the world has and nobody measured, with the reason."""
+    """The kinds that the world has and that were not measured, with the reason."""
     return {
         name: state.removeprefix("not measured: ")
         for name, state in states.items()

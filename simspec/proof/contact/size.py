@@ -1,6 +1,6 @@
 """True sizes of a scenario's shapes, by touch: a small ball is held just off each surface, and just into it.
 
-What an engine says about a size is one thing (level L4 compares it), what its collision detection does another: shapes
+The size that an engine reports (compared at level L4) may differ from that of its collision detection: shapes
 have been seen to grow by a millimetre of margin, and a capsule to be taken for a ball.
 """
 
@@ -36,7 +36,7 @@ TILT = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.7)
 """Orientation of the shapes: along no axis, where detection is easiest to get right."""
 THICKER = "the engine feels a shape so thin or fine off its surface, by as much as it declares"
 PART, FIXED_PART = "part", "fixed part"
-"""What is welded to a free body, and to a fixed one."""
+"""Roles of bodies that are welded to a free body, and to a fixed one."""
 SHAPES, BALLS = "shapes", "balls"
 """Collision groups: only a ball meets a shape."""
 
@@ -158,8 +158,8 @@ MOST_TRIANGLES = 12
 
 
 def _heightfield(size: Sequence[float]) -> Iterator[SurfacePoint]:
-    """Middles of triangles beside which no other is nearer to the ball: the highest, the lowest, and cells that are bent most,
-    in which the other diagonal is furthest off."""
+    """Middles of triangles where no other triangle is nearer to the ball: the highest, the lowest, and cells that are bent
+    most, in which the other diagonal is furthest off."""
     field = field_of(size)
     corners = field.points[field.triangles]
     middles = corners.mean(axis=1)
@@ -232,7 +232,7 @@ def _along(normal: Sequence[float]) -> str:
 
 
 _Probed = tuple[str, str, str, tuple[SurfacePoint, ...], Pose]
-"""What is probed, the body that carries it, its ball, points of its surface, and the pose of the shape in the world."""
+"""The name of the shape, the body that carries it, its ball, points of its surface, and the pose of the shape in the world."""
 
 # --- the world ----------------------------------------------------------------------------------------------------
 
@@ -245,7 +245,7 @@ def size_trial(world: World) -> SizeTrial | None:
     Contact laws and options of engines are the world's own.
     """
     partners: dict[str, tuple[str, float | None]] = {}
-    laws = meeting_laws(world)  # others have no numbers with which to meet
+    laws = meeting_laws(world)  # other pairs have no law
     for first, second in sorted(laws, key=lambda pair: _last(laws[pair].margin)):
         margin = laws[first, second].margin
         partners.setdefault(first, (second, margin))
@@ -287,7 +287,7 @@ def size_trial(world: World) -> SizeTrial | None:
         made = _carrier(name, shape, role, place, weighs)
         excluded += [sorted_pair(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
-        subject = f"{_told(shape, margin)}, {role}"
+        subject = f"{_described(shape, margin)}, {role}"
         probed.append((subject, name, ball, points, place))
     contact = Contact(
         world.contact.friction_cone,
@@ -335,7 +335,7 @@ def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial
     return SizeTrial(world, np.array(states), tuple(tests), shapes, left_out)
 
 
-def _told(shape: Shape, margin: float) -> str:
+def _described(shape: Shape, margin: float) -> str:
     """A shape's kind and size, and the distance at which it is felt, in a few words."""
     if shapes.SHAPES[shape.kind].points:
         radius = shapes.SHAPES[shape.kind].outer_radius(shape.size)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from simspec.proof.contact.friction import SETTLE
-from simspec.proof.contact.leaning import HELD_STEPS, HELD_TIME, SLIP_TOLERANCE, TOUCH, held_way
+from simspec.proof.contact.leaning import SLIP_TOLERANCE, STANDING_STEPS, STANDING_TIME, TOUCH, standing_way
 from simspec.proof.contact.normal import DROP_RESTITUTION, REST_DEPTH, hop
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, deviation, furthest
 from simspec.proof.contact.worlds import box, floor, plane
@@ -32,13 +32,13 @@ from simspec.world.types import Body, Joint, Pose, Vector3
 EDGE, LIGHTEST = 0.1, 1.0
 """Edge (m) of all cubes, and the mass (kg) of the lowest."""
 TIME, STEPS = 0.8, 400
-"""The longer of the two (s, steps): what sinks for ever is an order of magnitude beyond the tolerance by then (measured: the
-slowest that is called wrong sinks or slides 0.2 mm/s)."""
+"""The longer of the two (s, steps): a body that sinks for ever is an order of magnitude beyond the tolerance by then (measured:
+the slowest that is called wrong sinks or slides 0.2 mm/s)."""
 SIDEWAYS = 1e-4
 """m: friction holds a stack, so that it moves sideways no further than it may sink."""
 ADRIFT = 0.01 * EDGE
 """m: how far cubes without friction may have moved sideways where their depth is measured. Nothing holds them there: the
-unevenness that a solver leaves in the pressure over a face drives them apart ever faster, until the upper falls off (measured
+unevenness that a solver leaves in the pressure over a face separates them ever faster, until the upper falls off (measured
 in an engine after 0.1 to 0.8 s at a ratio of 300), which says nothing of how far it sinks in."""
 SAMPLES = 200
 """States of a stack without friction."""
@@ -194,7 +194,7 @@ class SlidingStack(Probe):
         return (
             self.figure(law, f"{ratio:.4g} kg with {LIGHT:g} kg", *slides, **free),
             self.figure(law, over, *slides, **free),
-            self.figure(law, over, "way", "m", 0.0, held_way(law, steps), **stays),
+            self.figure(law, over, "way", "m", 0.0, standing_way(law, steps), **stays),
         )
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float | Mapping[str, Any]]:
@@ -328,7 +328,7 @@ class Carrier(Probe):
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Without friction the box stays where it is in the world, or goes on along its tangent."""
         steps, acceleration = law.steps(CARRIED_TIME, CARRIED_STEPS), self._acceleration(law)
-        time, value = steps * law.timestep, held_way(law, steps)
+        time, value = steps * law.timestep, standing_way(law, steps)
         turn = math.sqrt(acceleration / OUT)
         # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a second, or not at all
         # where friction is a spring to where the body lies
@@ -359,13 +359,13 @@ EDGES: Vector3 = (0.1, 0.06, 0.06)
 FINGER: Vector3 = (0.02, 0.06, 0.8)
 """Edges (m) of the boxes and of the fingers, in whose faces the boxes' lie all the way down."""
 BOX_MASS, FINGER_MASS = 0.5, 0.3
-HELD, SLIPS = 1.5, 0.8
+HOLDS, SLIPS = 1.5, 0.8
 """Share of the weight that friction can carry."""
 FALL = 0.1
 """m: how far the slipping box falls before it is measured."""
 TURN = 0.01
-"""What a box may turn, as 2 |sin(angle / 2)|: 0.4 mm at its corners. Solvers that spread pressure evenly leave 1e-8 in the
-median of all frictions and timesteps, and up to 8e-3 (measured)."""
+"""The turn that a box may make, as 2 |sin(angle / 2)|: 0.4 mm at its corners. Solvers that spread pressure evenly leave 1e-8 in
+the median of all frictions and timesteps, and up to 8e-3 (measured)."""
 BOX_SPACING = 2.0
 """m between boxes."""
 FINGERS, BOX = "fingers", "boxes"
@@ -398,7 +398,7 @@ class Squeeze(Probe):
 
     def all_steps(self, law: Law) -> int:
         """As many, and enough to see what is held stand."""
-        return max(self.steps(law), law.steps(HELD_TIME, HELD_STEPS))
+        return max(self.steps(law), law.steps(STANDING_TIME, STANDING_STEPS))
 
     def fallen(self, law: Law, acceleration: float) -> float:
         """m: after :meth:`steps` of semi-implicit Euler, the method of all engines."""
@@ -408,7 +408,7 @@ class Squeeze(Probe):
     def trials(self, law: Law) -> Sequence[Trial]:
         bodies: list[Body] = []
         effort: dict[str, tuple[float, ...]] = {}
-        for number, share in enumerate((HELD, SLIPS)):
+        for number, share in enumerate((HOLDS, SLIPS)):
             bodies += self._squeezed(law, number)
             force = self.force(law, share)
             effort |= {f"left_{number}": (force,), f"right_{number}": (-force,)}
@@ -426,10 +426,10 @@ class Squeeze(Probe):
         steps = self.all_steps(law)
         whole = 0.5 * GRAVITY * (steps * law.timestep) ** 2
         way, free = (self.fallen(law, acceleration) for acceleration in ((1.0 - SLIPS) * GRAVITY, GRAVITY))
-        text, slips = (f"at {share:g} × the friction that holds" for share in (HELD, SLIPS))
+        text, slips = (f"at {share:g} × the friction that holds" for share in (HOLDS, SLIPS))
         slides = {"probe": self.SLIDES, "without": free}
         return [
-            self.figure(law, text, "way", "m", 0.0, held_way(law, steps), without=whole),
+            self.figure(law, text, "way", "m", 0.0, standing_way(law, steps), without=whole),
             self.figure(law, slips, "way", "m", way, SLIP_TOLERANCE * way, **slides),
             self.figure(law, slips, "turn", "rad", 0.0, TURN, probe=self.TURNS),
         ]

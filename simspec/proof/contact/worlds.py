@@ -152,7 +152,7 @@ def flight(law: Law, speed: float, phase: float) -> tuple[float, float]:
 
 
 def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: EngineOptions) -> World:
-    """The world of a trial under a contact law: what moves meets fixed bodies alone, but for what the trial lets meet."""
+    """The world of a trial under a contact law: moving bodies meet fixed ones alone, except those that the trial lets meet."""
     meeting = {group for pair in trial.meets for group in pair}
     bodies = tuple(
         body
@@ -253,13 +253,13 @@ def joined(motions: Sequence[Motion]) -> Motion:
 # counts: a slip in one shape must not hide behind the others.
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
-"""What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
+"""Features that probe worlds accept: the scenario was compiled, and a probe only measures."""
 HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
 
 
 @dataclass(frozen=True)
 class FileLaw:
-    """What the files of one engine say: contact laws, the numbers of materials, solver settings, the timestep (s)."""
+    """The contents of the files of one engine: contact laws, the numbers of materials, solver settings, the timestep (s)."""
 
     contact: Contact
     plan: ContactPlan
@@ -286,8 +286,8 @@ def belts(world: World) -> dict[Pair, tuple[str, int, Vector3]]:
     return chosen
 
 
-def _told_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
-    """What the files say of them; nothing of a shape that they do not have, which others find."""
+def _written_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
+    """The velocities in the files; none of a missing shape, which other checks find."""
     shapes = {body.name: solid_shapes(body) for body in read.bodies}
     return {
         pair: vector3(shapes[name][number].surface_velocity[:3])
@@ -296,14 +296,14 @@ def _told_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
     }
 
 
-def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> FileLaw:
+def law_of_files(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> FileLaw:
     """Read the contact law from the artifacts in ``folder``; ``read`` is what the independent reader made of them (default:
     read here).
 
     Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
     """
     read = dialects()[engine.DIALECT].read(folder) if read is None else read
-    # what the engine's own file says counts, not what is said beside it
+    # the engine's own file counts, not the sidecar
     sidecar = read_sidecar(folder)
     settings = sidecar["settings"] | {
         name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")
@@ -316,7 +316,7 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     problems = list(_impossible(contact, numbers, timestep))
     if problems:
         raise UnsupportedError(problems)
-    # files hold all settings; what does nothing beside others may not be given
+    # files contain all settings; those without effect may not be given
     idle = idle_settings(engine, {name: setting.default for name, setting in engine.SETTINGS.items()} | settings)
     written = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
     pairs = tuple(
@@ -325,11 +325,11 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     )
     options = EngineOptions(engine.NAME, written, EVERYTHING, pairs=pairs)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
-    return FileLaw(contact, plan, options, timestep, _told_belts(world, read))
+    return FileLaw(contact, plan, options, timestep, _written_belts(world, read))
 
 
 def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
-    """What the files say and no probe world could be written with."""
+    """Values in the files with which no probe world can be written."""
     if contact.friction_cone not in FRICTION_CONES:
         yield Problem("the files hold an unknown friction cone", found=contact.friction_cone)
     if not 0.0 < timestep < math.inf:
@@ -348,12 +348,12 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
 
 
 def of_pair(whole: FileLaw, first: str, second: str) -> FileLaw:
-    """The part of a law that concerns two materials: what else a scenario has cannot matter to probes of these."""
+    """The part of a law that concerns two materials: the rest of a scenario cannot matter to probes of these."""
     names = {first, second}
     contact = Contact(
         whole.contact.friction_cone,
         tuple(material for material in whole.contact.materials if material.name in names),
-        # without a margin: what is probed begins in touch
+        # without a margin: probed bodies begin in touch
         tuple(
             dataclasses.replace(pair, margin=None) for pair in whole.contact.pairs if {pair.first, pair.second} <= names
         ),
@@ -384,7 +384,7 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
 
 
 def _filled(surface: Surface, wanted: Surface) -> Surface:
-    """The surface, with what cannot be told taken from the plan."""
+    """The surface, with values that are not readable taken from the plan."""
     names = (*COMBINED_QUANTITIES, "hardness")
     given = {name: value for name in names if (value := getattr(surface, name)) is not None}
     return dataclasses.replace(wanted, **given)
@@ -398,7 +398,7 @@ def _distance(surface: Surface, other: Surface) -> float:
 
 
 def _known(number: float | None, law: float) -> float:
-    """What an engine says, or the law's own number where it cannot tell."""
+    """The engine's number, or the law's where it has none."""
     return law if number is None else number
 
 
@@ -422,7 +422,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             hardness=law.hardness if surface.hardness is None else surface.hardness,
             margin=None if law.margin is None else pair.margin,
         )
-        if _apart(contact, law) > _apart(worst[names], law):
+        if _law_distance(contact, law) > _law_distance(worst[names], law):
             worst[names] = contact
     return tuple(worst.values())
 
@@ -442,7 +442,7 @@ def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
     )
 
 
-def _apart(law: PairContact, other: PairContact) -> float:
+def _law_distance(law: PairContact, other: PairContact) -> float:
     return _far(
         law.hardness == other.hardness,
         ((getattr(law, name), getattr(other, name)) for name in (*COMBINED_QUANTITIES, "margin")),
@@ -450,6 +450,6 @@ def _apart(law: PairContact, other: PairContact) -> float:
 
 
 def _far(as_hard: bool, values: Iterable[tuple[float | None, float | None]]) -> float:
-    """How far apart two laws are, to find the worst one; NaN is beyond any number."""
+    """The distance of two laws, to find the worst one; NaN is beyond any number."""
     numbers = sum(abs((number or 0.0) - (other or 0.0)) for number, other in values)
     return math.inf if math.isnan(numbers) else numbers + (0.0 if as_hard else 1.0)

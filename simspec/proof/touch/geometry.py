@@ -52,7 +52,7 @@ class Solid:
         return SHAPES[self.shape.kind].grid
 
     @property
-    def still(self) -> bool:
+    def is_static(self) -> bool:
         """Whether only bodies that cannot move have shapes of its kind."""
         return SHAPES[self.shape.kind].static
 
@@ -157,7 +157,7 @@ PRISM = ((0, 1, 2), (3, 5, 4), (0, 3, 4), (0, 4, 1), (1, 4, 5), (1, 5, 2), (2, 5
 
 
 class Prisms:
-    """A height field as convex solids, one below each of its triangles; coal's geometries, each made when it is asked for."""
+    """A height field as convex solids, one below each of its triangles; coal's geometries, each made on demand."""
 
     def __init__(self, size: tuple[float, ...]):
         self._field = field_of(size)
@@ -167,7 +167,7 @@ class Prisms:
         self._made: dict[int, Any] = {}
 
     def near(self, centre: np.ndarray, radius: float) -> Iterator[tuple[float, Any]]:
-        """Every one, nearest first, with a bound (m): what is within a sphere (its frame's) is no nearer to it than this."""
+        """Every one, nearest first, with a bound (m): nothing within a sphere (in its frame) is nearer to it than this."""
         outside = np.maximum(np.maximum(self._low - centre, centre - self._high), 0.0)
         bounds = np.linalg.norm(outside, axis=1) - radius
         for index in np.argsort(bounds, kind="stable").tolist():
@@ -195,16 +195,16 @@ class Gap:
 
 
 NOWHERE = Gap(math.inf, np.zeros(3), np.zeros(3), np.zeros(3))
-"""The gap of what is endlessly far apart."""
+"""The gap of shapes at infinite distance."""
 
 
 def gap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
-    """The gap between two shapes at poses (4, 4). Two planes, or two of what only bodies that cannot move have, are endlessly
-    far apart: nothing can bring them together.
+    """The gap between two shapes at poses (4, 4). Two planes, or two of what only bodies that cannot move have, are at
+    infinite distance: nothing can bring them together.
 
-    What coal cannot tell (a distance that is no number) counts as apart: only an overlap that was seen is one.
+    A distance that coal returns as NaN counts as no overlap.
     """
-    if solid.still and other.still:
+    if solid.is_static and other.is_static:
         return NOWHERE
     if solid.grid:
         return _to_field(solid, at, other, other_at)

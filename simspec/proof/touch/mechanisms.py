@@ -101,8 +101,8 @@ class Mechanism:
         return self._clipped(self._pin.integrate(self._model, q, step))
 
     def look(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray]:
-        """The signed distance of two shapes, and its slope (nv,): what moves a point of the second along the normal, less
-        what moves the first's."""
+        """The signed distance of two shapes, and its slope (nv,): the motion of a point of the second along the normal, less
+        that of the first's."""
         self._pin.computeJointJacobians(self._model, self._data, q)
         between = gap(solid, self._pose(solid, names[0]), other, self._pose(other, names[1]))
         slope = np.zeros(self._model.nv)
@@ -170,7 +170,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class Reach:
-    """Which shapes of mechanisms the lengths of their links keep apart for ever, whatever the joints do."""
+    """Which shapes of mechanisms the lengths of their links separate at all joint positions."""
 
     def __init__(self, world: World, poses: np.ndarray):
         """``poses`` (bodies, 4, 4) in some state: hinges and balls stand where their bodies' frames are."""
@@ -183,8 +183,8 @@ class Reach:
             self._above.append((*above, number) if body.joint.kind != "fixed" else above)
         self._slides = {number for number, body in enumerate(world.bodies) if body.joint.kind == "slide"}
 
-    def apart(self, solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
-        """Whether the polygon from centre to centre over the hinges between can't close. Slides change lengths: not told.
+    def separate(self, solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
+        """Whether the polygon from centre to centre over the hinges between can't close. Slides change lengths: False.
         ``at`` and ``other_at``: where the centres (3,) are in that state."""
         first, second = self._above[solid.body], self._above[other.body]
         shared = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False)))
@@ -241,7 +241,7 @@ UNLIKE = 0.03
 class JointPairs:
     """The pairs that joints decide, and the states that bring them together.
 
-    ``apart``: pairs that no state was found for; ``untried``: how many were left out; ``left``: some of them.
+    ``separate``: pairs that no state was found for; ``untried``: how many were left out; ``left``: some of them.
     """
 
     def __init__(self, scene: Scene):
@@ -250,7 +250,7 @@ class JointPairs:
         self._looks = LOOKS
         self._taken: dict[int, int] = {}
         self._made: list[int] = []
-        self.apart: list[Pair] = []
+        self.separate: list[Pair] = []
         self.untried = 0
         self.left: list[Pair] = []
         self._alike: list[tuple[Pair, np.ndarray, list[np.ndarray]]] = []
@@ -272,8 +272,8 @@ class JointPairs:
         pairs_left = []
         for pair in pairs:
             (solid, at), (other, other_at) = ((scene.solids[k], scene.at[k][:3, 3]) for k in pair)
-            if (solid.endless and other.endless) or reach.apart(solid, at, other, other_at):
-                self.apart.append(pair)
+            if (solid.endless and other.endless) or reach.separate(solid, at, other, other_at):
+                self.separate.append(pair)
             else:
                 pairs_left.append(pair)
         if not pairs_left:
@@ -292,7 +292,7 @@ class JointPairs:
                 self.untried += 1
                 self.left.append(pair)
             elif not self._search(states, pair, [scene.q, *samples[order]]):
-                self.apart.append(pair)
+                self.separate.append(pair)
         generator = np.random.default_rng(SHAKING_SEED)
         for pair, q, placed in self._alike:
             self._shake(states, pair, q, placed, generator)

@@ -30,7 +30,7 @@ from simspec.world.types import World
 STATES = 400
 """Most states in which free trees are brought to others: each costs an engine one collision detection of the whole world."""
 EFFORT = 100_000
-"""Most bodies times such states: what setting them costs an engine."""
+"""Most bodies times such states: the cost of setting them in an engine."""
 CROWD = 400
 """Most pairs brought together in one state."""
 REFUSED = 50
@@ -109,8 +109,8 @@ class FreePairs:
         return total - sum(math.comb(count, 2) for count in free)
 
     def _needed(self) -> Iterator[Pair]:
-        """Every pair of bodies that the world names, and every shape with one of each class of others: what an engine's mask
-        can tell apart is the group, the material, and whether something moves."""
+        """Every pair of bodies that the world names, and every shape with one of each class of others: an engine's mask
+        distinguishes the group, the material, and whether something moves."""
         scene = self._scene
         by_body: dict[str, list[int]] = {}
         for number, name in enumerate(scene.names):
@@ -133,7 +133,7 @@ class FreePairs:
                     yield min(i, partner), max(i, partner)
 
     def _all(self) -> Iterator[Pair]:
-        """All pairs, by how far apart they stand in the list: neighbours first."""
+        """All pairs, by their distance in the list: neighbours first."""
         count = len(self._scene.solids)
         for step in range(1, count):
             for i in range(count - step):
@@ -208,13 +208,13 @@ def _base(first: Solid, other: Solid) -> Solid:
 
 @dataclass(frozen=True)
 class Meetings:
-    """What an engine is asked, and what of it.
+    """States in which an engine's collision detection is queried, and the pairs that overlap in them.
 
     q        states (k, nq)
     tried    (n, 4): state, two shapes' numbers (the smaller first) that overlap clearly in it, and whether no other shapes of
              the same bodies and materials do
     rigid    how many pairs are parts of one rigid body and do not overlap
-    apart    pairs that the joints cannot bring together, as far as was found
+    separate pairs that the joints cannot bring together, as far as was found
     untried  how many pairs were left out, since more states would have gone beyond the bounds of effort; ``left``: some of them
     """
 
@@ -222,7 +222,7 @@ class Meetings:
     tried: np.ndarray
     solids: tuple[Solid, ...] = ()
     rigid: int = 0
-    apart: tuple[Pair, ...] = ()
+    separate: tuple[Pair, ...] = ()
     untried: int = 0
     left: tuple[Pair, ...] = ()
 
@@ -262,7 +262,7 @@ def meetings_of(world: World) -> Meetings:
 
 @derived
 def oracle_of(world: World) -> Oracle:
-    """The oracle of a world, made once for all that a proof asks of it."""
+    """The oracle of a world, made once for all uses in a proof."""
     return Oracle(world)
 
 
@@ -280,14 +280,14 @@ def plan(world: World, oracle: Oracle) -> Meetings:
         np.array(states.tried, dtype=np.int64).reshape(-1, 4),
         scene.solids,
         rigid,
-        tuple(joints.apart),
+        tuple(joints.separate),
         free.untried + joints.untried,
         (*free.left, *joints.left),
     )
 
 
 def _as_built(scene: Scene, states: States) -> int:
-    """One state in which nothing is brought together: what overlaps by its build alone must not touch.
+    """One state in which nothing is brought together: shapes that overlap by construction must not touch.
 
     Returns how many pairs of one rigid body do not overlap.
     """
@@ -311,7 +311,7 @@ def _as_built(scene: Scene, states: States) -> int:
     return separate
 
 
-# What an engine reports of the states in which shapes were brought together, held against the world's rules.
+# The engine's reports on the states in which shapes were brought together, compared with the world's rules.
 
 MATRIX = "collision matrix"
 SEEN = 9
@@ -319,7 +319,7 @@ SEEN = 9
 many is an error."""
 SEEN_OF_ROUNDED = 0.05
 """Share of the radii by which rounded shapes must overlap: engines are exact to a tenth of that."""
-TOLD = 6
+NAMED = 6
 """Pairs named in one sentence; beyond them only their number is."""
 
 
@@ -355,11 +355,10 @@ def touch_checks(
     two shapes meet by one pair of copies only: each pair of copies adds the forces of its own law.
 
     ``overlooks``: sorted pairs of kinds of shapes of which the engine is declared to miss some overlaps; a pair of such shapes
-    that it never reports is told, and is no error of its filter while it reports ``SEEN`` times as many others of these kinds.
-    ``rounding``: of the shapes (body, name) whose edges the engine rounds the radius (m); a pair that it never reports is told,
-    and is no error, where only what is rounded away overlaps.
-    ``units``: what the engine tells apart, each a body's index and the names of its shapes it may be; ``touching`` (n, 3):
-    state and two units that touch in it.
+    that it never reports is named, and is no error of its filter while it reports ``SEEN`` times as many others of these kinds.
+    ``rounding``: of the shapes (body, name) whose edges the engine rounds the radius (m); a pair that it never reports is
+    named, and is no error, where only the rounded edges overlap. ``units``: the shapes that the engine distinguishes, each a
+    body's index and the names of its shapes it may be; ``touching`` (n, 3): state and two units that touch in it.
     """
     rules, place = _Rules(world, meetings), {(s.body, s.name): s.number for s in meetings.solids}
     solids_of = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
@@ -407,7 +406,7 @@ def touch_checks(
     for i, j in sorted(missed - overlooked - edges):
         wrong.setdefault(_names(meetings, (i, j)), "should touch")
     count = len(seen)
-    detail = _told(
+    detail = _summary(
         meetings, sorted(unclear), sorted(overlooked), sorted(edges), sum(rules.allow(*pair) for pair in seen)
     )
     where = ""
@@ -468,19 +467,19 @@ def _names(meetings: Meetings, pair: Pair) -> tuple[str, str]:
 
 def _list(meetings: Meetings, pairs: Sequence[Pair], count: int) -> str:
     """Some pairs by name, and how many more there are."""
-    text = ", ".join(" – ".join(_names(meetings, pair)) for pair in pairs[:TOLD])
-    more = count - min(len(pairs), TOLD)
+    text = ", ".join(" – ".join(_names(meetings, pair)) for pair in pairs[:NAMED])
+    more = count - min(len(pairs), NAMED)
     return f"{text} and {more} more" if text and more else text or f"{more} pairs"
 
 
-def _told(
+def _summary(
     meetings: Meetings, unclear: Sequence[Pair], overlooked: Sequence[Pair], edges: Sequence[Pair], touching: int
 ) -> str:
-    """What was tried and what was not, by name and number."""
+    """The pairs that were tried and those that were not, by name and number."""
     tried = len({(i, j) for _, i, j, _ in meetings.tried.tolist()})
     parts: list[str] = [f"{touching} pairs of shapes touch, {tried - touching} do not"]
     separate: Iterable[tuple[str, Sequence[Pair], int]] = (
-        ("the joints cannot bring together", meetings.apart, len(meetings.apart)),
+        ("the joints cannot bring together", meetings.separate, len(meetings.separate)),
         ("not tried, as they are too many", meetings.left, meetings.untried),
         ("reported only together with other shapes of the same bodies", unclear, len(unclear)),
         ("overlooked, of kinds of shapes of which the engine misses some overlaps", overlooked, len(overlooked)),

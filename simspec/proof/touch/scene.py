@@ -49,7 +49,7 @@ class Scene:
     parts      the shapes of one body and material
     at         poses (solids, 4, 4) in the world
     in_root    the same in the frame of the tree's root where that is free; ``from_shape`` are the inverse poses
-    extent     of every free tree the radius of its shapes about its root's frame (m); ``spacing`` keeps any two of them apart
+    extent     of every free tree the radius of its shapes about its root's frame (m); ``spacing`` separates any two of them
     parking    where the root's frame of every free tree is out of the way
     parked     the state with every free tree on a place of its own, far from everything
     """
@@ -172,7 +172,7 @@ def easy(solid: Solid, other: Solid) -> bool:
 class Overlaps:
     """Poses in which one shape overlaps another, by geometry alone, each computed once.
 
-    ``spacing``: how far apart (m) the places on a large face are, so that what is brought there does not meet.
+    ``spacing``: the distance (m) between places on a large face, so that what is brought there does not meet.
     """
 
     def __init__(self, spacing: float):
