@@ -15,7 +15,7 @@ from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import worlds as module
-from simspec.proof.contact.worlds import held, of_pair
+from simspec.proof.contact.worlds import law_of_files, of_pair
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, PairContact
@@ -42,7 +42,7 @@ def law(found, first, second):
 def test_sound_files_hold_the_world(engine, tmp_path):
     world = worlds.table(PAIRS)
     kind = find_engine(engine)
-    found = held(world, kind, written(world, engine, tmp_path / engine))
+    found = law_of_files(world, kind, written(world, engine, tmp_path / engine))
     plan = contact_plan(world, kind.RULES, kind.LAYERS)
     assert found.contact == world.contact
     assert found.timestep == world.physics.timestep
@@ -63,7 +63,7 @@ def test_files_of_another_law_are_what_counts(engine, tmp_path):
     world = worlds.table(PAIRS)
     other = worlds.table({**PAIRS, ("rubber", "rubber"): 0.15})
     kind = find_engine(engine)
-    found = held(world, kind, written(other, engine, tmp_path / engine))
+    found = law_of_files(world, kind, written(other, engine, tmp_path / engine))
     plan, real = ((contact_plan(entry, kind.RULES, kind.LAYERS)) for entry in (world, other))
     changed = {key for key in plan.numbers if plan.numbers[key].friction != real.numbers[key].friction}
     assert bool(changed) is (kind.RULES.friction != "table")
@@ -89,7 +89,7 @@ def told(monkeypatch, world, engine, folder, change):
     files = written(world, engine, folder)
     said = change(dialects()[kind.DIALECT].read(files))
     monkeypatch.setattr(module, "dialects", lambda: {kind.DIALECT: Stub(said)})
-    return held(world, kind, files)
+    return law_of_files(world, kind, files)
 
 
 def with_surface(read, name, **values):
@@ -176,7 +176,7 @@ def test_the_timestep_of_the_files_counts(tmp_path, monkeypatch):
 def test_an_explicit_pair_that_is_missing_is_not_put_back(tmp_path, monkeypatch):
     """Then it is the shapes' numbers that act, and these are measured."""
     world = worlds.table(PAIRS)
-    whole = held(world, find_engine("mujoco"), written(world, "mujoco", tmp_path / "whole"))
+    whole = law_of_files(world, find_engine("mujoco"), written(world, "mujoco", tmp_path / "whole"))
     assert ("ice", "rubber") in whole.plan.explicit
 
     def drop(read):
@@ -191,7 +191,7 @@ def test_an_explicit_pair_that_is_missing_is_not_put_back(tmp_path, monkeypatch)
 def pairs_in_probe(world, folder):
     """Explicit pairs in a MuJoCo world that is compiled as probes are, and its options."""
     files = written(world, "mujoco", folder)
-    whole = held(world, find_engine("mujoco"), files)
+    whole = law_of_files(world, find_engine("mujoco"), files)
     names = [material.name for material in world.contact.materials]
     pair = of_pair(whole, names[0], names[0])
     probe = dataclasses.replace(world, contact=dataclasses.replace(pair.contact), engines=(pair.options,))
@@ -272,6 +272,6 @@ def test_settings_are_those_that_the_engine_runs_with(tmp_path):
         assert before in text
         text = text.replace(before, after, 1)
     path.write_text(text)
-    settings = dict(held(world, find_engine("mujoco"), folder).options.settings)
+    settings = dict(law_of_files(world, find_engine("mujoco"), folder).options.settings)
     assert [settings[name] for name in ("iterations", "solver", "impratio", "high_impratio")] == [7, "cg", 5.0, 5.0]
     assert settings["friction_rate"] == 100.0, "what is no option stands beside the file"

@@ -23,7 +23,7 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import inventory_checks
-from simspec.proof.contact.worlds import held, of_pair
+from simspec.proof.contact.worlds import law_of_files, of_pair
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.runner.run import Case
 from simspec.support.features import Feature
@@ -238,7 +238,7 @@ def test_more_pairs_of_shapes_than_are_listed_are_refused():
 
 def test_probes_of_a_pair_have_its_settings(tmp_path):
     world = world_of({("finger", "wood"): OWN, ("wood", "wood"): {"contact_impedance": 0.99}})
-    whole = held(world, find_engine("mujoco"), written(world, tmp_path / "files"))
+    whole = law_of_files(world, find_engine("mujoco"), written(world, tmp_path / "files"))
     (local,) = of_pair(whole, "wood", "wood").options.pairs
     assert local == PairSettings("wood", "wood", (("contact_impedance", 0.99),))
     assert len(of_pair(whole, "finger", "wood").options.pairs) == 2
