@@ -136,7 +136,9 @@ def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine)
         return failed(kinematics_checks(world, oracle, *states, {**kinematics, **changes}, has_frames=True))
 
     assert missed() == set()
-    (check,) = (c for c in kinematics_checks(world, oracle, *states, kinematics, has_frames=True) if c.name == FRAME_CHECK)
+    (check,) = (
+        c for c in kinematics_checks(world, oracle, *states, kinematics, has_frames=True) if c.name == FRAME_CHECK
+    )
     assert check.count == 3
     assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set(), "an engine that is told none"
     for column, name in ((1, FRAME_CHECK), (5, "frame, orientation")):
