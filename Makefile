@@ -6,7 +6,7 @@
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
-# make selftest   every change that compiled files can suffer, in every engine, and its table in docs/concepts/proof.md: about an hour
+# make selftest   every change that compiled files can suffer, in every engine, and its table in docs/records/self-test.md: about an hour
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
 # make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's placements, the CI example from end to end: some 25 minutes
 # make nightly  slow, certify, selftest, kills, random worlds, fuzz: hours; outcomes in docs/records/nightly.md

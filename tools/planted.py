@@ -1,4 +1,4 @@
-"""Defects planted in the coupled contact probes, in every engine and cone: docs/concepts/proof.md and
+"""Defects planted in the coupled contact probes, in every engine and cone: docs/records/proof-figures.md and
 docs/records/planted-contact.md.
 
 python tools/planted.py [--engine NAME ...] [--json FILE]

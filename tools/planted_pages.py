@@ -1,4 +1,4 @@
-"""The pages of tools/planted.py: its summary in docs/concepts/proof.md, and all results in docs/records/planted-contact.md."""
+"""The pages of tools/planted.py: its summary in docs/records/proof-figures.md, all results in docs/records/planted-contact.md."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planted_defects import DEFECTS
 from simspec.engines.kit.registry import find_engine
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE, RECORD = ROOT / "docs" / "concepts" / "proof.md", ROOT / "docs" / "records" / "planted-contact.md"
+PAGE, RECORD = ROOT / "docs" / "records" / "proof-figures.md", ROOT / "docs" / "records" / "planted-contact.md"
 BEGIN, END = "<!-- planted in coupled probes: made by tools/planted.py -->", "<!-- end of planted in coupled probes -->"
 FAILS = "fails"
 """Verdict of an unchanged law of which a figure fails."""

@@ -1,4 +1,4 @@
-"""Runs the complete self-test and puts its tables into docs/concepts/proof.md.
+"""Runs the complete self-test and puts its tables into docs/records/self-test.md.
 
 ``python tools/selftest.py [ENGINE ...] [--world NAME ...] [--go-on]``: with engines or worlds named, only theirs are made anew;
 with ``--go-on`` what a run that was stopped has left, what missed something, and what is kept of another version. Results are
@@ -24,7 +24,7 @@ from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.report.certificate import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "concepts" / "proof.md"
+PAGE = ROOT / "docs" / "records" / "self-test.md"
 RESULTS = ROOT / "docs" / "records" / "selftest.json"
 BEGIN, END = "<!-- complete self-test: made by tools/selftest.py -->", "<!-- end of complete self-test -->"
 Results = dict[str, dict[str, dict[str, Any]]]

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(MISSING is not None, reason=MISSING or "")
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"
 ROUND_OFF = 1e-12
-"""The largest of 510 worlds is 2.5e-13 (docs/concepts/proof.md)."""
+"""The largest of 510 worlds is 2.5e-13 (docs/records/proof-figures.md)."""
 CONSTRAINED_MOTION = 1e-11
 """Of motion with constraints: the round-off of φ, 1e-16 m, is 1e-13 m/s at 1 ms (measured here: 8e-13)."""
 
