@@ -1,4 +1,4 @@
-"""The pages of tools/planted.py: its summary in docs/records/proof-figures.md, all results in docs/records/planted-contact.md."""
+"""Pages of tools/planted.py: a summary in docs/records/proof-figures.md, all results in docs/records/planted-contact.md."""
 
 from __future__ import annotations
 
