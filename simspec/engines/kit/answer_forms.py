@@ -18,7 +18,7 @@ from simspec.world.types import ReadBack, World
 
 
 class BadAnswerError(ValueError):
-    """What came back is not an answer to what was asked."""
+    """What came back is not an answer to the request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Answer:
 
 
 def conditions(operation: Operation) -> set[str]:
-    """What is asked for beside what is always answered: the channels, the quantities of ``dynamics``, and ``control``."""
+    """The optional parts of an answer that are requested: the channels, the quantities of ``dynamics``, and ``control``."""
     found = set(operation.parameters.get("channels", ())) & {"energy", "contacts"}
     found |= set(operation.parameters.get("quantities", ()))
     return found | ({"control"} if "control" in operation.parameters else set())

@@ -1,8 +1,8 @@
-"""What an engine can do beside its small core, each by name, and the check that it declares what it does not have.
+"""The capabilities of an engine in addition to its core, each by name, and the check that it declares those that it lacks.
 
 The core is what nothing works without: ``load``, ``read_back``, ``set_state``, ``get_state``, ``body_states``, ``step``,
 ``log`` and ``close``. All else is a capability: an engine's class either defines its methods, or says in
-``LACKS`` why it does not have it. The methods of what it lacks are not asked for, and raise EngineError with that reason.
+``LACKS`` why it does not have it. The methods of what it lacks are not called, and raise EngineError with that reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from simspec.errors import EngineError
 
 
 class Capability(StrEnum):
-    """One thing that an engine may be able to do beside its core."""
+    """A capability of an engine in addition to its core."""
 
     MASS_MATRIX = "mass_matrix"
     BIAS_FORCE = "bias_force"

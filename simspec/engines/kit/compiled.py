@@ -309,7 +309,7 @@ def _run(words: Sequence[str], more: Mapping[str, str], said: Path, deadline: fl
                 process.wait()
 
 
-# What an engine needs of the machine beside packages of Python, as data: libraries, a compiler, packages of Debian.
+# What an engine needs of the machine in addition to packages of Python, as data: libraries, a compiler, packages of Debian.
 
 
 class Program(Protocol):

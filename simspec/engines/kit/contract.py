@@ -131,7 +131,7 @@ class ProvenEngine(RunnableEngine):
         raise NotImplementedError
 
     def collision_units(self) -> Sequence[CollisionUnit]:
-        """What the engine's collision detection tells apart: a shape, or several of one body where it names no more."""
+        """What the engine's collision detection distinguishes: a shape, or several of one body where it names no more."""
         raise NotImplementedError
 
     def detect_units(self) -> np.ndarray:
@@ -171,7 +171,7 @@ class Engine(ProvenEngine):
     TITLE: ClassVar[str] = ""
     """Its name in sentences, as its makers write it; empty: ``NAME``."""
     DIALECT: ClassVar[str]
-    """The dialect (``simspec/dialects``) in which it is told a world."""
+    """The dialect (``simspec/dialects``) in which it receives a world."""
     DISTRIBUTION: ClassVar[str]
     """The package of Python whose version is the engine's version; "" where no package has it (``NEEDS.library``)."""
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ()
@@ -186,9 +186,9 @@ class Engine(ProvenEngine):
     """The version of an environment of its own that installing it without a version makes, where its packages do not go with
     those of another engine; "": it is installed here."""
     BESIDE: ClassVar[tuple[str, ...]] = ()
-    """Packages of Python that its environment has beside the engine's own."""
+    """Packages of Python that its environment has in addition to the engine's."""
     NEEDS: ClassVar[Needs] = Needs()
-    """What it needs of the machine beside packages of Python."""
+    """Its needs of the machine in addition to packages of Python."""
     FILES_ALONE: ClassVar[str] = ""
     """Of an engine that is proven by its files only where it is not installed: why, in words. Such a proof goes as far as
     the files (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error
@@ -207,7 +207,7 @@ class Engine(ProvenEngine):
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
     KEEPS_CONTACTS: ClassVar[bool] = False
-    """Whether a step depends on contact points of earlier steps, beside the state; :meth:`move_to` then leaves them."""
+    """Whether a step depends on contact points of earlier steps, in addition to the state; :meth:`move_to` then leaves them."""
     PROBED_TOGETHER: ClassVar[int | None] = None
     """Moving bodies of a contact probe in one world, where a step's time grows faster than their number; None: all."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
@@ -215,12 +215,12 @@ class Engine(ProvenEngine):
     COMPILING: ClassVar[float] = 0.0
     """Seconds of processor time that it may take at most to compile what it computes, for one form of a model."""
     HULL_PRECISION: ClassVar[float] = 0.0
-    """Share of its extent by which a convex hull that it holds may differ from the vertices that it was told, where it keeps
+    """Share of its extent by which a convex hull that it holds may differ from the vertices that it was given, where it keeps
     fewer digits of them; measured. 0: it keeps doubles."""
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {}
     """The friction cone that it may hold in place of another, where the spec accepts that (``accept: [contact.cone.X]``)."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}
-    """Fields that it cannot be asked for, with the reason."""
+    """Fields that cannot be read back from it, with the reason."""
     LACKS: ClassVar[Mapping[Capability, str]] = {}
     """The capabilities that it does not have, with the reason: it is not asked for what is behind them. Empty: it has all."""
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
@@ -273,7 +273,7 @@ class Engine(ProvenEngine):
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        """What ``ReadBack.inventory`` must be: everything that the engine holds beside the fields of the read-back.
+        """What ``ReadBack.inventory`` must be: everything that the engine stores in addition to the fields of the read-back.
 
         Made from ``world`` and the settings resolved from it, by code that shares nothing with what writes the files.
         ``neutral`` is the read-back's: the engine's own values of what simspec never writes. The comparator demands the same
@@ -314,13 +314,13 @@ class Engine(ProvenEngine):
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         """Load ``file``, of one of the languages in ``FOREIGN``, as a user of the engine would: by its own loader, with that
-        one's defaults. ``packages``: folders by the names of packages, for loaders that are told them.
+        one's defaults. ``packages``: folders by the names of packages, for loaders that take them.
         What the engine warns of is added to ``log``.
 
         Returns what the engine then holds: every body under the file's name, in a frame at its last joint with the axes
         of the file's frame; coordinates relative to those that the file calls zero; the shapes of each, a mesh by its support
         function (``kit/foreign.py``); in ``inventory`` what ``FOREIGN_OWN`` names. Nothing else has been loaded, and
-        nothing else is asked afterwards. Raises EngineError when the engine refuses the file."""
+        nothing else is queried afterwards. Raises EngineError when the engine refuses the file."""
         raise NotImplementedError
 
 
@@ -352,7 +352,8 @@ class Actuation:
 
 # Engines that may not be in one process: both bring a library of one name, and each would take the other's objects.
 #
-# simspec gives every engine a process of its own. What loads engines itself is told here, before a process dies of it.
+# simspec gives every engine a process of its own. A program that loads engines itself gets an error here, before its process
+# dies.
 
 _LOADED: dict[str, type[Engine]] = {}
 """Engines that this process has loaded, whose libraries stay in it."""

@@ -217,7 +217,7 @@ def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None)
 
 
 def _contains(requirement: Requirement, version: str) -> bool:
-    """Whether a version is one of those asked for; what is no version is not."""
+    """Whether a version is one of those requested; what is no version is not."""
     try:
         return requirement.specifier.contains(version, prereleases=True)
     except InvalidVersion:

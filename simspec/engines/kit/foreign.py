@@ -1,7 +1,7 @@
 """Files of other languages, loaded in an engine as its user would load them: what an engine declares, and what it answers.
 
 The answer is a :class:`simspec.world.types.ReadBack` of the file's own names: bodies under the names of the file, in frames at
-their last joint, nothing repaired. A shape of kind ``mesh`` is told by its support function (:func:`support`), not its
+their last joint, nothing repaired. A shape of kind ``mesh`` is given by its support function (:func:`support`), not its
 vertices.
 """
 
@@ -294,7 +294,7 @@ CASES: Final[Mapping[str, Case]] = {
 Floats = NDArray[np.float64]
 
 MESH = "mesh"
-"""The kind of a shape that is told by its support function."""
+"""The kind of a shape that is given by its support function."""
 AXES = 6
 """Directions of a support function of which only the bounding box is known: the first ones."""
 UNNAMED = "body_{}"

@@ -111,7 +111,7 @@ class NoVersionError(ValueError):
 @dataclass(frozen=True)
 class Instance:
     """An engine by ``label``. ``version``: None where it cannot be used, for the reason ``problem``; ``python``: its
-    interpreter, None for this one; ``numpy``: the version of numpy beside it, None where there is none."""
+    interpreter, None for this one; ``numpy``: the version of numpy in it, None where there is none."""
 
     label: str
     engine: str
@@ -128,9 +128,9 @@ def instances(
     labels: Iterable[str] = (),
     not_queried: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Instance]:
-    """Every known engine and, beside it, its versions that ``interpreters`` (by label) and ``labels`` name.
+    """Every known engine and its versions that ``interpreters`` (by label) and ``labels`` name.
 
-    Interpreters are asked side by side, within ``PATIENCE``; one that gives no version is an instance with a problem.
+    Interpreters are queried in parallel, within ``PATIENCE``; one that gives no version is an instance with a problem.
     ``not_queried``: labels whose interpreter is not started, each with the reason, which is the problem of its instance.
     """
     named = dict.fromkeys([*interpreters, *not_queried, *labels])
@@ -182,7 +182,7 @@ def _instance(label: str, python: str | None, interpreter: _Started | None, ends
 
 @functools.cache
 def version_in(python: str, label: str) -> str:
-    """The version of an engine in the interpreter ``python``, which is asked once in the life of this process. Raises
+    """The version of an engine in the interpreter ``python``, which is queried once in the life of this process. Raises
     EngineError where it gives none, or another than the label names."""
     ends = time.monotonic() + PATIENCE
     with _started(python, find_engine(label)) as interpreter:

@@ -1,6 +1,6 @@
 """Keeper of an engine's process: starts the worker, and ends it and all that it started, when its time has come.
 
-``python keeper.py FOLDER SECONDS BYTES [COMMAND ...]``: forks the worker (``worker.py``, beside this file; or starts COMMAND in
+``python keeper.py FOLDER SECONDS BYTES [COMMAND ...]``: forks the worker (``worker.py`` in this folder; or starts COMMAND in
 FOLDER, an engine that is a program of its own), and ends with it. Before that it ends it when SECONDS have passed, or when the
 process that started the keeper is gone, however that ended: then its end of the pipe that is the keeper's standard input is
 closed. No file of the worker may become longer than BYTES.

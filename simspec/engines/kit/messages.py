@@ -42,7 +42,7 @@ def captured(stream: TextIO, lines: list[str], known: Sequence[str] = ()) -> Ite
             lines.extend(line for line in printed if line.strip() and not any(text in line for text in known))
 
 
-# What an engine does that takes long and is no step: told to who waits for its process, by a file beside its request.
+# What an engine does that takes long and is no step: reported to the process that waits, by a file next to the request.
 
 DOING = "doing.txt"
 """The file, in the process's own folder: there while something takes long."""
@@ -50,13 +50,13 @@ _place: list[Path] = []
 
 
 def tell_into(folder: Path) -> None:
-    """From now on this process tells what it does by a file in ``folder``."""
+    """From now on this process reports its long work by a file in ``folder``."""
     _place[:] = [folder / DOING]
 
 
 @contextlib.contextmanager
 def doing(what: str) -> Iterator[None]:
-    """While this lasts, say that it is done: a few words. Nobody is told in a process that no worker runs in."""
+    """Report ``what`` (a few words) while the block runs; only in a worker's process."""
     with contextlib.suppress(OSError):  # a courtesy, as is to read it
         for place in _place:
             place.write_text(what, encoding="utf-8")

@@ -67,7 +67,7 @@ def _add_state(rows: dict[str, list[Any]], session: Session) -> np.ndarray:
 def _dynamics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """q (k, nq), v (k, nv) -> mass (k, numbers), the blocks of M one after the other, each by rows; bias_force (k, nv); and
     gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has;
-    ``quantities`` says which are asked for: ``mass_matrix``, ``bias_force`` (and with it the gravity force)."""
+    ``quantities`` says which are requested: ``mass_matrix``, ``bias_force`` (and with it the gravity force)."""
     wanted = operation["quantities"]
     ends = np.cumsum(operation["sizes"])
     blocks = np.split(arrays["places"], ends[:-1]) if len(ends) else []
@@ -233,5 +233,5 @@ OPERATIONS: Mapping[str, Named] = {
     "run": Named(_run),
     "foreign": Named(_foreign, bare=True),
 }
-"""Each motion begins with a load of its own. What sets the states that it asks about may share one with other questions; the
+"""Each motion begins with a load of its own. Operations that set the states of their queries may share one; the
 model, of which the initial state is a part, is read back before any state is set."""

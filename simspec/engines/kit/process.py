@@ -1,7 +1,7 @@
 """simspec's side of the folder contract: an engine at work in a process of its own, under a deadline.
 
 A crash, a hang, an answer to something else (``answers.py`` reads them all): each becomes an :class:`EngineError` that says so,
-with the end of the engine's own output, and is nobody else's problem. Nothing that such a process does is an exception of any
+with the end of the engine's own output, and stays there. Nothing that such a process does is an exception of any
 other kind here, and nothing of it is left when the block is left, or when this process ends, however it does (``keeper.py``).
 """
 
@@ -99,7 +99,7 @@ def side_by_side(count: int) -> Iterator[ThreadPoolExecutor]:
 class Reply:
     """All answers of one process, with versions (``engine_version``, ``python_version``, ``numpy_version``,
     ``platform``, ``machine``), the wall time from start to end, the engine's own output, and what the process took, measured
-    from outside of it: ``cpu_user`` and ``cpu_system`` (s), ``peak_memory`` (bytes); empty where nobody measured it."""
+    from outside of it: ``cpu_user`` and ``cpu_system`` (s), ``peak_memory`` (bytes); empty where it was not measured."""
 
     answers: list[Answer]
     versions: dict[str, str]
@@ -244,9 +244,9 @@ class Running:
     def wait(
         self, progress: Callable[[float], None] | None = None, doing: Callable[[str], None] | None = None
     ) -> Reply:
-        """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``), and
-        ``doing`` what the engine begins that takes long and is no step (``doing.py``), and "" when it is done. Raises
-        EngineError, whatever came back or did not."""
+        """Wait for the result; ``progress`` is called with the share that is done, where an operation says it
+        (``PROGRESS_FILE``), and ``doing`` with what the engine begins that takes long and is no step (``messages.py``), and
+        with "" when it is done. Raises EngineError, whatever came back or did not."""
         while (progress is not None or doing is not None) and self._ends - time.perf_counter() > LOOK_EVERY:
             try:
                 self._process.wait(timeout=LOOK_EVERY)

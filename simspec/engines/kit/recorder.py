@@ -169,7 +169,7 @@ class Outer:
 
     @classmethod
     def of(cls, operation: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self | None:
-        """What a request asks for; None when it asks for neither."""
+        """The outer effects that a request contains; None without any."""
         forces, prescribed = forces_from_request(operation), motions_from_request(operation, arrays)
         return None if forces is None and prescribed is None else cls(forces, prescribed)
 

@@ -114,13 +114,13 @@ def only_static_planes(why: str) -> Refine:
 
 
 def met_pairs(world: World, given: Mapping[Pair, str]) -> Mapping[Pair, str]:
-    """Of what is told of sorted pairs of kinds of shapes, that of those that may meet here."""
+    """The texts of those sorted pairs of kinds of shapes that may meet here."""
     met = meeting_kinds(world)
     return {pair: how for pair, how in given.items() if pair in met}
 
 
 def approximate_pairs(given: Mapping[Pair, str], short: str) -> Refinement:
-    """Approximate, with what is told of each pair of kinds of shapes; ``short`` is one line on what is lost."""
+    """Approximate, with the text of each pair of kinds of shapes; ``short`` is one line on what is lost."""
     how = "; ".join(f"{name} and {other}: {lost}" for (name, other), lost in given.items())
     return Refinement(Level.APPROXIMATE, how, short)
 

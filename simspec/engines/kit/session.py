@@ -37,7 +37,7 @@ class Condition(IntEnum):
     QUERIED = 1
     """Questions only: it is in the initial state, and nothing of it was changed."""
     PLACED = 2
-    """It was put into states, and asked there; never stepped."""
+    """It was put into states and queried there; never stepped."""
     CHANGED = 3
     """It was stepped, or something of it was switched off or on."""
 
@@ -64,7 +64,7 @@ class Session:
 
     def reset(self) -> None:
         """Return to the initial state, by loading the artifacts anew into another engine: what an engine does not forget would
-        otherwise be a difference that nobody sees."""
+        otherwise be an invisible difference."""
         self.close()
         started = time.perf_counter()
         engine = self._make()
@@ -79,7 +79,7 @@ class Session:
         self.load_seconds = time.perf_counter() - started
 
     def close(self) -> None:
-        """Free what the engine holds; nothing can be asked after that, but ``reset`` loads again."""
+        """Free what the engine holds; nothing can be queried after that, but ``reset`` loads again."""
         if self._engine is not None:
             engine, self._engine = self._engine, None
             engine.close()
@@ -129,7 +129,7 @@ class Session:
         return self._at(Condition.QUERIED).body_states()
 
     def frame_poses(self) -> np.ndarray | None:
-        """Poses (frames, 7) of the world's named frames; None of engines that are told none."""
+        """Poses (frames, 7) of the world's named frames; None of engines that have none."""
         return self._at(Condition.QUERIED).frame_poses()
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -153,7 +153,7 @@ class Session:
         return self._at(Condition.QUERIED).contacts()
 
     def collision_units(self) -> Sequence[CollisionUnit]:
-        """What the engine's collision detection tells apart."""
+        """What the engine's collision detection distinguishes."""
         return self._at(Condition.QUERIED).collision_units()
 
     def detect_units(self) -> np.ndarray:
@@ -202,8 +202,7 @@ class Session:
         self._at(Condition.CHANGED).disable_contact()
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
-        """Take the dry friction of the joints at the places ``v`` (n,) away, until ``reset``; of none, nothing is asked of the
-        engine."""
+        """Take the dry friction of the joints at the places ``v`` (n,) away, until ``reset``; without any, nothing is done."""
         if len(v):
             self._at(Condition.CHANGED).disable_dry_friction(v)
 

@@ -82,7 +82,7 @@ LARGEST_WHOLE = 2**31 - 1
 
 
 class Group(StrEnum):
-    """What a setting acts on: the closed vocabulary that differences of runs are told in (``docs/guide/explain.md``)."""
+    """What a setting acts on: the closed vocabulary by which differences of runs are reported (``docs/guide/explain.md``)."""
 
     SOLVER = "solver"
     ACCURACY = "solver accuracy"
@@ -139,7 +139,7 @@ class Setting:
     """What it acts on."""
     finer: Value | None = None
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
-    explain`` asks with it whether a difference comes from the accuracy."""
+    explain`` tests with it whether a difference comes from the accuracy."""
     frictionless: Value | None = None
     """The default in worlds of free balls without friction (``only_free_spheres``); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
@@ -238,7 +238,7 @@ def finer_settings(engine: type[HasSettings], settings: Mapping[str, Value]) -> 
 
 
 def idle_settings(engine: type[HasSettings], settings: Mapping[str, Any]) -> dict[str, str]:
-    """The settings that do nothing beside the others, each with why (``"with friction: coulomb"``), of all of an engine's."""
+    """The settings that have no effect with the others, each with why (``"with friction: coulomb"``), of all of an engine's."""
     found = {}
     for name, setting in engine.SETTINGS.items():
         if setting.needs is not None and (value := settings[setting.needs[0]]) not in setting.needs[1]:
@@ -253,7 +253,7 @@ def _written(name: str, value: Value) -> str:
 
 def check_settings(engine: type[HasSettings], settings: Sequence[tuple[str, Any]]) -> list[Problem]:
     """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range, and, where all
-    else is right, settings that do nothing beside others."""
+    else is right, settings that have no effect with others."""
     place = f"engines.{engine.NAME}.settings"
     return _wrong_settings(engine, place, settings) or _idle(engine, place, dict(settings), {})
 
@@ -302,7 +302,7 @@ def check_pair_settings(
     settings: Sequence[tuple[str, Any]],
     pairs: Mapping[Pair, Sequence[tuple[str, Any]]],
 ) -> list[Problem]:
-    """The problems of solver settings given for pairs of materials, beside the engine's own ``settings``: as of
+    """The problems of solver settings given for pairs of materials in addition to the engine's ``settings``: as of
     :func:`check_settings`, and settings that no pair can have a value of its own of. Their paths are
     ``engines.NAME.pairs.FIRST.SECOND.SETTING``."""
     problems: list[Problem] = []

@@ -27,7 +27,7 @@ from simspec.processes import ELSEWHERE, search_environment, with_search_path
 START = 60.0
 """s that a warm process may take to import its engine: the slowest takes 2 on a quiet machine."""
 STATUS = 4
-"""Bytes in which a keeper tells how it ended."""
+"""Bytes in which a keeper reports how it ended."""
 
 
 class Forked:
@@ -81,14 +81,14 @@ class _Server:
 
     @property
     def usable(self) -> bool:
-        """Whether it has imported its engine; waits until it says so when it is first asked."""
+        """Whether it has imported its engine; waits until it says so at its first request."""
         with self._lock:
             if self._ready is None:
                 self._ready = bool(self._heard().get("ready"))
             return self._ready
 
     def _heard(self) -> dict[str, Any]:
-        """What it tells; empty when it is gone or says nothing sensible in time."""
+        """Its message; empty when it is gone or says nothing sensible in time."""
         try:
             content = json.loads(self._connection.recv(warm_server.MESSAGE))
         except (OSError, ValueError):
@@ -131,7 +131,7 @@ class _Server:
 
 
 class WarmProcesses:
-    """Warm processes, started when they are first asked for and ended with the block.
+    """Warm processes, started when they are first needed and ended with the block.
 
     >>> with WarmProcesses() as warm, start(engine, folder, operations, warm=warm) as running:  # doctest: +SKIP
     ...     reply = running.wait()

@@ -1,7 +1,7 @@
 """A warm process: it has imported one engine and forks a keeper (``keeper.py``) for each request that it is given.
 
 ``python warm_server.py MODULE:CLASS DESCRIPTOR``: DESCRIPTOR is a Unix socket (SOCK_SEQPACKET) to the process that started it.
-It first tells, as JSON, ``{"ready": true}`` or ``{"error": why}``. Each message that it receives is ``{"folder", "seconds",
+It first writes, as JSON, ``{"ready": true}`` or ``{"error": why}``. Each message that it receives is ``{"folder", "seconds",
 "bytes"}``, what a keeper is started with, and brings three descriptors: the keeper's standard input, its output, and a pipe to
 which the keeper writes how it ended. It answers ``{"pid": number}``. It ends when the other end of the socket is closed.
 Keepers that are still at work then end their engines, as they do whenever their parent is gone.
@@ -28,7 +28,7 @@ DESCRIPTORS = 3
 
 
 def _module(name: str) -> Any:
-    """A module beside this file, under a name of its own."""
+    """A module in the folder of this file, under a name of its own."""
     place = Path(__file__).with_name(f"{name}.py")
     spec = importlib.util.spec_from_file_location(f"simspec_{name}", place)
     if spec is None or spec.loader is None:

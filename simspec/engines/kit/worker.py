@@ -1,4 +1,4 @@
-"""The engine's side of the folder contract: read a request, work, write a result. Started by ``keeper.py``, beside this file.
+"""The engine's side of the folder contract: read a request, work, write a result. Started by ``keeper.py`` in the same folder.
 
 It works in any environment that has numpy and the engine: this file makes its own ``simspec`` package importable without
 putting the rest of simspec's environment on the path, so the engine may live in another interpreter.

@@ -1,1 +1,1 @@
-"""MuJoCo Warp: MuJoCo written for graphics processors, in single precision, told by MuJoCo's own files."""
+"""MuJoCo Warp: MuJoCo written for graphics processors, in single precision, given MuJoCo's files."""

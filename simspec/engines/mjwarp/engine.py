@@ -114,7 +114,7 @@ SETTINGS: Mapping[str, Setting] = {
 # ``mjModel`` has that it was made of: so a file that says something else than the world is noticed there, too.
 
 LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
-"""Fields whose numbers are told apart by more digits than singles have: an error reduction is a quotient by the timestep's
+"""Fields whose numbers differ in more digits than singles have: an error reduction is a quotient by the timestep's
 square. A single stands for every number that is rounded to it: these fields are told as MuJoCo's where that is one of them."""
 LACKED = ("mjDSBL_AUTORESET",)
 """Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
@@ -153,7 +153,7 @@ SIGNS: Mapping[str, str] = {
 SEARCH_OF_FILE = "file.flags.disable_nativeccd"
 """In the inventory: the flag that stands in the file, where Warp is given it set."""
 MOST_WARNINGS = 10
-"""Different ones that are told of a model; the others are counted."""
+"""Different warnings that the log has for a model; the others are counted."""
 # What of a world becomes no number (NaN) in MuJoCo Warp, and is therefore refused.
 #
 # Its Newton solver factors its matrix in singles without a floor under the pivots, where MuJoCo has one (tile_cholesky in its

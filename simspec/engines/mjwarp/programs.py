@@ -308,7 +308,7 @@ def taken_over(modules: Modules, device: Any, model: Any, lacked: int) -> Any:
     option.tolerance.fill_(float(model.opt.tolerance))
     # order of contacts, of rows and of sums: a processor has one anyway, a graphics processor only so
     option.deterministic = int(solver.DeterminismType.ALL)
-    option.warn_overflow = 0  # it is asked, and need not print
+    option.warn_overflow = 0  # it is queried, and need not print
     if not device.is_cpu:
         option.graph_conditional = bool(warp.is_conditional_graph_supported())
     return taken

@@ -1,1 +1,1 @@
-"""MJX: MuJoCo written in JAX, told by MuJoCo's own files."""
+"""MJX: MuJoCo written in JAX, given MuJoCo's files."""

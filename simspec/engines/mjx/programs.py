@@ -111,7 +111,7 @@ def _import() -> Modules:
 # Programs that were compiled before, in the user's cache: to trace and compile one takes 1 to 15 s, to load it 0.05 to 0.5.
 #
 # A program follows from the forms of what it is given, which for MJX is also every number that it unrolls loops by, and from
-# what traces and compiles it. Its name is a hash of all that. XLA's own cache is not used beside it: a program is then traced
+# what traces and compiles it. Its name is a hash of all that. XLA's own cache is not used in addition: a program is then traced
 # first, and one that came out of that cache cannot be kept (measured: a function of it is not found when it is loaded again).
 
 FOLDER = "mjx"
@@ -254,7 +254,7 @@ class Programs:
 
     @functools.cached_property
     def blank(self) -> Any:
-        """The data of a state that nobody has set, from which every step begins but for what it is given."""
+        """The data of the default state, from which every step begins but for what it is given."""
         return self._modules.mjx.make_data(self._model)
 
     @functools.cached_property

@@ -40,7 +40,7 @@ COMPLIANT = ("time-constant", "stiffness")
 GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 """Of (solid, visible)."""
 CLASSES_OF_MASKS = 30
-"""Classes of shapes beside the common one that a mask's bits tell apart."""
+"""Classes of shapes, in addition to the common class, that the bits of a mask distinguish."""
 Kinds = frozenset[tuple[str, str]]
 """Kinds of solid shapes: collision group and material."""
 
@@ -301,7 +301,7 @@ class Expectation:
 
 
 class Touching:
-    """What keeps shapes of a world apart in MuJoCo."""
+    """The filter of collisions between shapes of a world in MuJoCo."""
 
     def __init__(self, world: World):
         self.world = world
@@ -360,7 +360,7 @@ class Touching:
         return any(kind in separated for kind, passing in row.items() if passing == other)
 
     def excluded(self) -> set[tuple[str, str]]:
-        """Pairs of solid bodies: named by the world, of one rigid moving group, or kept apart where masks cannot."""
+        """Pairs of solid bodies: named by the world, of one rigid moving group, or excluded where masks have too few bits."""
         bodies = [body for body in self.world.bodies if self.solid[body.name]]
         names = {body.name for body in bodies}
         found = {pair for pair in self.world.contact.excluded_bodies if set(pair) <= names}

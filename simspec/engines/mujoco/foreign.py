@@ -72,7 +72,7 @@ class _Held:
         return self._name("BODY", index) or UNNAMED.format(index)
 
     def _anchor(self, body: int) -> Vector3:
-        """The place of a body's last joint in its own frame: frames are told there."""
+        """The place of a body's last joint in its frame, where body frames are reported."""
         model = self._model
         last = int(model.body_jntadr[body] + model.body_jntnum[body]) - 1
         if not model.body_jntnum[body] or JOINT_KINDS[int(model.jnt_type[last])] == "free":

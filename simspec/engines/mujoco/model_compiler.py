@@ -70,7 +70,7 @@ POSTURES, MOST_COORDINATES = 6, 300
 
 
 MEMORY_OF_A_STATE = 2**28
-"""Bytes that the engine is told to take for one state of a large model (measured: 2,000 free bodies need under 64 MiB)."""
+"""Bytes that the engine is given for one state of a large model (measured: 2,000 free bodies need under 64 MiB)."""
 
 
 class ModelCompiler:
@@ -89,7 +89,7 @@ class ModelCompiler:
 
 
 def read_request(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """What is asked for, and the files by their names, the main one first: a length (8 bytes, little-endian), as much JSON with
+    """The request, and the files by their names, the main one first: a length (8 bytes, little-endian), as much JSON with
     ``files`` (names and sizes), then the files one after the other."""
     (size,) = struct.unpack("<Q", stream.read(8))
     content = json.loads(stream.read(size))
@@ -306,7 +306,7 @@ def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str,
 
 def _model(spec: Any) -> Any:
     """The compiled model. The engine guesses the memory of one state by the square of the coordinates: for 1,000 free
-    bodies it is refused below 900 MiB, and compiling needs little of it. Where it does not get that, it is told an amount."""
+    bodies it is refused below 900 MiB, and compiling needs little of it. Where it does not get that, simspec sets an amount."""
     try:
         return spec.compile()
     except ValueError as error:

@@ -201,7 +201,7 @@ class _ReadBack:
         return tuple(sorted(actual, key=lambda constraint: constraint.name))
 
     def _sums(self) -> tuple[JointSum, ...]:
-        """The fixed tendons; others are told by what their rows are not (``count.nwrap``, ``tendon.type``)."""
+        """The fixed tendons; others show in the inventory (``count.nwrap``, ``tendon.type``)."""
         model, joints = self._model, self._names["JOINT"]
         of_joint = int(self._mujoco.mjtWrap.mjWRAP_JOINT)
         joint_sums: list[JointSum] = []

@@ -77,7 +77,7 @@ class MujocoSimulation(Engine, abstract=True):
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
         self._check_flags()
         self._disabled_by_file = int(self.model.opt.disableflags)
-        # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
+        # an unused servo would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self._make_states()
         coulomb = self._sidecar.settings["friction"] == COULOMB
