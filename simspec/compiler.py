@@ -21,10 +21,7 @@ from simspec.dialects.kit.sidecar import Target
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engine_name, engine_version, find_engine, format_of
-from simspec.engines.kit.settings import (
-    pair_settings,
-    written_settings,
-)
+from simspec.engines.kit.settings import pair_settings, written_settings
 from simspec.errors import Location, Problem, Refusal, UnsupportedError
 from simspec.option_checks import check_control, check_options, nowhere
 from simspec.outputs.writing import Artifacts

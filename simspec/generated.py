@@ -137,10 +137,6 @@ def other_engines(built: Built, folder: Path, names: Iterable[str]) -> list[str]
     return found
 
 
-def _names(folder: Path) -> list[str]:
-    return files_below(folder) if folder.is_dir() else []
-
-
 def compare(files: Mapping[str, bytes], folder: Path) -> list[str]:
     """How ``folder`` differs from ``files``: "missing: PATH" and "stale: PATH", sorted."""
     found = []
@@ -161,7 +157,7 @@ def check(built: Built, folder: Path, named: bool = False) -> list[str]:
     Files that simspec did not write are none of its business, unless they lie among an engine's files.
     """
     found = compare(built.files, folder)
-    names = _names(folder)
+    names = files_below(folder) if folder.is_dir() else []
     others = other_engines(built, folder, names)
     marker = read_marker(folder)
     owned = {name for name in names if marker is None or marker.owns(name)}

@@ -60,9 +60,7 @@ class SweepOptions(Options):
 
 
 @command(
-    "study",
-    "study:study",
-    "study small store dry_run publish no_verify wait python deadline allow_outside as_json",
+    "study", "study:study", "study small store dry_run publish no_verify wait python deadline allow_outside as_json"
 )
 class StudyOptions(Options):
     """Do all sweeps of a study, and write its tables: runs/NAME/study.md and study.json (with --small: runs/NAME-small).

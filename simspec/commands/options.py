@@ -61,10 +61,7 @@ class Options:
     engine: Annotated[
         list[str] | None,
         Option(
-            "--engine",
-            "-e",
-            metavar="NAME",
-            help="An engine. NAME@VERSION=PYTHON: in another interpreter. Repeatable.",
+            "--engine", "-e", metavar="NAME", help="An engine. NAME@VERSION=PYTHON: in another interpreter. Repeatable."
         ),
     ] = None
     sets: Annotated[

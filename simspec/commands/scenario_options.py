@@ -8,15 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from simspec.commands.options import (
-    CheckFolder,
-    NoVerify,
-    Options,
-    SpecName,
-    SpecNames,
-    Tolerance,
-    command,
-)
+from simspec.commands.options import CheckFolder, NoVerify, Options, SpecName, SpecNames, Tolerance, command
 
 REPORTS = "junit annotations summary github"
 
@@ -204,13 +196,11 @@ class CompileOptions(Options):
         Option("--format", metavar="NAME", help="Write plain files of this format, for any tool, and for no engine."),
     ] = None
     out: Annotated[
-        Path | None,
-        Option(metavar="DIR", help="Output folder (default generated/NAME); with several specs, DIR/NAME."),
+        Path | None, Option(metavar="DIR", help="Output folder (default generated/NAME); with several specs, DIR/NAME.")
     ] = None
     check: CheckFolder = False
     explain: Annotated[
-        bool,
-        Option("--explain", help="Print how each engine realises contact and features, and its solver settings."),
+        bool, Option("--explain", help="Print how each engine realises contact and features, and its solver settings.")
     ] = False
 
 

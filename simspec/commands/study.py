@@ -245,7 +245,12 @@ def study_data(
         "figures": source.figures_source,
         "said": said,
         "bad": bad,
-        "sweeps": {entry.sweep.name: [_plain(shown) for shown in tables] for entry, tables in parts},
+        "sweeps": {
+            entry.sweep.name: [
+                {"name": shown.name, **html_data(shown), "records": list(shown.records)} for shown in tables
+            ]
+            for entry, tables in parts
+        },
         "measured": measured(done, command),
     }
 
@@ -261,15 +266,6 @@ def _failed(done: Done) -> str:
         return f"proof FAILED for {counted(count, 'model')}"
     text = f"contact beyond the tolerances of L5 for {counted(by_contact, 'model')}, all else of them proven"
     return text if by_contact == count else f"proof FAILED for {counted(count - by_contact, 'model')}; {text}"
-
-
-def _plain(shown: StudyTable) -> dict[str, Any]:
-    """What is shown, as plain data."""
-    return {
-        "name": shown.name,
-        **html_data(shown),
-        "records": list(shown.records),
-    }
 
 
 def page(source: StudySource, made: Mapping[str, Mapping[str, Table]], data: Mapping[str, Any]) -> str:
@@ -339,11 +335,7 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
 
 
 def explained(
-    outcome: Outcome,
-    store: Store,
-    pythons: Mapping[str, str],
-    deadline: float,
-    progress: Callable[..., None],
+    outcome: Outcome, store: Store, pythons: Mapping[str, str], deadline: float, progress: Callable[..., None]
 ) -> list[Explained]:
     """Of each engine but the first of the plan, where it differs from that: asked of the runs of the scenario itself at the
     smallest timestep. What is not supported, or failed, is told as such."""

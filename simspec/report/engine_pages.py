@@ -197,10 +197,7 @@ def _index(certificates: Mapping[str, Certificate]) -> str:
         lines += [f"## {title}", ""]
         if files_only:
             lines += ["simspec writes their files and compares them with the world; no test runs the program.", ""]
-        lines += [
-            f"| engine | precision | of {len(Feature)} features | valid certificates |",
-            "|---|---|---|---:|",
-        ]
+        lines += [f"| engine | precision | of {len(Feature)} features | valid certificates |", "|---|---|---|---:|"]
         for name, engine in engines().items():
             if bool(engine.FILES_ALONE) is not files_only:
                 continue
@@ -272,12 +269,7 @@ def _support(engine: type[Engine]) -> Iterator[str]:
 
 def _settings(engine: type[Engine]) -> Iterator[str]:
     if engine.SETTINGS:
-        yield from (
-            "## Solver settings",
-            "",
-            "| setting | default | acts on | meaning |",
-            "|---|---|---|---|",
-        )
+        yield from ("## Solver settings", "", "| setting | default | acts on | meaning |", "|---|---|---|---|")
         for name, setting in engine.SETTINGS.items():
             yield f"| `{name}` | `{setting.default}` | {setting.group} | {_cell(setting.meaning)} |"
         yield ""

@@ -115,12 +115,7 @@ def explained(world: World, compiled: Compiled) -> Explained:
     idle = idle_settings(engine, resolved)
     settings = tuple(
         SettingExplained(
-            name,
-            value,
-            in_force.get(name, value),
-            name in stated,
-            engine.SETTINGS[name].meaning,
-            idle.get(name, ""),
+            name, value, in_force.get(name, value), name in stated, engine.SETTINGS[name].meaning, idle.get(name, "")
         )
         for name, value in resolved.items()
     )
@@ -316,7 +311,11 @@ def steps(explanation: Explanation) -> Iterator[str]:
             yield f"  {_gap(explanation, name)}"
     contact = explanation.contact
     if contact is None:
-        yield "first contact: none in A's run" if not _touches(explanation) else "first contact: not comparable"
+        yield (
+            "first contact: none in A's run"
+            if not any(explanation.counts[name] for name in ("impact", "contact"))
+            else "first contact: not comparable"
+        )
         return
     text = f"first contact: {' and '.join(contact.bodies)}, both from A's state before it"
     yield f"{text}: {contact.differs or 'nothing'} differs first"
@@ -325,10 +324,6 @@ def steps(explanation: Explanation) -> Iterator[str]:
         factor, unit = units[name]
         entry, other = ("no contact" if value is None else f"{value * factor:.5g}{unit}" for value in values)
         yield f"  {name}: {entry} in A, {other} in B"
-
-
-def _touches(explanation: Explanation) -> bool:
-    return any(explanation.counts[name] for name in ("impact", "contact"))
 
 
 def _gap(explanation: Explanation, name: str) -> str:

@@ -43,7 +43,7 @@ def absent(engine: type[Engine]) -> list[tuple[str, str, str]]:
         if any(
             _shows_nothing(figure, law, contact_deviation)
             for law in _laws(contact_deviation)
-            for figure in _figures(law, contact_deviation.probe)
+            for figure in [figure for figure in _wanted(law) if figure.probe == contact_deviation.probe]
         ):
             found.setdefault(
                 (EFFECTS.get(contact_deviation.probe, contact_deviation.probe), contact_deviation.why), []
@@ -70,7 +70,9 @@ def _laws(deviation: Deviation) -> Iterator[Law]:
             restitution_threshold=threshold,
             torsional_friction=0.01,
             rolling_friction=0.001,
-            hardness=_hardness(deviation.hardness or "common"),
+            hardness=Hardness(
+                deviation.hardness or "common", time_constant=0.02, damping_ratio=1.0, stiffness=1e4, damping=100.0
+            ),
         )
         yield Law(pair, deviation.friction_cone or "elliptic", _usual(TIMESTEP, deviation.timestep, deviation.below[2]))
 
@@ -78,14 +80,6 @@ def _laws(deviation: Deviation) -> Iterator[Law]:
 def _usual(usual: float, least: float, below: float) -> float:
     """The usual value, or where the declaration does not count for it one for which it does."""
     return max(least, below / 2.0) if usual >= below else max(least, usual)
-
-
-def _hardness(kind: str) -> Hardness:
-    return Hardness(kind, time_constant=0.02, damping_ratio=1.0, stiffness=1e4, damping=100.0)
-
-
-def _figures(law: Law, probe: str) -> list[Figure]:
-    return [figure for figure in _wanted(law) if figure.probe == probe]
 
 
 @functools.cache

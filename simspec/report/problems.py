@@ -209,11 +209,7 @@ def brief(problems: Iterable[Problem]) -> list[str]:
 
 @contextmanager
 def with_ways_out(
-    spec: str,
-    engines: Sequence[str],
-    world: World,
-    pythons: Mapping[str, str] | None = None,
-    writable: bool = True,
+    spec: str, engines: Sequence[str], world: World, pythons: Mapping[str, str] | None = None, writable: bool = True
 ) -> Iterator[None]:
     """What raises UnsupportedError within gets the ways out (see :func:`ways_out`) as its last lines."""
     try:

@@ -77,10 +77,7 @@ def ends(run: Run, show: Sequence[str]) -> dict[str, Any]:
     return {
         "time": float(run.time[-1]),
         "bodies": {
-            name: {
-                "xyz": poses[run.index[name], :3].tolist(),
-                "quat": poses[run.index[name], 3:].tolist(),
-            }
+            name: {"xyz": poses[run.index[name], :3].tolist(), "quat": poses[run.index[name], 3:].tolist()}
             for name in shown_bodies(run.world, show)
         },
         "joints": {name: float(run.q(name)[-1]) for name in shown_joints(run.world, show)},
@@ -99,9 +96,7 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
     times = {f"{run.time[-1]:.4g} s" for run in shown}
     when = times.pop() if len(times) == 1 else "the last record"
     ends_by_engine = Table(
-        f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
-        "",
-        *(run.label for run in shown),
+        f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)", "", *(run.label for run in shown)
     )
     for name in bodies[:MOST_ROWS]:
         ends_by_engine.add(name, *(_pose(run.arrays["pose"][-1, run.index[name]].tolist()) for run in shown))

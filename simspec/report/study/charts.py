@@ -49,47 +49,39 @@ def charts(tables: StudyTables) -> list[dict[str, Any]]:
         for shown in showns:
             maker = next((chart for word, chart in _CHARTS.items() if f"{shown.name}.".startswith(f"{word}.")), None)
             try:
-                made += (
-                    [{**chart, "title": visible(chart["title"])} for chart in maker(sweep, shown, colours)]
-                    if maker
-                    else []
-                )
+                made += list(maker(sweep, shown, colours)) if maker else []
             except (KeyError, TypeError, ValueError, IndexError) as error:
-                message = (
-                    f"the figures of {sweep}, {shown.name}, are not those of simspec: {type(error).__name__} {error}"
-                )
+                why = f"{type(error).__name__} {error}"
+                message = f"the figures of {sweep}, {shown.name}, are not those of simspec: {why}"
                 raise SpecError([Problem(message, hint="simspec study STUDY writes them anew")]) from None
     return [chart for chart in made if any(series["marks"] for series in chart["series"])]
 
 
-def _chart(
-    title: str, unit: str, x: Mapping[str, Any], series: Iterable[Mapping[str, Any]], **more: Any
-) -> dict[str, Any]:
-    chart = {"title": title, "unit": unit, "group": x["label"], "x": dict(x), "logarithmic": False, "limits": []}
-    return chart | {"series": [dict(entry) for entry in series]} | more
-
-
-def _series(
-    label: str, colour: int, marks: Sequence[Mapping[str, Any]], kind: str = "measured", dash: int = 0
-) -> dict[str, Any]:
-    return {"label": visible(label), "colour": colour, "dash": dash, "kind": kind, "marks": list(marks)}
+def _chart(title: str, x: Mapping[str, Any], series: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    chart = {"title": visible(title), "unit": "", "group": x["label"], "x": dict(x), "logarithmic": False, "limits": []}
+    return chart | {"series": series} | more
 
 
 def _mark(x: float, value: float, low: Any = None, high: Any = None, values: Sequence[float] = ()) -> dict[str, Any]:
-    whole = low is not None and high is not None
-    given: dict[str, Any] = {"x": float(x), "value": float(value), "low": None, "high": None}
-    if whole:
-        given |= {"low": float(low), "high": float(high)}
-    return {**given, "values": [float(value) for value in values]}
+    ends = (None, None) if low is None or high is None else (float(low), float(high))
+    return {"x": float(x), "value": float(value), "low": ends[0], "high": ends[1], "values": list(map(float, values))}
 
 
-def _engines(records: Iterable[Record]) -> dict[str, list[Record]]:
-    """Records of runs by engine."""
+def _of_engines(
+    shown: StoredTableShown,
+    colours: Colours,
+    marks: Callable[[list[Record]], list[dict[str, Any]]],
+    kind: str = "measured",
+) -> list[dict[str, Any]]:
+    """A series for each engine of the study; ``marks``: those of its records."""
     found: dict[str, list[Record]] = {}
-    for record in records:
+    for record in shown.records:
         if not record.get("elsewhere"):
             found.setdefault(str(record["engine"]), []).append(record)
-    return found
+    return [
+        {"label": visible(name), "colour": colours.of(name), "dash": dash, "kind": kind, "marks": marks(records)}
+        for dash, (name, records) in enumerate(found.items())
+    ]
 
 
 def _elsewhere(records: Iterable[Record], quantity: str) -> dict[str, list[Record]]:
@@ -105,30 +97,35 @@ def _elsewhere(records: Iterable[Record], quantity: str) -> dict[str, list[Recor
 def _over_timestep(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
     """Medians with the interval of the mean and the single values, beside figures from elsewhere."""
     for quantity, title in QUANTITIES.items():
-        series = []
-        for index, (engine, local) in enumerate(_engines(shown.records).items()):
-            marks = [
+
+        def marks(records: list[Record], quantity: str = quantity) -> list[dict[str, Any]]:
+            return [
                 _mark(MILLI * entry["timestep"], entry["median"], entry["lower"], entry["upper"], entry["values"])
-                for entry in local
+                for entry in records
                 if entry["quantity"] == quantity
             ]
-            series.append(_series(engine, colours.of(engine), marks, dash=index))
+
+        series = _of_engines(shown, colours, marks)
+        measured = any(entry["marks"] for entry in series)
         for label, local in _elsewhere(shown.records, quantity).items():
-            marks = [
-                _mark(MILLI * entry["timestep"], entry["value"]) for entry in local if entry["timestep"] is not None
-            ]
-            series.append(_series(label, colours.of(str(local[0]["engine"])), marks, "elsewhere"))
-        if any(entry["marks"] for entry in series if entry["kind"] == "measured"):
-            yield _chart(f"{sweep}: {title}", "", TIMESTEP, series, logarithmic=quantity in LOGARITHMIC)
+            points = [_mark(MILLI * item["timestep"], item["value"]) for item in local if item["timestep"] is not None]
+            colour = colours.of(str(local[0]["engine"]))
+            series.append({"label": visible(label), "colour": colour, "dash": 0, "kind": "elsewhere", "marks": points})
+        if measured:
+            yield _chart(f"{sweep}: {title}", TIMESTEP, series, logarithmic=quantity in LOGARITHMIC)
 
 
 def _validity(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
     """The share of valid runs with its interval; the limits of figures from elsewhere as vertical lines."""
-    series = []
-    for index, (engine, values) in enumerate(_engines(shown.records).items()):
-        shares = [entry for entry in values if "share" in entry]
-        marks = [_mark(MILLI * share["timestep"], share["share"], share["lower"], share["upper"]) for share in shares]
-        series.append(_series(engine, colours.of(engine), marks, dash=index))
+    series = _of_engines(
+        shown,
+        colours,
+        lambda records: [
+            _mark(MILLI * entry["timestep"], entry["share"], entry["lower"], entry["upper"])
+            for entry in records
+            if "share" in entry
+        ],
+    )
     limits = [
         {
             "label": visible(f"{label}: {MILLI * entry['value']:g} ms"),
@@ -139,7 +136,7 @@ def _validity(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator
         for label, local in _elsewhere(shown.records, "largest_valid_timestep").items()
         for entry in local
     ]
-    yield _chart(f"{sweep}: Share of runs that do all that is expected", "", TIMESTEP, series, limits=limits)
+    yield _chart(f"{sweep}: Share of runs that do all that is expected", TIMESTEP, series, limits=limits)
 
 
 def _over_time(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
@@ -150,32 +147,32 @@ def _over_time(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterato
         ("cpu_factor", "Simulated time over processor time of the steps", True),
         ("contacts", "Points of contact, mean", False),
     ):
-        series = []
-        for index, (engine, local) in enumerate(_engines(shown.records).items()):
-            known = [
-                entry for entry in local if entry[quantity] is not None and (entry[quantity] > 0.0 or not logarithmic)
-            ]
-            marks = [_mark(entry["begin"], entry[quantity]) for entry in known]
-            marks += [_mark(known[-1]["end"], known[-1][quantity])] if known else []
-            series.append(_series(engine, colours.of(engine), marks, "steps", index))
-        yield _chart(f"{sweep}: {title}{about}", "", TIME, series, logarithmic=logarithmic)
+
+        def marks(records: list[Record], name: str = quantity, positive: bool = logarithmic) -> list[dict[str, Any]]:
+            known = [item for item in records if item[name] is not None and (item[name] > 0.0 or not positive)]
+            ends = [_mark(item["end"], item[name]) for item in known[-1:]]
+            return [*(_mark(item["begin"], item[name]) for item in known), *ends]
+
+        series = _of_engines(shown, colours, marks, "steps")
+        yield _chart(f"{sweep}: {title}{about}", TIME, series, logarithmic=logarithmic)
 
 
 def _unequal(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
     """Speed of engines whose models are equal, or are not."""
-    which = (
-        "equal models" if shown.name == "unequal.equal" else f"NOT EQUAL: {shown.name.removeprefix('unequal.models.')}"
-    )
-    series = []
-    for index, (engine, local) in enumerate(_engines(shown.records).items()):
-        marks = [
+    name = shown.name.removeprefix("unequal.models.")
+    which = "equal models" if name == "unequal.equal" else f"NOT EQUAL: {name}"
+    series = _of_engines(
+        shown,
+        colours,
+        lambda records: [
             _mark(MILLI * entry["timestep"], entry["cpu_factor"])
-            for entry in local
+            for entry in records
             if entry.get("cpu_factor") is not None
-        ]
-        series.append(_series(engine, colours.of(engine), marks, dash=index))
-    title = f"{sweep}: Simulated time over processor time of the steps, {which}"
-    yield _chart(title, "", TIMESTEP, series, logarithmic=True)
+        ],
+    )
+    yield _chart(
+        f"{sweep}: Simulated time over processor time of the steps, {which}", TIMESTEP, series, logarithmic=True
+    )
 
 
 _CHARTS: Mapping[str, Callable[[str, StoredTableShown, Colours], Iterator[dict[str, Any]]]] = {

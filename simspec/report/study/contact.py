@@ -18,7 +18,6 @@ from simspec.report.certificate import TITLES
 from simspec.report.study.runs import (
     PLAIN,
     Done,
-    Record,
     StudyTable,
     Variant,
     finite,
@@ -48,29 +47,23 @@ class Form:
 
 
 FORMS: Mapping[str, Form] = {
-    "push": Form(share=True),
-    "push-oblong": Form(share=True),
-    "stop": Form(share=True),
-    "stop-oblong": Form(share=True),
-    "carry": Form(share=True),
-    "stick": Form(factor=1e6, unit="µm/s"),
-    "restitution": Form(by_case=True),
-    "threshold": Form(by_case=True),
-    "rest": Form(factor=1e6, unit="µm", by_case=True),
-    "steady": Form(factor=1e6, unit="µm/s", by_case=True),
-    "overlap": Form(factor=1e3, unit="mm/s", by_case=True),
-    "compliance": Form(share=True, by_case=True),
-    "oblique": Form(share=True),
-    "oblique-separation": Form(),
-    "torsional": Form(share=True, quantity="deceleration"),
-    "rolling": Form(share=True, quantity="deceleration"),
-    "size": Form(factor=1e6, unit="µm"),
-    "compliance-shape": Form(share=True, by_case=True),
-    **dict.fromkeys(("rod", "clamp", "jam", "jam-light", "squeeze", "pile"), Form(factor=1e3, unit="mm", by_case=True)),
-    **dict.fromkeys(("strike", "row", "edge", "stack-slides", "stack-slides-plane"), Form(share=True, by_case=True)),
-    **dict.fromkeys(("stack", "stack-stays", "stack-stays-plane", "cross"), Form(factor=1e3, unit="mm", by_case=True)),
-    "carrier": Form(factor=1e3, unit="mm", by_case=True),
-    "slide-spin": Form(share=True, by_case=True),
+    probe: form
+    for probes, form in (
+        ("push push-oblong stop stop-oblong carry oblique", Form(share=True)),
+        ("torsional rolling", Form(share=True, quantity="deceleration")),
+        ("compliance compliance-shape slide-spin", Form(share=True, by_case=True)),
+        ("strike row edge stack-slides stack-slides-plane", Form(share=True, by_case=True)),
+        ("restitution threshold", Form(by_case=True)),
+        ("oblique-separation", Form()),
+        ("stick", Form(factor=1e6, unit="µm/s")),
+        ("size", Form(factor=1e6, unit="µm")),
+        ("steady", Form(factor=1e6, unit="µm/s", by_case=True)),
+        ("rest", Form(factor=1e6, unit="µm", by_case=True)),
+        ("overlap", Form(factor=1e3, unit="mm/s", by_case=True)),
+        ("rod clamp jam jam-light squeeze pile carrier", Form(factor=1e3, unit="mm", by_case=True)),
+        ("stack stack-stays stack-stays-plane cross", Form(factor=1e3, unit="mm", by_case=True)),
+    )
+    for probe in probes.split()
 }
 """By probe. One that is not named here has a row for each case, in the figure's own unit."""
 NOTE = (
@@ -85,7 +78,7 @@ def contact_tables(done: Done) -> list[StudyTable]:
     """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: what has none."""
     made = variants(done)
     steps = timesteps_of(made)
-    rows: dict[tuple[str, str, str], dict[int, dict[float, Sequence[Figure]]]] = {}
+    rows: dict[tuple[str, str, str], dict[int, dict[float, list[Figure]]]] = {}
     unmeasured: list[str] = []
     for index, variant in enumerate(made):
         for step, runs in variant.runs.items():
@@ -93,11 +86,15 @@ def contact_tables(done: Done) -> list[StudyTable]:
             if measured is None and not variant.refusals():
                 unmeasured.append(f"{variant.engine} at {milliseconds(step)} ({variant.label})")
             for (law, probe), figures in (measured or {}).items():
-                for case, local in _by_case(probe, figures).items():
-                    rows.setdefault((probe, law, case), {}).setdefault(index, {})[step] = local
+                for figure in figures:
+                    case = figure.case if FORMS.get(probe, Form(by_case=True)).by_case else ""
+                    rows.setdefault((probe, law, case), {}).setdefault(index, {}).setdefault(step, []).append(figure)
     note = "; ".join([NOTE, *([f"not verified: {', '.join(unmeasured)}"] if unmeasured else [])])
     probes = dict.fromkeys(probe for probe, _, _ in rows)
-    ordered = {key: rows[key] for key in sorted(rows, key=lambda key: _numbers(key[1]))}
+    ordered = {
+        key: rows[key]
+        for key in sorted(rows, key=lambda key: [float(element) for element in re.findall(r"\d+(?:\.\d+)?", key[1])])
+    }
     shown = [_shown(done, made, steps, probe, ordered, note) for probe in probes]
     if not shown and unmeasured:
         shown = [StudyTable(done, "contact", note, "nothing was measured")]
@@ -109,38 +106,28 @@ def _shown(
     made: Sequence[Variant],
     steps: Sequence[float],
     probe: str,
-    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, Sequence[Figure]]]],
+    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, list[Figure]]]],
     note: str,
 ) -> StudyTable:
     form = FORMS.get(probe, Form(by_case=True))
-    what = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
+    unit = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
     by_case = any(case for name, _, case in rows if name == probe)
     heads = ["law", *(["probed"] if by_case else []), "settings", "engine"]
-    right = range(len(heads), len(heads) + len(steps))
-    shown = StudyTable(
-        done,
-        f"contact.{probe}",
-        f"{TITLES.get(probe, probe)}: deviation{what}",
-        *heads,
-        *map(milliseconds, steps),
-        right=right,
-    )
+    columns, right = [*heads, *map(milliseconds, steps)], range(len(heads), len(heads) + len(steps))
+    title = f"{TITLES.get(probe, probe)}: deviation{unit}"
+    shown = StudyTable(done, f"contact.{probe}", title, *columns, right=right, note=note)
     for (name, law, case), row in rows.items():
-        for index, figures in row.items() if name == probe else ():
-            shown.records += [_record(form, law, case, made[index], step, of_step) for step, of_step in figures.items()]
-            cells = [_cell(form, figures.get(step)) for step in steps]
-            shown.add(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
-    shown.note = note
+        for index, by_step in row.items() if name == probe else ():
+            variant = made[index]
+            shown.records += [
+                {"law": law, "case": case, "settings": variant.label, "engine": variant.engine, "timestep": step}
+                | {"deviation": finite(_worst(form, figures)), "passed": all(figure.passed for figure in figures)}
+                | {"declared": any(bool(figure.deviation) for figure in figures)}
+                for step, figures in by_step.items()
+            ]
+            cells = [_cell(form, by_step.get(step)) for step in steps]
+            shown.add(law, *([case] if by_case else []), variant.label, variant.engine, *cells)
     return shown
-
-
-def _record(form: Form, law: str, case: str, variant: Variant, step: float, figures: Sequence[Figure]) -> Record:
-    """The worst of some figures as data: its deviation in the unit of the table."""
-    return {"law": law, "case": case, "settings": variant.label, "engine": variant.engine, "timestep": step} | {
-        "deviation": finite(_worst(form, figures)),
-        "passed": all(figure.passed for figure in figures),
-        "declared": any(bool(figure.deviation) for figure in figures),
-    }
 
 
 def _worst(form: Form, figures: Sequence[Figure]) -> float:
@@ -182,19 +169,6 @@ def law_words(pair: PairContact) -> str:
     return ", ".join(given)
 
 
-def _numbers(words: str) -> list[float]:
-    """What laws in words are sorted by."""
-    return [float(element) for element in re.findall(r"\d+(?:\.\d+)?", words)]
-
-
-def _by_case(probe: str, figures: Sequence[Figure]) -> dict[str, list[Figure]]:
-    form = FORMS.get(probe, Form(by_case=True))
-    cases: dict[str, list[Figure]] = {}
-    for figure in figures:
-        cases.setdefault(figure.case if form.by_case else "", []).append(figure)
-    return cases
-
-
 def _cell(form: Form, figures: Sequence[Figure] | None) -> TableCell:
     """The worst of some figures."""
     if not figures:
@@ -223,29 +197,23 @@ def _deviation(form: Form, figure: Figure) -> float:
 
 def quantities_tables(done: Done) -> list[StudyTable]:
     """``quantities``."""
-    made = variants(done)
     rows = [
-        (variant, timestep, {name: _medians(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
-        for variant in made
+        (variant, timestep, {name: _median(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
+        for variant in variants(done)
         for timestep, runs in variant.runs.items()
     ]
-    shown = [(name, unit) for name, unit in QUANTITIES if any(given[name] is not None for _, _, given in rows)]
+    shown = [(name, unit) for name, unit in QUANTITIES if any(medians[name] is not None for _, _, medians in rows)]
     heads = [f"{name}, {unit}" if unit else name for name, unit in shown]
     columns = ("settings", "engine", "timestep", *heads)
-    built = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)))
-    for entry, timestep, given in rows:
-        record = {"settings": entry.label, "case": entry.case, "engine": entry.engine, "timestep": timestep} | given
-        built.add(
-            entry.label,
-            entry.engine,
-            milliseconds(timestep),
-            *(number(given[name]) for name, _ in shown),
-            record=record,
-        )
-    built.note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
-    return [built]
+    note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
+    made = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)), note=note)
+    for variant, step, medians in rows:
+        record = {"settings": variant.label, "case": variant.case, "engine": variant.engine, "timestep": step} | medians
+        cells = [number(medians[name]) for name, _ in shown]
+        made.add(variant.label, variant.engine, milliseconds(step), *cells, record=record)
+    return [made]
 
 
-def _medians(values: Iterable[float | None]) -> float | None:
+def _median(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None and abs(value) < float("inf")]
     return median(known) if known else None

@@ -10,22 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.analysis.conservation import (
-    Conservation,
-    Depths,
-    Drift,
-    conservation,
-    displacement,
-    penetration,
-)
-from simspec.analysis.distributions import (
-    SUMMARY,
-    Test,
-    permutation_test,
-    run_summary,
-    sign_flip_test,
-    summary_scales,
-)
+from simspec.analysis.conservation import Conservation, Depths, Drift, conservation, displacement, penetration
+from simspec.analysis.distributions import SUMMARY, Test, permutation_test, run_summary, sign_flip_test, summary_scales
 from simspec.analysis.horizons import Horizons, consistency, convergence, horizons
 from simspec.comparison.floor import Floor
 from simspec.errors import SpecError

@@ -141,7 +141,11 @@ def _content(mark: Mark, tables: StudyTables | None, older: bool) -> str:
     shown = _table(mark, tables)
     if inline:
         return _cell(mark, shown) + (OLDER_CELL if older else "")
-    text = "\n".join(f"- {escaped(line)}" for line in shown.said) if mark.words[2:] == (SAID,) else _markdown(shown)
+    text = (
+        "\n".join(f"- {escaped(line)}" for line in shown.said)
+        if mark.words[2:] == (SAID,)
+        else markdown(stored_table(shown))
+    )
     return _block(f"{OLDER}\n\n{text}" if older else text)
 
 
@@ -156,10 +160,6 @@ def _table(mark: Mark, tables: StudyTables) -> StoredTableShown:
         message = f"the sweep {mark.words[0]} of {mark.study} has no table {mark.words[1]!r}"
         raise SpecError([Problem(message, allowed=", ".join(shown.name for shown in sweep))])
     return shown
-
-
-def _markdown(shown: StoredTableShown) -> str:
-    return markdown(stored_table(shown))
 
 
 def _cell(mark: Mark, shown: StoredTableShown) -> str:

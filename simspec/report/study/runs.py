@@ -72,8 +72,8 @@ class StudyTable(Table):
     """A table that a study shows of a sweep. ``name``: unique in its sweep (``docs/guide/studies.md``); ``records``: its
     figures as data, not rounded."""
 
-    def __init__(self, done: Done, name: str, title: str, *columns: str, right: Sequence[int] = ()):
-        super().__init__(f"{done.sweep.name}: {title}", *columns, right=right)
+    def __init__(self, done: Done, name: str, title: str, *columns: str, right: Sequence[int] = (), note: str = ""):
+        super().__init__(f"{done.sweep.name}: {title}", *columns, right=right, note=note)
         self.name = name
         self.records: list[Record] = []
 
@@ -115,15 +115,9 @@ def milliseconds(timestep: float) -> str:
 
 def figure_records(figures: Iterable[Figure]) -> list[Record]:
     """Figures from elsewhere as data, a record for each value; ``elsewhere`` tells them from those of runs."""
+    names = ("engine", "models", "quantity", "unit", "source")
     return [
-        {
-            "elsewhere": True,
-            "engine": figure.engine,
-            "models": figure.models,
-            "quantity": figure.quantity,
-            "unit": figure.unit,
-        }
-        | {"source": figure.source, "timestep": timestep, "value": value}
+        {"elsewhere": True, **{name: getattr(figure, name) for name in names}, "timestep": timestep, "value": value}
         for figure in figures
         for timestep, value in zip(figure.timesteps or (None,), figure.values, strict=True)
     ]
@@ -181,7 +175,6 @@ def run_of(done: Done, row: Row) -> Run:
 
 # Runs by variant: engine, case and values.
 
-TIMESTEP_VARIANTS = "physics.timestep"
 PLAIN = "–"
 """What the scenario itself is called beside its cases."""
 LONGEST = 60
@@ -208,11 +201,6 @@ class Variant:
         """The values in words."""
         texts = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
         return ", ".join(texts) or PLAIN
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Which runs these are."""
-        return tuple(row.key for runs in self.runs.values() for _, row in runs)
 
     def all_runs(self) -> Iterator[tuple[Cell, Row]]:
         """The runs of all timesteps."""
@@ -248,17 +236,14 @@ def variants(done: Done) -> list[Variant]:
     for cell, row in done.outcome.rows():
         if row is None:
             continue
-        aside = {TIMESTEP_VARIANTS, *drawn, *(cases[cell.case] if cell.case is not None else ())}
+        aside = {TIMESTEP, *drawn, *(cases[cell.case] if cell.case is not None else ())}
         values = tuple((path, value) for path, value in cell.overrides if path not in aside)
         variant = found.setdefault((cell.engine, cell.case, repr(values)), Variant(cell.engine, cell.case, values))
         variant.runs.setdefault(row.timestep, []).append((cell, row))
-    known: set[tuple[str, ...]] = set()
-    kept = []
+    first: dict[tuple[str, ...], Variant] = {}
     for variant in found.values():
-        if variant.keys not in known:
-            kept.append(variant)
-        known.add(variant.keys)
-    return kept
+        first.setdefault(tuple(row.key for _, row in variant.all_runs()), variant)
+    return list(first.values())
 
 
 def timesteps_of(made: list[Variant]) -> list[float]:
@@ -273,10 +258,10 @@ def unsupported_table(done: Done, name: str, made: list[Variant]) -> StudyTable:
         for why in variant.refusals():
             reasons.setdefault((variant.engine, why), {})[variant.label] = None
     shown = StudyTable(done, f"{name}.unsupported", "Not supported", "engine", "settings", "why")
-    if not reasons:
-        shown.add("none", PLAIN, "every engine supports everything that was asked")
     for (engine, why), labels in reasons.items():
         shown.add(engine, ", ".join(labels), why)
+    if not reasons:
+        shown.add("none", PLAIN, "every engine supports everything that was asked")
     return shown
 
 

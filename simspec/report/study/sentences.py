@@ -11,7 +11,7 @@ from simspec.report.page.document import Sentence
 from simspec.report.study.runs import Record, milliseconds
 from simspec.report.study.speed import ranking
 from simspec.report.table import BAD, GOOD, PLAIN, WARNING, listed, number
-from simspec.stored import StoredTableShown, StudyTables
+from simspec.stored import StudyTables
 
 AS_PUBLISHED = "as-published"
 
@@ -135,11 +135,7 @@ def _over_time(name: str, records: list[Record]) -> Iterator[str]:
 
 
 def _unequal(name: str, records: list[Record]) -> Iterator[str]:
-    which = (
-        "Equal models"
-        if name == "unequal.equal"
-        else f"{name.removeprefix('unequal.models.')}, models that are NOT EQUAL"
-    )
+    which = f"{name.removeprefix(UNEQUAL)}, models that are NOT EQUAL" if name != "unequal.equal" else "Equal models"
     for timestep, order in _order(by_timestep(records, "cpu_factor"), 1):
         yield f"{which}, at {milliseconds(timestep)} by processor time: {order}."
 
@@ -168,20 +164,18 @@ def verdict(tables: StudyTables) -> list[Sentence]:
     count = f"{len(tables.sweeps)} sweep{'' if len(tables.sweeps) == 1 else 's'}"
     sentences = [Sentence(BAD if bad else GOOD, f"{count}, and something is wrong." if bad else f"{count}, all done.")]
     sentences += [Sentence(BAD, line) for line in bad]
-    sweeps = {name: _records(sweep) for name, sweep in tables.sweeps.items()}
+    sweeps = {
+        name: {shown.name: [record for record in shown.records if not record.get("elsewhere")] for shown in sweep}
+        for name, sweep in tables.sweeps.items()
+    }
     for part in (_speed_verdict, _unequal_verdict, _limits):
         for name, local in sweeps.items():
             try:
                 sentences += part(name, local)
             except (KeyError, TypeError, ValueError) as error:
-                raise SpecError(
-                    [Problem(f"the figures of {visible(name)} are damaged: {type(error).__name__}: {error}")]
-                ) from None
+                message = f"the figures of {visible(name)} are damaged: {type(error).__name__}: {error}"
+                raise SpecError([Problem(message)]) from None
     return [Sentence(sentence.tone, visible(sentence.text)) for sentence in sentences]
-
-
-def _records(shown_tables: Sequence[StoredTableShown]) -> Tables:
-    return {shown.name: [record for record in shown.records if not record.get("elsewhere")] for shown in shown_tables}
 
 
 def _ends(figures: Mapping[float, Mapping[str, float]]) -> list[float]:
@@ -201,7 +195,11 @@ def _speed_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
     for word, figures in by_clock.items():
         others = [other for earlier, other in by_clock.items() if earlier != word]
         ends = _ends(figures)
-        same = all(_same_order(figures, other, ends) for other in others)
+        same = all(
+            step in other and _order_verdict(figures[step]) == _order_verdict(other[step])
+            for other in others
+            for step in ends
+        )
         if not ends or (same and word != next(iter(by_clock))):
             continue
         clock = "by wall time and by processor time" if others and same else word
@@ -209,14 +207,6 @@ def _speed_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
         orders = [(timestep, ranking(figures[timestep], known.get(timestep))) for timestep in ends]
         text = "; ".join(f"at {milliseconds(timestep)} {order}" for timestep, order in orders)
         yield Sentence(PLAIN, f"{name}, equal models, {clock}: {text}.")
-
-
-def _same_order(
-    first: Mapping[float, Mapping[str, float]], second: Mapping[float, Mapping[str, float]], steps: Sequence[float]
-) -> bool:
-    return all(
-        timestep in second and _order_verdict(first[timestep]) == _order_verdict(second[timestep]) for timestep in steps
-    )
 
 
 def _unequal_verdict(name: str, tables: Tables) -> Iterator[Sentence]:

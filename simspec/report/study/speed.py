@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
-from typing import Any
 
 from simspec.analysis.speed import Paced, Speed, StepCost, over_time, paced, step_cost
 from simspec.report.study.runs import (
@@ -118,7 +117,7 @@ def case_cost_tables(done: Done) -> list[StudyTable]:
     """``case_cost``."""
     made = variants(done)
     columns = ("values", "case", "engine", "timestep", "a step", "ratio", "runs", "said by the engine")
-    shown = StudyTable(done, "case_cost", "What a step costs, by case", *columns, right=(3, 4, 5, 6))
+    shown = StudyTable(done, "case_cost", "What a step costs, by case", *columns, right=(3, 4, 5, 6), note=NOTE)
     costs = {
         (variant.engine, variant.case, repr(variant.values), step): _cost(variant, step)
         for variant in made
@@ -133,19 +132,12 @@ def case_cost_tables(done: Done) -> list[StudyTable]:
             ratio = cost / plain if cost is not None and plain else None
             runs = len([row for _, row in variant.runs[step] if row.failed is None])
             said = _said(done, variant, step)
-            record = {
-                "settings": variant.label,
-                "engine": variant.engine,
-                "timestep": step,
-                "case": variant.case,
-                "runs": runs,
-            }
-            record |= {"seconds_per_step": cost, "ratio": ratio, "said": said}
+            record = {"settings": variant.label, "engine": variant.engine, "timestep": step, "case": variant.case}
+            record |= {"runs": runs, "seconds_per_step": cost, "ratio": ratio, "said": said}
             names = (variant.told_values, variant.case or "–", variant.engine, milliseconds(step))
             compared = two_digits(ratio) if ratio is not None and variant.case is not None else "–"
             cells = (f"{1e6 * cost:.3g} µs" if cost is not None else "–", compared, number(runs), said or "–")
             shown.add(*names, *cells, record=record)
-    shown.note = NOTE
     return [shown, unsupported_table(done, "case_cost", made)]
 
 
@@ -199,9 +191,11 @@ def _comparison(done: Done, name: str, title: str, cases: Mapping[str, str]) -> 
     heads = [head for engine in done.engines for head in (f"{engine}, real time", "spread")]
     shown = StudyTable(done, name, title, "timestep", *heads, "order", right=range(1 + len(heads)))
     if cases:
-        notes = [
-            f"{engine} has {case}: {_values(done.outcome.plan.sweep.cases[case])}" for engine, case in cases.items()
-        ]
+        values = done.outcome.plan.sweep.cases
+        changed = {
+            case: ", ".join(f"{path}: {value}" for path, value in values[case].items()) for case in cases.values()
+        }
+        notes = [f"{engine} has {case}: {changed[case]}" for engine, case in cases.items()]
         others = [engine for engine in done.engines if engine not in cases]
         shown.note = "; ".join([*notes, *([f"{', '.join(others)}: the scenario itself"] if others else [])])
     factors: dict[float, dict[str, float]] = {}
@@ -242,10 +236,6 @@ def ranking(factors: Mapping[str, float], intervals: Mapping[str, tuple[float, f
     return ", ".join(parts) or ", ".join(ordered)
 
 
-def _values(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{path}: {value}" for path, value in values.items())
-
-
 # Speed and load by timestep, beside figures from elsewhere.
 
 FACTORS = {
@@ -284,9 +274,7 @@ def load_tables(done: Done) -> list[StudyTable]:
     made.records = _records(done, speeds, LOADS)
     for timestep, engines in speeds.items():
         for engine, speed in engines.items():
-            loads = [
-                f"{speed[name].median:.0%}" if name in speed.figures else "–" for name in ("step_load", "process_load")
-            ]
+            loads = [f"{speed[name].median:.0%}" if name in speed.figures else "–" for name in LOADS[:2]]
             memory = f"{speed['peak_memory'].median / 2**20:.0f} MiB" if "peak_memory" in speed.figures else "–"
             made.add(milliseconds(timestep), engine, *loads, memory)
     made.note = (

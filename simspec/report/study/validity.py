@@ -129,7 +129,13 @@ def failures_tables(done: Done) -> list[StudyTable]:
         said = ", ".join(f"{count} × {KINDS[kind]}" for kind, count in kinds.most_common())
         shown = (milliseconds(timestep), done.engines[index], f"{len(failed)} of {len(local)}")
         made.add(*shown, said, example(failed))
-        made.records += [_record(judged) for judged in failed]
+        made.records += [
+            {"timestep": timestep, "engine": run.cell.engine, "seed": run.cell.seed}
+            | {name: getattr(failure, name) for name in ("kind", "time", "what", "at", "body")}
+            | {"away": finite(failure.away)}
+            for run in failed
+            if (failure := run.failure) is not None
+        ]
     if not made.records:
         made.add("–", "–", f"0 of {len(runs)}", "no run failed", "–")
     made.note = "From the recorded motion: an event between two records has the time of the later one"
@@ -141,22 +147,6 @@ def example(failed: list[Judged]) -> str:
     first = min(failed, key=lambda judged: -1 if judged.cell.seed is None else judged.cell.seed)
     seed = "" if first.cell.seed is None else f"seed {first.cell.seed}: "
     return f"{seed}{first.failure}"
-
-
-def _record(judged: Judged) -> Record:
-    failure = judged.failure
-    assert failure is not None, "only failed runs are recorded"
-    return {
-        "timestep": judged.trial.timestep,
-        "engine": judged.cell.engine,
-        "seed": judged.cell.seed,
-        "kind": failure.kind,
-        "time": failure.time,
-        "what": failure.what,
-        "at": failure.at,
-        "body": failure.body,
-        "away": finite(failure.away),
-    }
 
 
 # Cases: validity, deviation and cost of each.
@@ -244,30 +234,31 @@ class Proof:
 def certified_tables(done: Done) -> list[StudyTable]:
     """``certified``: up to which timestep each engine's model is proven; ``certified.checks``: what fails, and by how much."""
     proofs = _proofs(done)
-    columns = ("engine", "certified up to", "first that is not", "certified again at")
-    limits = StudyTable(done, "certified", "Up to which timestep the model is proven", *columns)
-    checks = StudyTable(
-        done, "certified.checks", "Checks of the proof that fail", "timestep", "engine", "checks", right=(0,)
-    )
+    heads = ("engine", "certified up to", "first that is not", "certified again at")
+    limits = StudyTable(done, "certified", "Up to which timestep the model is proven", *heads)
+    note = "Worst deviation and tolerance, in units of the quantity's own scale; the worst in relation to it first"
+    title, columns = "Checks of the proof that fail", ("timestep", "engine", "checks")
+    checks = StudyTable(done, "certified.checks", title, *columns, right=(0,), note=note)
     for engine in done.engines:
         local = dict(sorted(proofs.get(engine, {}).items()))
         largest, first, again = _limit(local)
-        nothing = "nothing was verified" if local else "no runs"
         record = {"engine": engine, "limit": largest, "first_invalid": first, "later_valid": list(again)}
-        unverified = all(proof.proven is None for proof in local.values())
-        limit_words = nothing if unverified else _step(largest, "no timestep")
-        limits.add(engine, limit_words, _step(first, "–"), ", ".join(map(milliseconds, again)) or "–", record=record)
-    for engine in done.engines:
-        for timestep, proof in sorted(proofs.get(engine, {}).items()):
+        limit = "no timestep" if largest is None else milliseconds(largest)
+        if all(proof.proven is None for proof in local.values()):
+            limit = "nothing was verified" if local else "no runs"
+        beyond = "–" if first is None else milliseconds(first)
+        limits.add(engine, limit, beyond, ", ".join(map(milliseconds, again)) or "–", record=record)
+        for timestep, proof in local.items():
             if proof.proven is not True:
-                why = proof.why if proof.proven is None else words(proof.failed)
-                checks.add(milliseconds(timestep), engine, why)
-            checks.records += _records(timestep, engine, proof)
+                checks.add(milliseconds(timestep), engine, proof.why if proof.proven is None else words(proof.failed))
+            about = {"timestep": timestep, "engine": engine, "proven": proof.proven}
+            checks.records += [
+                {**about, "level": check.level, "check": check.name, "worst": check.worst}
+                | {"tolerance": check.tolerance, "where": check.where}
+                for check in proof.failed
+            ] or [about]
     if not checks.rows:
         checks.add("–", "–", "none")
-    checks.note = (
-        "Worst deviation and tolerance, in units of the quantity's own scale; the worst in relation to it first"
-    )
     return [limits, checks]
 
 
@@ -280,21 +271,15 @@ def _proofs(done: Done) -> dict[str, dict[float, Proof]]:
             models[row.failed] = Proof(None, row.failed)
             continue
         key = done.outcome.index.certificates.get(cell.key)
-        name = key or "not verified"
-        if name not in models:
-            models[name] = _proof(done, key)
+        if (name := key or "not verified") not in models:
+            text = done.store.certificate_text(key) if key is not None else None
+            models[name] = Proof(None, "not verified")
+            if text is not None:
+                certificate = Certificate.from_json(text, f"the certificate {key}")
+                models[name] = Proof(certificate.valid, "", tuple(check for _, check in certificate.failures()))
     return {
         engine: {step: _all(list(proofs.values())) for step, proofs in steps.items()} for engine, steps in found.items()
     }
-
-
-def _proof(done: Done, key: str | None) -> Proof:
-    """The verdict of a certificate. Raises SpecError where it is damaged."""
-    text = done.store.certificate_text(key) if key is not None else None
-    if text is None:
-        return Proof(None, "not verified")
-    certificate = Certificate.from_json(text, f"the certificate {key}")
-    return Proof(certificate.valid, "", tuple(check for _, check in certificate.failures()))
 
 
 def _all(proofs: Sequence[Proof]) -> Proof:
@@ -329,21 +314,6 @@ def _figure(check: Check) -> str:
         detail = f": {check.detail}" if check.detail else ""
         return f"{check.level} {check.name}{where}{detail}"
     return f"{check.level} {check.name}: {number(check.worst)}, tolerance {number(check.tolerance)}{where}"
-
-
-def _step(timestep: float | None, none: str) -> str:
-    return none if timestep is None else milliseconds(timestep)
-
-
-def _records(timestep: float, engine: str, proof: Proof) -> list[Record]:
-    about = {"timestep": timestep, "engine": engine, "proven": proof.proven}
-    if not proof.failed:
-        return [about]
-    return [
-        {**about, "level": check.level, "check": check.name, "worst": check.worst, "tolerance": check.tolerance}
-        | {"where": check.where}
-        for check in proof.failed
-    ]
 
 
 # Repeated runs, compared bit for bit.
