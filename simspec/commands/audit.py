@@ -19,7 +19,7 @@ from simspec.language.packages import is_packaged, is_robot, packaged
 from simspec.language.sources import of_package
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
-from simspec.report.audit import audit_data, audit_sections, audit_suites, pair_data, show_audit, show_pair
+from simspec.report.audit import audit_data, audit_section, audit_suites, pair_data, show_audit, show_pair
 from simspec.report.page.document import is_page, page
 from simspec.report.screen import progress, say
 
@@ -55,7 +55,8 @@ def audit(options: AuditOptions) -> int:
                 )
         reports.write(audit_suites(audits), as_json=options.as_json)
         if page_file is not None:
-            write_file(page_file, page([audit_sections(audits)]).encode(), is_page)
+            content = page([lambda packed: [audit_section(audit) for audit in audits]])
+            write_file(page_file, content.encode(), is_page)
     if options.as_json:
         print_json(audit_data(audits))
     else:

@@ -11,7 +11,6 @@ from simspec.audit.audit import PairAudit
 from simspec.errors import clipped, visible
 from simspec.report.model_files import plausibility_data, plausibility_lines
 from simspec.report.page.document import Section, Sentence
-from simspec.report.page.packing import Packed
 from simspec.report.plain import plain
 from simspec.report.screen import console
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
@@ -27,26 +26,18 @@ SHARES = ("mass", "inertia", "joint.damping", "joint.dry_friction", "joint.armat
 
 def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
     """Audits as plain data."""
-    return {
-        "clean": all(audit.clean for audit in audits),
-        "files": [
-            {
-                **plain(audit),
-                "plausibility": plausibility_data(audit.plausibility),
-                "clean": audit.clean,
-                "died": audit.died,
-            }
-            for audit in audits
-        ],
-    }
+    files = [
+        plain(audit) | {"plausibility": plausibility_data(audit.plausibility), "clean": audit.clean, "died": audit.died}
+        for audit in audits
+    ]
+    return {"clean": all(audit.clean for audit in audits), "files": files}
 
 
 def show_audit(audit: FileAudit, details: bool = False) -> None:
     """Print an audit; ``details``: every finding on its own row."""
     screen = console()
-    screen.print(
-        f"{audit.file}: {audit.language}, {audit.bodies} bodies; compared with {audit.meaning}", soft_wrap=True
-    )
+    about = f"{audit.language}, {audit.bodies} bodies; compared with {audit.meaning}"
+    screen.print(f"{audit.file}: {about}", soft_wrap=True)
     for defect in audit.defects[:MOST_DEFECTS]:
         screen.print(f"simspec refuses it: {defect.splitlines()[0]}", soft_wrap=True)
     if audit.losses:
@@ -77,32 +68,21 @@ def choices(audit: FileAudit) -> list[str]:
     """What each engine chooses where the file leaves it open, a line each."""
     lines = []
     for engine in audit.engines:
-        undecided = [finding for finding in engine.findings if finding.severity is Severity.DEFAULT]
-        texts = [f"{_chosen(finding)} {finding.engine_value}" for finding in undecided]
+        texts = [
+            f"{'' if finding.element == 'the file' else f'{finding.element} '}{finding.quantity.replace('_', ' ')} "
+            f"{finding.engine_value}"
+            for finding in engine.findings
+            if finding.severity is Severity.DEFAULT
+        ]
         if texts:
             lines.append(f"{engine.engine} chooses what the file leaves open: {', '.join(texts)}")
     return lines
 
 
-def _chosen(finding: Finding) -> str:
-    name = finding.quantity.replace("_", " ")
-    return name if finding.element == "the file" else f"{finding.element} {name}"
-
-
 def _engines(audit: FileAudit) -> Table:
     compiled = {compiled.engine: compiled for compiled in audit.compiled}
-    right = (2, 3, 4, 5)
-    shown = Table(
-        "Engines",
-        "engine",
-        "loads it",
-        "changed in silence",
-        "other",
-        "compared",
-        "seconds",
-        "compiled by simspec",
-        right=right,
-    )
+    columns = ("engine", "loads it", "changed in silence", "other", "compared", "seconds", "compiled by simspec")
+    shown = Table("Engines", *columns, right=(2, 3, 4, 5))
     for engine in audit.engines:
         proof = compiled.get(engine.engine)
         silent = len(engine.silent) if engine.loaded else 0
@@ -130,24 +110,18 @@ def _findings(audit: FileAudit, details: bool) -> Table:
     title = "What engines make of the file"
     shown = Table(title, "engine", "what", "value", "where", "file → engine", "how much, or why")
     for group in _shown(audit, details):
-        rows = group.findings if details else (group.worst,)
-        for finding in rows:
+        for finding in group.findings if details else (group.worst,):
             name = finding.quantity.replace("_", " ").replace("joint.", "joint ")
+            values = (clipped(value, LONGEST_VALUE) for value in (finding.file_value, finding.engine_value))
             shown.add(
                 group.engine,
                 TableCell(f"{group.what}", TONES.get(group.severity, DIM)),
                 name if finding.silent else f"{name} ({group.severity})",
                 _where(finding, 0 if details else len(group.findings) - 1),
-                _both(finding),
+                "" if finding.what in (What.REFUSED, What.DIED) else " → ".join(values),
                 _how_much(finding),
             )
     return shown
-
-
-def _both(finding: Finding) -> str:
-    if finding.what in (What.REFUSED, What.DIED):
-        return ""
-    return f"{clipped(finding.file_value, LONGEST_VALUE)} → {clipped(finding.engine_value, LONGEST_VALUE)}"
 
 
 def _where(finding: Finding, more: int) -> str:
@@ -195,7 +169,7 @@ def verdict(audit: FileAudit) -> list[Sentence]:
     return sentences
 
 
-# --- test reports -----------------------------------------------------------------------------------------------------
+# Test reports and pages.
 
 
 def audit_suites(audits: Sequence[FileAudit]) -> list[Suite]:
@@ -219,9 +193,8 @@ def _entries(audit: EngineAudit) -> list[Entry]:
     if not audit.loaded:
         finding = audit.findings[0]
         status = Status.ERROR if audit.died else Status.FAILED
-        return [
-            Entry("loads the file", status, clipped(finding.why), finding.why, seconds=audit.seconds, excess=math.inf)
-        ]
+        about = (clipped(finding.why), finding.why)
+        return [Entry("loads the file", status, *about, seconds=audit.seconds, excess=math.inf)]
     entries = [Entry("loads the file", Status.PASSED, seconds=audit.seconds)]
     for group in grouped(audit.findings):
         worst = group.worst
@@ -234,19 +207,8 @@ def _entries(audit: EngineAudit) -> list[Entry]:
     return entries
 
 
-# --- pages ------------------------------------------------------------------------------------------------------------
-
-
-def audit_sections(audits: Sequence[FileAudit]) -> Any:
-    """What makes the parts of a page, one for each file."""
-
-    def parts(packed: Packed) -> list[Section]:
-        return [_section(audit) for audit in audits]
-
-    return parts
-
-
-def _section(audit: FileAudit) -> Section:
+def audit_section(audit: FileAudit) -> Section:
+    """The part of a page about a file."""
     rows = [(engine.engine, f"{engine.version or '–'}, {engine.how}") for engine in audit.engines]
     rows += [(f"{engine.engine} warned", line) for engine in audit.engines for line in engine.log[:20]]
     return Section(
@@ -264,7 +226,7 @@ def _section(audit: FileAudit) -> Section:
     )
 
 
-# --- pairs ------------------------------------------------------------------------------------------------------------
+# Pairs of files.
 
 
 def show_pair(pair: PairAudit) -> None:
@@ -295,16 +257,3 @@ def show_pair(pair: PairAudit) -> None:
 def pair_data(pair: PairAudit) -> dict[str, Any]:
     """A pair as plain data."""
     return {**plain(pair), "same": pair.same}
-
-
-__all__ = [
-    "Group",
-    "audit_data",
-    "audit_sections",
-    "audit_suites",
-    "audit_tables",
-    "pair_data",
-    "show_audit",
-    "show_pair",
-    "verdict",
-]

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from simspec.analysis.speed import alike_size, half_width
 from simspec.comparison.floor import Floor
-from simspec.comparison.runs import summary
+from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.distribution import own_version
 from simspec.errors import Problem, SpecError
@@ -91,16 +91,9 @@ class Baseline:
             "versions": dict(self.versions),
             "machine": self.machine.plain(),
         }
-        rows = []
-        for figure in self.figures.values():
-            row = {
-                "key": figure.key,
-                "kind": figure.kind,
-                "unit": figure.unit,
-                "value": figure.value,
-                "interval": figure.interval,
-            }
-            rows.append(json.dumps(row | {"not_compared": figure.not_compared}, ensure_ascii=False, allow_nan=False))
+        names = ("key", "kind", "unit", "value", "interval", "not_compared")
+        records = ({name: getattr(figure, name) for name in names} for figure in self.figures.values())
+        rows = [json.dumps(record, ensure_ascii=False, allow_nan=False) for record in records]
         lines = json.dumps(head, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
         return f'{lines},\n "figures": [\n  ' + ",\n  ".join(rows) + "\n ]\n}\n"
 
@@ -192,18 +185,14 @@ def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
 
 def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance: float) -> list[Figure]:
     """What summarises a run: energy, momentum, contacts; their noise is that of the repeats."""
-    from simspec.comparison.runs import QUANTITIES
-
     values, again = summary(run), [summary(other) for other in repeats if other.failed is None]
     why = _hidden(floor.largest, tolerance) if floor is not None and again else "noise was not measured"
     figures = []
     for name, unit in QUANTITIES:
-        if name not in values:
-            continue
-        value = values[name]
-        noise = max((abs(other[name] - value) for other in again if name in other), default=0.0)
-        half = half_width(run, alike_size(values, unit), noise)
-        figures.append(_around(f"{run.engine}/{name}", unit, [value], 0.0 if why else half, why))
+        if (value := values.get(name)) is not None:
+            noise = max((abs(other[name] - value) for other in again if name in other), default=0.0)
+            half = 0.0 if why else half_width(run, alike_size(values, unit), noise)
+            figures.append(_around(f"{run.engine}/{name}", unit, [value], half, why))
     return figures
 
 
@@ -226,10 +215,8 @@ def _speeds(runs: Sequence[Run]) -> list[Figure]:
         ):
             known = [value for value in values if value is not None]
             if known:
-                interval = ((min(known), max(known)),)
-                figures.append(
-                    Figure(f"{engine}/{name}", Kind.SPEED, "s/s", (statistics.median(known),), interval, why)
-                )
+                value, interval = (statistics.median(known),), ((min(known), max(known)),)
+                figures.append(Figure(f"{engine}/{name}", Kind.SPEED, "s/s", value, interval, why))
     return figures
 
 
@@ -293,8 +280,7 @@ def compare(before: Baseline, now: Baseline) -> Comparison:
     Raises SpecError when the baseline is of another spec.
     """
     if before.spec != now.spec:
-        problem = Problem("the baseline is of another spec", found=before.spec, allowed=now.spec)
-        raise SpecError([problem])
+        raise SpecError([Problem("the baseline is of another spec", found=before.spec, allowed=now.spec)])
     notes = [
         f"{engine}: version {before.versions[engine]} in the baseline, now {number}"
         for engine, number in now.versions.items()
@@ -336,21 +322,18 @@ def _row(key: str, old: Figure, new: Figure | None, apart: Sequence[str]) -> Row
     signs = (1.0, -1.0) if key.endswith("/orientation") else (1.0,)  # a rotation has two quaternions
     if any(_overlap(old, new, sign) for sign in signs):
         return Row(key, Change.SAME, old, new)
-    return Row(key, Change.CHANGED, old, new, _moved(old, new))
+    far = f"by {math.dist(old.value, new.value):.3g} {old.unit}".rstrip()
+    return Row(key, Change.CHANGED, old, new, f"{far}, noise {_noise(old, new):.2g}")
 
 
 def _overlap(old: Figure, new: Figure, sign: float) -> bool:
-    for (low, high), ends in zip(old.interval, new.interval, strict=True):
-        new_low, new_high = sorted(sign * end for end in ends)
-        if new_high < low or high < new_low:
-            return False
-    return True
+    turned = [sorted(sign * end for end in ends) for ends in new.interval]
+    pairs = zip(old.interval, turned, strict=True)
+    return all(low <= new_high and new_low <= high for (low, high), (new_low, new_high) in pairs)
 
 
-def _moved(old: Figure, new: Figure) -> str:
-    far = math.dist(old.value, new.value)
-    noise = max(high - low for low, high in (*old.interval, *new.interval))
-    return f"by {far:.3g} {old.unit}".rstrip() + f", noise {noise:.2g}"
+def _noise(old: Figure, new: Figure) -> float:
+    return max(high - low for low, high in (*old.interval, *new.interval))
 
 
 def table_rows(comparison: Comparison, most: int) -> list[tuple[str, str, str, str]]:
@@ -363,9 +346,8 @@ def _shown(figure: Figure | None) -> str:
         return "–"
     if figure.kind is Kind.VERDICT:
         return "passed" if figure.value[0] else "failed"
-    return ", ".join(f"{value:.6g}" for value in figure.value) + (
-        f" {figure.unit}" if figure.unit not in ("", "s/s") else ""
-    )
+    unit = f" {figure.unit}" if figure.unit not in ("", "s/s") else ""
+    return ", ".join(f"{value:.6g}" for value in figure.value) + unit
 
 
 def reasons(comparison: Comparison) -> dict[str, int]:
@@ -411,9 +393,7 @@ def _verdict_regressions(comparison: Comparison) -> str:
 def show_comparison(comparison: Comparison, screen: Console) -> None:
     """Print what regressed, and how much was compared, or not, and why."""
     if comparison.regressions:
-        regressed = Table("Regressed", "figure", "baseline", "now", "")
-        for row in table_rows(comparison, SHOWN):
-            regressed.add(*row)
+        regressed = Table("Regressed", "figure", "baseline", "now", "", rows=table_rows(comparison, SHOWN))
         if (left := len(comparison.regressions) - SHOWN) > 0:
             regressed.note = f"and {left:,} more figures"
         screen.print(regressed)
@@ -438,22 +418,17 @@ def comparison_lines(comparison: Comparison) -> list[str]:
 def comparison_suite(spec: str, comparison: Comparison) -> Suite:
     """The same as a suite: an entry for each figure that regressed, one for all that did not, one for each reason why figures
     were not compared."""
-    entries = [
-        Entry(row.key, Status.FAILED, f"{row.why}: {before} in the baseline, now {now}", excess=_excess(row))
-        for row, (_, before, now, _) in zip(
-            comparison.regressions, table_rows(comparison, len(comparison.regressions)), strict=True
-        )
-    ]
-    good = comparison.compared - sum(row.change is Change.CHANGED for row in comparison.regressions)
-    if good:
+    entries = []
+    for row in comparison.regressions:
+        message = f"{row.why}: {_shown(row.before)} in the baseline, now {_shown(row.now)}"
+        entries.append(Entry(row.key, Status.FAILED, message, excess=_excess(row)))
+    if good := comparison.compared - comparison.count(Change.CHANGED):
         entries.append(Entry(f"{good:,} figures did not regress", Status.PASSED))
     if not comparison.compared:
-        entries.append(
-            Entry("comparison", Status.FAILED, "nothing could be compared with the baseline", excess=math.inf)
-        )
-    entries += [
-        Entry(f"{number:,} figures not compared", Status.SKIPPED, why) for why, number in reasons(comparison).items()
-    ]
+        message = "nothing could be compared with the baseline"
+        entries.append(Entry("comparison", Status.FAILED, message, excess=math.inf))
+    skipped = reasons(comparison).items()
+    entries += [Entry(f"{number:,} figures not compared", Status.SKIPPED, why) for why, number in skipped]
     return Suite(spec, "baseline", tuple(entries))
 
 
@@ -461,5 +436,5 @@ def _excess(row: Row) -> float:
     """How many times its noise a figure has moved."""
     if row.before is None or row.now is None or row.before.kind is not Kind.PHYSICS or not row.before.value:
         return math.inf
-    noise = max(high - low for low, high in (*row.before.interval, *row.now.interval))
+    noise = _noise(row.before, row.now)
     return math.dist(row.before.value, row.now.value) / noise if noise else math.inf

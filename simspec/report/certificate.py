@@ -65,29 +65,26 @@ def level_title(level: str, checks: Iterable[Check]) -> str:
 def certificate_tables(certificate: Certificate) -> list[Table]:
     """Model: largest deviations: one row per level, one column per engine; then what failed."""
     deviations = Table("Model: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
-    levels = sorted(
-        {check.level for proof in certificate.engines.values() for check in proof.checks}
-        | {name for proof in certificate.engines.values() for name in proof.not_compared if " " not in name}
-        | {name for proof in certificate.engines.values() for name in proof.unchecked if " " not in name}
-    )
-    for level in levels:
-        blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
-        # of checks with tolerances of their own, the one nearest to its own stands for the level
-        tightest = {name: max(checks, key=strain) for name, checks in blocks.items() if checks}
-        tolerances = sorted({level_check.tolerance for level_check in tightest.values() if level_check.tolerance})
+    proofs = certificate.engines.values()
+    levels = {check.level for proof in proofs for check in proof.checks}
+    levels |= {name for proof in proofs for name in (*proof.not_compared, *proof.unchecked) if " " not in name}
+    for level in sorted(levels):
+        blocks = [proof.level(level) for proof in proofs]
+        # of checks with different tolerances, the one nearest to its tolerance stands for the level
+        tightest = [max(checks, key=strain, default=None) for checks in blocks]
+        tolerances = sorted({check.tolerance for check in tightest if check is not None and check.tolerance})
         deviations.add(
-            level_title(level, (check for checks in blocks.values() for check in checks)),
-            ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if tightest else "–"),
+            level_title(level, (check for checks in blocks for check in checks)),
+            ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if any(blocks) else "–"),
             *(
-                _level_cell(blocks[name], tightest.get(name), level in proof.unchecked)
-                for name, proof in certificate.engines.items()
+                _level_cell(checks, worst, level in proof.unchecked)
+                for checks, worst, proof in zip(blocks, tightest, proofs, strict=True)
             ),
         )
-    counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
-    deviations.add("comparisons", "", *(f"{count:,}" for count in counts))
-    if any(proof.declared.declared for proof in certificate.engines.values()):
-        deviations.add("by declared deviation", "", *(_declared(proof) for proof in certificate.engines.values()))
-    deviations.add("verdict", "", *(_verdict(proof) for proof in certificate.engines.values()))
+    deviations.add("comparisons", "", *(f"{sum(check.count for check in proof.checks):,}" for proof in proofs))
+    if any(proof.declared.declared for proof in proofs):
+        deviations.add("by declared deviation", "", *map(_declared, proofs))
+    deviations.add("verdict", "", *map(_verdict, proofs))
     return [deviations, *_failures(certificate)]
 
 
@@ -151,22 +148,18 @@ def certificate_notes(certificate: Certificate) -> list[str]:
         for name, why in proof.not_compared.items():
             reasons.setdefault(why, {})[name] = None
     notes = [f"not compared: {'; '.join(names)}: {why}" for why, names in reasons.items()]
-    motion = {
-        check.detail: None for proof in certificate.engines.values() for check in proof.level("L6") if check.detail
-    }
-    notes += [f"motion: {detail}" for detail in motion]
-    if any(proof.contact for proof in certificate.engines.values()):
+    motion = [check.detail for proof in proofs for check in proof.level("L6") if check.detail]
+    notes += [f"motion: {detail}" for detail in dict.fromkeys(motion)]
+    if any(proof.contact for proof in proofs):
         notes.append("contact: the largest deviation of each engine, relative to its tolerance (--contact prints all)")
     for name, proof in certificate.engines.items():
         for feature, said in proof.approximations.items():
             why = short_reason(name, feature, said)
             notes.append(f"{name}: accepted approximation ({feature}): {why} ({link(name, feature)})")
         notes += [f"{name}: {words}" for words in proof.contact_words]
-        if proof.declared.cached:
-            notes.append(
-                f"{name}: {proof.declared.cached} of {proof.declared.figures} contact figures from the cache "
-                "(--no-cache measures all)"
-            )
+        if cached := proof.declared.cached:
+            cached_words = f"{cached} of {proof.declared.figures} contact figures from the cache"
+            notes.append(f"{name}: {cached_words} (--no-cache measures all)")
         declared: dict[str, dict[str, None]] = {}
         for figure in proof.contact:
             if figure.deviation:
@@ -236,25 +229,20 @@ LEAST_PERCENT = 0.01
 
 def contact_table(figures: Mapping[str, Sequence[Figure]]) -> list[Table]:
     """A table for each probe: what was asked, what is right, what each engine did. ``figures`` by engine."""
-    probes = dict.fromkeys(figure.probe for of_engine in figures.values() for figure in of_engine)
-    return [_table(probe, figures) for probe in probes]
-
-
-def _table(probe: str, figures: Mapping[str, Sequence[Figure]]) -> Table:
-    engines = list(figures)
-    rows: dict[tuple[str, str, str], dict[str, Figure]] = {}
+    probes: dict[str, dict[tuple[str, str, str], dict[str, Figure]]] = {}
     for engine, of_engine in figures.items():
         for figure in of_engine:
-            if figure.probe == probe:
-                rows.setdefault((figure.subject, figure.case, figure.quantity), {})[engine] = figure
-    rows_shown = Table(
-        TITLES.get(probe, probe), "materials", "case", "expected", *engines, right=range(2, 3 + len(engines))
-    )
-    for (subject, case, quantity), by_engine in rows.items():
-        first = next(iter(by_engine.values()))
-        cells = [_cell(by_engine.get(engine)) for engine in engines]
-        rows_shown.add(subject, f"{case}, {quantity}", _number(first.expected, first), *cells)
-    return rows_shown
+            key = (figure.subject, figure.case, figure.quantity)
+            probes.setdefault(figure.probe, {}).setdefault(key, {})[engine] = figure
+    columns = ("materials", "case", "expected", *figures)
+    tables = []
+    for probe, rows in probes.items():
+        tables.append(Table(TITLES.get(probe, probe), *columns, right=range(2, len(columns))))
+        for (subject, case, quantity), by_engine in rows.items():
+            first = next(iter(by_engine.values()))
+            cells = [_cell(by_engine.get(engine)) for engine in figures]
+            tables[-1].add(subject, f"{case}, {quantity}", _number(first.expected, first), *cells)
+    return tables
 
 
 def _number(value: float, figure: Figure) -> str:
@@ -277,13 +265,9 @@ def _cell(figure: Figure | None) -> TableCell:
 
 def deviations(figures: Mapping[str, Sequence[Figure]]) -> list[str]:
     """Each declared deviation that counted, once, with its engine."""
-    declared = {
-        f"{engine}, {figure.probe}: {figure.deviation}": None
-        for engine, of_engine in figures.items()
-        for figure in of_engine
-        if figure.deviation
-    }
-    return list(declared)
+    all_figures = [(engine, figure) for engine, of_engine in figures.items() for figure in of_engine]
+    declared = [f"{engine}, {figure.probe}: {figure.deviation}" for engine, figure in all_figures if figure.deviation]
+    return list(dict.fromkeys(declared))
 
 
 # Complete self-tests: the verdict of every change, as a table and as data.
@@ -295,16 +279,12 @@ SHOWN = 40
 
 def complete_data(result: CompleteTest) -> dict[str, Any]:
     """A complete self-test as plain data."""
-    rows = [
-        {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
-        for engine, kind, counts in result.rows()
-    ]
     return {
-        "passed": result.passed,
-        "versions": result.versions,
-        "seconds": result.seconds,
-        "skipped": result.skipped,
-        "rows": rows,
+        **{name: getattr(result, name) for name in ("passed", "versions", "seconds", "skipped")},
+        "rows": [
+            {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
+            for engine, kind, counts in result.rows()
+        ],
         "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(result)],
         "unused": result.unused,
         "mutations": result.verdicts,
@@ -315,11 +295,8 @@ def show_complete(result: CompleteTest, screen: Console) -> None:
     """Print the table, and what was missed and skipped."""
     screen.print(complete_table(result))
     for verdict in result.missed[:SHOWN]:
-        screen.print(
-            f"MISSED {verdict.engine}, {verdict.world}: {verdict.file} {verdict.place}: "
-            f"{verdict.kind} {verdict.change} {verdict.why}",
-            markup=False,
-        )
+        place = f"{verdict.engine}, {verdict.world}: {verdict.file} {verdict.place}"
+        screen.print(f"MISSED {place}: {verdict.kind} {verdict.change} {verdict.why}", markup=False)
     if len(result.missed) > SHOWN:
         screen.print(f"and {len(result.missed) - SHOWN} more (--json lists all)")
     for where, why in result.skipped.items():
@@ -333,15 +310,12 @@ def show_complete(result: CompleteTest, screen: Console) -> None:
 
 def complete_table(result: CompleteTest) -> Table:
     """A row for each engine and kind of change."""
-    made = Table("Complete self-test", "engine", "change", *COLUMNS, right=range(2, 7))
-    for engine, kind, counts in result.rows():
-        made.add(engine, kind, *(str(count) for count in counts))
-    return made
+    rows = [(engine, kind, *counts) for engine, kind, counts in result.rows()]
+    return Table("Complete self-test", "engine", "change", *COLUMNS, right=range(2, 7), rows=rows)
 
 
 def inert_reasons(result: CompleteTest) -> list[tuple[str, str, int]]:
     """(engine, reason, how many) of what is declared inert and was seen to be."""
     counts = Counter((verdict.engine, verdict.why) for verdict in result.verdicts if verdict.verdict == "inert")
-    return [
-        (engine, why, count) for (engine, why), count in sorted(counts.items(), key=lambda row: (row[0][0], -row[1]))
-    ]
+    ordered = sorted(counts.items(), key=lambda row: (row[0][0], -row[1]))
+    return [(engine, why, count) for (engine, why), count in ordered]

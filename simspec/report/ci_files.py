@@ -37,9 +37,8 @@ def junit(suites: Sequence[Suite]) -> str:
     root = ElementTree.Element("testsuites", {"name": "simspec", **_numbers(total), "time": _seconds(suites)})
     for suite in suites:
         numbers = _numbers({status: suite.count(status) for status in Status})
-        element = ElementTree.SubElement(
-            root, "testsuite", {"name": visible(suite.name), **numbers, "time": _seconds([suite])}
-        )
+        attributes = {"name": visible(suite.name), **numbers, "time": _seconds([suite])}
+        element = ElementTree.SubElement(root, "testsuite", attributes)
         for entry in suite.entries:
             _add(element, suite, entry)
     ElementTree.indent(root, " ")
@@ -150,20 +149,17 @@ def summary(
     if study is not None:
         lines += _figures(study)
     lines += baseline
-    if bad:
-        rows = ([words(suite.name), words(entry.name), words(entry.message)] for suite, entry in bad)
-        lines += ["### What failed, worst first", "", *markdown_rows(("", "entry", "why"), rows), ""]
     skipped = [(suite, entry) for suite in suites for entry in suite.entries if entry.status is Status.SKIPPED]
-    if skipped:
-        rows = ([words(suite.name), words(entry.name), words(entry.message)] for suite, entry in skipped)
-        lines += ["### Skipped", "", *markdown_rows(("", "entry", "why"), rows), ""]
+    for title, entries in (("What failed, worst first", bad), ("Skipped", skipped)):
+        if entries:
+            rows = ([words(suite.name), words(entry.name), words(entry.message)] for suite, entry in entries)
+            lines += [f"### {title}", "", *markdown_rows(("", "entry", "why"), rows), ""]
     return _bounded(lines, room)
 
 
 def _figures(study: Study) -> list[str]:
-    rows = [
-        [words(run.label), _number(run.real_time_factor), _number(run.end_to_end_factor)] for run in study.runs.values()
-    ]
+    factors = {words(run.label): (run.real_time_factor, run.end_to_end_factor) for run in study.runs.values()}
+    rows = [[name, *("–" if each is None else f"{each:.3g}" for each in pair)] for name, pair in factors.items()]
     shown = [*markdown_rows(("engine", "real-time factor of the steps", "end to end"), rows), ""]
     rows = [
         [
@@ -186,10 +182,6 @@ def _largest(diff: Diff) -> str:
     for unit in ("rad", "m"):
         sizes += [f"joint {joint.largest:.3g} {unit}" for joint in diff.joints if joint.unit == unit][:1]
     return ", ".join(sizes)
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
 
 
 def _bounded(lines: Sequence[str], room: int) -> str:

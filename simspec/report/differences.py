@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
 from simspec.comparison.runs import INCONCLUSIVE, QUANTITIES, SHOWN_BODIES, BodyDiff, Diff, out_words, summary
@@ -52,14 +52,8 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     """Where the engines differ: one row per pair of runs."""
     if not diffs:
         return None
-    pairs = Table(
-        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × noise)",
-        "runs",
-        "largest",
-        "out of tolerance",
-        "noise,\nuntil",
-        right=(3,),
-    )
+    title = f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × noise)"
+    pairs = Table(title, "runs", "largest", "out of tolerance", "noise,\nuntil", right=(3,))
     for column, width in zip(pairs.columns[1:3], WIDTHS, strict=True):
         column.width = width
     for diff in diffs:
@@ -107,11 +101,15 @@ def angle(value: float) -> str:
 
 
 def _stays(diff: Diff) -> TableCell:
-    """What is said of a comparison in which nothing is out of tolerance."""
+    """The cell of a comparison in which nothing is out of tolerance."""
     if diff.not_compared:
         return TableCell("inconclusive: nothing was compared", WARNING)
     if diff.untold is not None:
         return TableCell(f"inconclusive: noise {_noise(diff, diff.untold)}", WARNING)
+    return _never(diff)
+
+
+def _never(diff: Diff) -> TableCell:
     return passed_cell(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
 
 
@@ -119,11 +117,9 @@ def _out(diff: Diff, body: BodyDiff) -> TableCell:
     """When a body was first out of tolerance."""
     if body.first_out is not None:
         return TableCell(f"{body.first_out:.4g} s ({body.cause}): {out_words(body)}", WARNING)
-    if not body.compared:
-        return TableCell("inconclusive: not compared", WARNING)
-    if body.inconclusive_from is not None:
-        return TableCell("inconclusive", WARNING)
-    return passed_cell(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
+    if not body.compared or body.inconclusive_from is not None:
+        return TableCell("inconclusive" if body.compared else "inconclusive: not compared", WARNING)
+    return _never(diff)
 
 
 def inconclusive_note(diff: Diff) -> str | None:
@@ -142,10 +138,9 @@ def inconclusive_note(diff: Diff) -> str | None:
 
 def not_compared_words(diff: Diff) -> str:
     """That a comparison of nothing is inconclusive, why, and what to do about it."""
-    advice = (
-        "" if diff.horizon is None else f"; use a shorter record.every, or a tolerance above {FLOOR_FACTOR:g} times it"
-    )
-    return f"agreement within {tolerances(diff)} is inconclusive, because {diff.not_compared}{advice}"
+    text = f"agreement within {tolerances(diff)} is inconclusive, because {diff.not_compared}"
+    advice = f"; use a shorter record.every, or a tolerance above {FLOOR_FACTOR:g} times it"
+    return text + (advice if diff.horizon is not None else "")
 
 
 def _noise(diff: Diff, body: BodyDiff) -> str:
@@ -156,17 +151,9 @@ def _noise(diff: Diff, body: BodyDiff) -> str:
 
 def diff_tables(diff: Diff) -> list[Table]:
     """One comparison in full: the bodies, then the quantities."""
-    bodies = Table(
-        f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {tolerances(diff)})",
-        "body",
-        "largest",
-        "RMS",
-        "angle, largest",
-        "RMS",
-        "noise",
-        "first out of tolerance",
-        right=(1, 2, 3, 4, 5),
-    )
+    title = f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {tolerances(diff)})"
+    columns = ("body", "largest", "RMS", "angle, largest", "RMS", "noise", "first out of tolerance")
+    bodies = Table(title, *columns, right=(1, 2, 3, 4, 5))
     for body in diff.bodies[:SHOWN_BODIES]:
         bodies.add(
             body.body,
@@ -179,10 +166,9 @@ def diff_tables(diff: Diff) -> list[Table]:
         bodies.note = f"and {len(diff.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
     scalars = Table("Quantities", "", diff.first, diff.second, "difference", right=(1, 2, 3))
     for item in diff.quantities:
-        if item.first is None and item.second is None:
-            continue
         gap = item.second - item.first if item.first is not None and item.second is not None else None
-        scalars.add(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
+        if item.first is not None or item.second is not None:
+            scalars.add(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
     if diff.first_contact is not None:
         name, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
         scalars.add("first contact that differs", name, other, number(diff.first_contact.time, "s"))
@@ -257,31 +243,27 @@ def runs_table(study: Study) -> Table:
     return records_table(f"Runs of {study.world.name}", rows)
 
 
+MEASURES = {
+    "largest, m": "position_largest",
+    "rms, m": "position_rms",
+    "largest angle, rad": "angle_largest",
+    "time of largest, s": "time_of_largest",
+    "time of largest angle, s": "time_of_largest_angle",
+}
+"""Columns of figures that a body has where it was compared, with their names in a comparison."""
+
+
 def differences_table(study: Study) -> Table:
     """A row for each pair of engines and body of a study."""
-    return records_table(f"Differences between engines in {study.world.name}", list(_differences(study)))
-
-
-def _differences(study: Study) -> Iterator[dict[str, Any]]:
-    for diff in study.diffs:
-        for body in diff.bodies:
-            compared = body if body.compared else None
-            yield {
-                "first": diff.first,
-                "second": diff.second,
-                "body": body.body,
-                "verdict": body.verdict,
-                "largest, m": compared and compared.position_largest,
-                "rms, m": compared and compared.position_rms,
-                "largest angle, rad": compared and compared.angle_largest,
-                "time of largest, s": compared and compared.time_of_largest,
-                "time of largest angle, s": compared and compared.time_of_largest_angle,
-                "first out, s": body.first_out,
-                "first out of": " and ".join(body.exceeded) or None,
-                "cause": body.cause or None,
-                "noise, m": body.floor,
-                "compared until, s": diff.compared_until,
-            }
+    rows = [
+        {"first": diff.first, "second": diff.second, "body": body.body, "verdict": body.verdict}
+        | {head: getattr(body, name) if body.compared else None for head, name in MEASURES.items()}
+        | {"first out, s": body.first_out, "first out of": " and ".join(body.exceeded) or None}
+        | {"cause": body.cause or None, "noise, m": body.floor, "compared until, s": diff.compared_until}
+        for diff in study.diffs
+        for body in diff.bodies
+    ]
+    return records_table(f"Differences between engines in {study.world.name}", rows)
 
 
 def study_tables(study: Study, form: str) -> dict[str, str]:

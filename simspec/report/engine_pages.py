@@ -13,7 +13,7 @@ import inspect
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,11 @@ from simspec.engines.kit.registry import engines, format_of
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.files import read_bytes
-from simspec.proof.certificate import Certificate
+from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title, strain
 from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
+from simspec.report.table import markdown_cell, markdown_rows
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.canonical import from_plain
@@ -41,7 +42,14 @@ STUDY = "docs/records/studies/every-engine"
 LINK = "../../records/studies/every-engine/study.md"
 LARGEST = 64 * 2**20
 """Bytes of a study that are read."""
-HEAD = "| scenario, timestep | a step, processor time | × real time | all that is expected holds | the same run again | gap |"
+HEADS = (
+    "scenario, timestep",
+    "a step, processor time",
+    "× real time",
+    "all that is expected holds",
+    "the same run again",
+    "gap",
+)
 NOTE = """Gap: the mean distance of all bodies from {first}'s, {length:g} ms after both began in the same state; mean of
 {windows} such windows."""
 
@@ -54,16 +62,14 @@ def closeness(name: str, certificates: Mapping[str, Certificate]) -> Iterator[st
         if name in certificate.engines
         for check in certificate.engines[name].checks
     ]
-    if not checks:
-        return
-    yield from ("| level | scenarios | comparisons | nearest to what is tolerated |", "|---|---:|---:|---|")
+    rows = []
     for level in sorted({check.level for _, check in checks}):
         of_level = [(scenario, check) for scenario, check in checks if check.level == level]
-        scenarios = len({scenario for scenario, _ in of_level})
-        count = sum(check.count for _, check in of_level)
+        scenarios, count = {scenario for scenario, _ in of_level}, sum(check.count for _, check in of_level)
         title = level_title(level, [check for _, check in of_level])
-        yield f"| {title} | {scenarios} | {count:,} | {_nearest(of_level)} |"
-    yield ""
+        rows.append([title, str(len(scenarios)), f"{count:,}", _nearest(of_level)])
+    heads = ("level", "scenarios", "comparisons", "nearest to what is tolerated")
+    yield from (*markdown_rows(heads, rows, right=(1, 2)), "") if rows else ()
 
 
 def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
@@ -94,13 +100,13 @@ def compared(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]])
     if rows:
         gaps = [row for tables in study.values() for row in tables.get("attribution", ()) if "gap.all" in row]
         yield from (f"In the [study of every engine]({LINK}), at each scenario's smallest timestep:", "")
-        yield from (HEAD, "|---|---:|---:|---|---|---:|", *rows, "")
+        yield from (*markdown_rows(HEADS, rows, right=(1, 2, 5)), "")
         if gaps:
             text = NOTE.format(first=gaps[0]["first"], length=1e3 * gaps[0]["length"], windows=gaps[0]["windows"])
             yield from (text, "")
 
 
-def _rows(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]]) -> Iterator[str]:
+def _rows(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]]) -> Iterator[Sequence[str]]:
     for sweep, tables in study.items():
         speeds = [row for row in tables.get("speed.cpu_factor", ()) if "elsewhere" not in row]
         if not speeds:
@@ -111,29 +117,23 @@ def _rows(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]]) ->
             if row["timestep"] != smallest or label.partition("@")[0] != name:
                 continue
             version = f", {label}" if label != name else ""
-            cells = (
+            seconds, gap = smallest / row["median"], _of(tables, "attribution", label).get("gap.all")
+            yield (
                 f"{sweep}{version}, {1e3 * smallest:g} ms",
-                _time(smallest / row["median"]),
+                f"{1e3 * seconds:.3g} ms" if seconds >= 1e-3 else f"{1e6 * seconds:.3g} µs",
                 f"{row['median']:.3g}",
                 _holds(_of(tables, "validity", label)),
                 _of(tables, "determinism", label, smallest).get("result", "–"),
-                _distance(_of(tables, "attribution", label)),
+                "–" if gap is None else f"{gap:.2g} m",  # none of the first engine, and of those without an explanation
             )
-            yield f"| {' | '.join(cells)} |"
 
 
 def _of(
     tables: Mapping[str, list[dict[str, Any]]], table: str, label: str, timestep: float | None = None
 ) -> dict[str, Any]:
     """The row of an engine in a table; {} where there is none."""
-    for row in tables.get(table, ()):
-        if row.get("engine") == label and timestep in (None, row.get("timestep")):
-            return row
-    return {}
-
-
-def _time(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms" if seconds >= 1e-3 else f"{1e6 * seconds:.3g} µs"
+    rows = (row for row in tables.get(table, ()) if row.get("engine") == label)
+    return next((row for row in rows if timestep in (None, row.get("timestep"))), {})
 
 
 def _holds(row: Mapping[str, Any]) -> str:
@@ -143,12 +143,6 @@ def _holds(row: Mapping[str, Any]) -> str:
     if limit is None:
         return f"not at {1e3 * beyond:g} ms: {row['missed']}" if beyond is not None else "–"
     return f"up to {1e3 * limit:g} ms" if beyond is not None else f"up to {1e3 * limit:g} ms at least"
-
-
-def _distance(row: Mapping[str, Any]) -> str:
-    """Mean distance of all bodies at the end of windows (m); – of the first engine, and of one that was not asked."""
-    gap = row.get("gap.all")
-    return "–" if gap is None else f"{gap:.2g} m"
 
 
 LARGEST_CERTIFICATE = 64 * 2**20
@@ -197,19 +191,26 @@ def _index(certificates: Mapping[str, Certificate]) -> str:
         lines += [f"## {title}", ""]
         if files_only:
             lines += ["simspec writes their files and compares them with the world; no test runs the program.", ""]
-        lines += [f"| engine | precision | of {len(Feature)} features | valid certificates |", "|---|---|---|---:|"]
+        rows = []
         for name, engine in engines().items():
-            if bool(engine.FILES_ALONE) is not files_only:
-                continue
-            counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
-            features = ", ".join(f"{counts[level]} {level}" for level in LEVELS if counts[level])
-            proofs = [
-                proof for certificate in certificates.values() if (proof := certificate.engines.get(name)) is not None
-            ]
-            valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
-            lines.append(f"| [{engine.TITLE or name}](engines/{name}.md) | {engine.PRECISION} | {features} | {valid} |")
-        lines.append("")
+            if bool(engine.FILES_ALONE) is files_only:
+                proofs = _proofs(name, certificates).values()
+                valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
+                rows.append([f"[{engine.TITLE or name}](engines/{name}.md)", engine.PRECISION, _levels(engine), valid])
+        heads = ("engine", "precision", f"of {len(Feature)} features", "valid certificates")
+        lines += [*markdown_rows(heads, rows, right=(3,)), ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _proofs(name: str, certificates: Mapping[str, Certificate]) -> dict[str, EngineProof]:
+    """The proofs of an engine by scenario."""
+    return {scenario: made.engines[name] for scenario, made in certificates.items() if name in made.engines}
+
+
+def _levels(engine: type[Engine]) -> str:
+    """How many features an engine has at each level, in words."""
+    counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
+    return ", ".join(f"{counts[level]} {level}" for level in LEVELS if counts[level])
 
 
 def _about(engine: type[Engine]) -> list[str]:
@@ -220,28 +221,20 @@ def _about(engine: type[Engine]) -> list[str]:
 
 
 def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> list[str]:
-    versions = {
-        proof.version
-        for certificate in certificates.values()
-        if (proof := certificate.engines.get(engine.NAME)) is not None
-    }
-    needs = "; ".join(f"{name}: {what}" for name, what in engine.NEEDS.debian)
-    lacks = "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items())
-    counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
+    versions = {proof.version for proof in _proofs(engine.NAME, certificates).values()}
+    proven = f"files only (L0) where it is not installed, which is no valid certificate: {engine.FILES_ALONE}"
     rows = {
         "name": f"`{engine.NAME}`",
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
         "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
-        "proven": f"files only (L0) where it is not installed, which is no valid certificate: {engine.FILES_ALONE}"
-        if engine.FILES_ALONE
-        else "",
-        "packages of Debian": needs,
+        "proven": proven if engine.FILES_ALONE else "",
+        "packages of Debian": "; ".join(f"{name}: {use}" for name, use in engine.NEEDS.debian),
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
-        f"of {len(Feature)} features": ", ".join(f"{counts[level]} {level}" for level in LEVELS if counts[level]),
-        "lacks": lacks,
+        f"of {len(Feature)} features": _levels(engine),
+        "lacks": "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items()),
     }
-    return ["| | |", "|---|---|", *(f"| {name} | {_cell(text)} |" for name, text in rows.items() if text)]
+    return ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in rows.items() if text)]
 
 
 def _plain_word(entry: Any) -> str:
@@ -262,17 +255,19 @@ def _support(engine: type[Engine]) -> Iterator[str]:
             yield from (f"## {title}", "")
             features: dict[str, list[str]] = {}
             for feature, entry in found:
-                features.setdefault(_line(entry.how), []).append(f"`{feature.value}`")
+                features.setdefault(" ".join(entry.how.split()), []).append(f"`{feature.value}`")
             yield from (f"- {', '.join(names)}: {reason}" for reason, names in features.items())
             yield ""
 
 
 def _settings(engine: type[Engine]) -> Iterator[str]:
     if engine.SETTINGS:
-        yield from ("## Solver settings", "", "| setting | default | acts on | meaning |", "|---|---|---|---|")
-        for name, setting in engine.SETTINGS.items():
-            yield f"| `{name}` | `{setting.default}` | {setting.group} | {_cell(setting.meaning)} |"
-        yield ""
+        rows = [
+            [f"`{name}`", f"`{setting.default}`", setting.group, markdown_cell(setting.meaning)]
+            for name, setting in engine.SETTINGS.items()
+        ]
+        heads = ("setting", "default", "acts on", "meaning")
+        yield from ("## Solver settings", "", *markdown_rows(heads, rows), "")
 
 
 def _deviations(engine: type[Engine]) -> Iterator[str]:
@@ -287,19 +282,15 @@ def _deviations(engine: type[Engine]) -> Iterator[str]:
     )
     reasons: dict[str, dict[str, list[Deviation]]] = {}
     for deviation in engine.CONTACT_DEVIATIONS:
-        reasons.setdefault(_line(deviation.why), {}).setdefault(deviation.probe, []).append(deviation)
+        reasons.setdefault(" ".join(deviation.why.split()), {}).setdefault(deviation.probe, []).append(deviation)
     for reason, probes in reasons.items():
-        yield from (
-            f"**{reason[:1].upper()}{reason[1:]}.**",
-            "",
-            "| probe | widest | where | entries |",
-            "|---|---:|---|---:|",
-        )
+        rows = []
         for probe, deviations in probes.items():
             widest = max(deviations, key=lambda entry: entry.size)
             size = f"{100.0 * widest.size:.3g} %" if widest.relative else f"{widest.size:.3g}"
-            yield f"| {probe} | {size} | {_cell(_where(widest))} | {len(deviations):,} |"
-        yield ""
+            rows.append([probe, size, markdown_cell(_where(widest)), f"{len(deviations):,}"])
+        table = markdown_rows(("probe", "widest", "where", "entries"), rows, right=(1, 3))
+        yield from (f"**{reason[:1].upper()}{reason[1:]}.**", "", *table, "")
 
 
 def _deviation_table(engine: type[Engine]) -> str:
@@ -326,11 +317,7 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
     """In how many scenarios of the library each level was compared, and why others have no certificate of it."""
     if not certificates:
         return
-    proofs = {
-        name: certificate.engines[engine.NAME]
-        for name, certificate in certificates.items()
-        if engine.NAME in certificate.engines
-    }
+    proofs = _proofs(engine.NAME, certificates)
     yield from ("## Certificates", "")
     valid = sum(proof.valid for proof in proofs.values())
     levels: collections.Counter[str] = collections.Counter()
@@ -349,7 +336,7 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
         reasons: dict[str, list[str]] = {}
         for name in lacking:
             reasons.setdefault(_refusal(engine, _world(root / "generated" / name / WORLD_FILE)), []).append(name)
-        yield from (f"- {', '.join(names)}: {_line(why)}" for why, names in reasons.items())
+        yield from (f"- {', '.join(names)}: {' '.join(why.split())}" for why, names in reasons.items())
     yield ""
 
 
@@ -380,11 +367,3 @@ def _certificates(root: Path) -> dict[str, Certificate]:
     files = sorted((root / "generated").glob(f"*/{CERTIFICATE_FILE}"))
     texts = {file: read_bytes(file, LARGEST_CERTIFICATE).decode("utf-8", "replace") for file in files}
     return {file.parent.name: Certificate.from_json(text, str(file)) for file, text in texts.items()}
-
-
-def _line(text: str) -> str:
-    return " ".join(text.split())
-
-
-def _cell(text: str) -> str:
-    return _line(text).replace("|", "\\|")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from statistics import median
@@ -129,9 +130,8 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
     screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}")
     if to_do and left.total is not None:
         together = f", {duration(left.total / jobs)} at {jobs} side by side" if jobs > 1 else ""
-        screen.print(
-            f"runs: about {duration(left.total)}{together}, from what such runs took in this store", soft_wrap=True
-        )
+        about = f"about {duration(left.total)}{together}"
+        screen.print(f"runs: {about}, from what such runs took in this store", soft_wrap=True)
     elif to_do:
         screen.print("no run of some engine has been measured in this store: its time is not known", soft_wrap=True)
     screen.print(proof_words(proofs), soft_wrap=True)
@@ -177,21 +177,10 @@ def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
     for why in list(outcome.unproven.values())[:MOST_REASONS]:
         errors.print(f"not proven: {why}", soft_wrap=True, style="bold red")
     for engine, why in outcome.stopped.items():
-        hint = "--retry-failed tries again"
-        errors.print(f"{engine} was stopped: {why} ({hint})", soft_wrap=True, style="bold red")
-    for why, rows in _failures(found)[:MOST_REASONS]:
-        errors.print(f"{len(rows):,} failed: {rows[0].engine}: {why}", soft_wrap=True, style="bold red")
-
-
-def _failures(found: Sequence[Group]) -> list[tuple[str, list[Row]]]:
-    """The runs that failed, by engine and reason, most first."""
-    reasons: dict[tuple[str, str], list[Row]] = {}
-    for group in found:
-        for row in group.rows:
-            if row.failed is not None:
-                reasons.setdefault((row.engine, row.failed), []).append(row)
-    ordered = sorted(reasons.items(), key=lambda item: -len(item[1]))
-    return [(why, rows) for (_, why), rows in ordered]
+        errors.print(f"{engine} was stopped: {why} (--retry-failed tries again)", soft_wrap=True, style="bold red")
+    failed = Counter((row.engine, row.failed) for group in found for row in group.rows if row.failed is not None)
+    for (engine, reason), count in failed.most_common(MOST_REASONS):
+        errors.print(f"{count:,} failed: {engine}: {reason}", soft_wrap=True, style="bold red")
 
 
 def results_table(found: Sequence[Group]) -> Table:
@@ -248,9 +237,8 @@ def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
             facts |= {name: getattr(row, name) for name in ("engine_version", *CSV_LAST) if name not in facts}
         values, measured = dict(cell.overrides), {} if row is None else row.quantities
         line = [*map(facts.get, CSV_FIRST), *map(values.get, paths), *map(facts.get, CSV_LAST)]
-        table.add(
-            *(str(value) if isinstance(value, bool) else value for value in (*line, *map(measured.get, quantities)))
-        )
+        line += map(measured.get, quantities)
+        table.add(*(str(value) if isinstance(value, bool) else value for value in line))
     return csv_text(table, newline="\n", lines=True)
 
 
@@ -263,13 +251,8 @@ def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
             entry["rounded"] = rounded_data(rounded)
         entry |= {"sample": cell.sample, "repeat": cell.repeat, "perturb": cell.perturb, "seed": cell.seed}
         if row is not None:
-            entry |= {
-                "key": row.key,
-                "failed": row.failed,
-                "quantities": row.quantities,
-                "step_seconds": row.step_seconds,
-            }
-            entry |= {"cpu_seconds": row.cpu_seconds, "passed": row.passed, "expected": row.expected}
+            names = ("key", "failed", "quantities", "step_seconds", "cpu_seconds", "passed", "expected")
+            entry |= {name: getattr(row, name) for name in names}
         runs.append(entry)
     return {
         "plan": outcome.plan.describe(),
@@ -367,13 +350,5 @@ def bisect_data(engine: str, done: Bisection, models: Sequence[str], more: str) 
 
 
 def _plain(reading: Reading | None) -> dict[str, Any] | None:
-    if reading is None:
-        return None
-    return {
-        "version": reading.version,
-        "value": reading.value,
-        "unit": reading.unit,
-        "noise": reading.noise,
-        "half_width": reading.half,
-        "stored": reading.stored,
-    }
+    names = {"half_width": "half", **{name: name for name in ("version", "value", "unit", "noise", "stored")}}
+    return None if reading is None else {name: getattr(reading, field) for name, field in names.items()}

@@ -113,14 +113,12 @@ def explained(world: World, compiled: Compiled) -> Explained:
     in_force = json.loads(compiled.files[SIDECAR])["settings"]
     resolved = resolve_settings(engine, world)
     idle = idle_settings(engine, resolved)
-    settings = tuple(
-        SettingExplained(
-            name, value, in_force.get(name, value), name in stated, engine.SETTINGS[name].meaning, idle.get(name, "")
-        )
-        for name, value in resolved.items()
-    )
+    settings = []
+    for name, value in resolved.items():
+        meaning, without = engine.SETTINGS[name].meaning, idle.get(name, "")
+        settings.append(SettingExplained(name, value, in_force.get(name, value), name in stated, meaning, without))
     pairs.sort(key=lambda pair: (pair.first, pair.second))
-    return Explained(compiled.engine, tuple(pairs), copies, sum(listed.values()), settings)
+    return Explained(compiled.engine, tuple(pairs), copies, sum(listed.values()), tuple(settings))
 
 
 def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
@@ -130,11 +128,8 @@ def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
         folder = place / compiled.engine
         write_folder(compiled.files, folder)
         pairs = dialects()[compiled.dialect].read(folder).pairs
-    counts: Counter[tuple[str, str]] = Counter()
-    for pair in pairs:
-        first, second = sorted((material[pair.first], material[pair.second]))
-        counts[first, second] += 1
-    return counts
+    materials = (sorted((material[pair.first], material[pair.second])) for pair in pairs)
+    return Counter((first, second) for first, second in materials)
 
 
 def _law(law: PairContact) -> dict[str, Any]:
@@ -186,14 +181,9 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
     for pair in explanation.pairs:
         law = ", ".join(_told(*part) for part in (pair.law | pair.settings).items())
         contact.add(f"{pair.first}, {pair.second}", law, pair.how)
-    costs = []
-    if explanation.copies:
-        costs.append(
-            f"realised by copies: {explanation.copies} additional shapes in layers; shapes touch only within a layer"
-        )
-    if explanation.explicit:
-        costs.append(f"{explanation.explicit} explicit pairs of shapes in all")
-    contact.note = "; ".join(costs)
+    copies = f"realised by copies: {explanation.copies} additional shapes in layers; shapes touch only within a layer"
+    explicit = f"{explanation.explicit} explicit pairs of shapes in all"
+    contact.note = "; ".join([copies] * bool(explanation.copies) + [explicit] * bool(explanation.explicit))
     settings = Table(f"Solver of {explanation.engine}", "setting", "value", "from", "why")
     for setting in explanation.settings:
         same = setting.value == setting.in_force
@@ -237,11 +227,10 @@ def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
         yield f"ω {controller.natural_frequency:g} rad/s, ζ {controller.damping_ratio:g}"
     if controller.gravity_compensation:
         yield "gravity compensation"
+    numbers = (controller.kp, controller.kd, controller.effort_limits)
     for kind, units in GAINS.items():
         mine = [index for index, name in enumerate(controller.joints) if kinds[name] == kind]
-        for (label, unit), values in zip(
-            units.items(), (controller.kp, controller.kd, controller.effort_limits), strict=True
-        ):
+        for (label, unit), values in zip(units.items(), numbers, strict=True):
             said = [value for index in mine if values and (value := values[index]) is not None]
             if said and (label == "effort" or any(said)):
                 low, high = min(said), max(said)
@@ -311,11 +300,8 @@ def steps(explanation: Explanation) -> Iterator[str]:
             yield f"  {_gap(explanation, name)}"
     contact = explanation.contact
     if contact is None:
-        yield (
-            "first contact: none in A's run"
-            if not any(explanation.counts[name] for name in ("impact", "contact"))
-            else "first contact: not comparable"
-        )
+        touches = any(explanation.counts[name] for name in ("impact", "contact"))
+        yield "first contact: not comparable" if touches else "first contact: none in A's run"
         return
     text = f"first contact: {' and '.join(contact.bodies)}, both from A's state before it"
     yield f"{text}: {contact.differs or 'nothing'} differs first"
@@ -337,6 +323,7 @@ def _gap(explanation: Explanation, name: str) -> str:
 def swaps_table(explanation: Explanation) -> Table:
     """The swaps with their shares by class, the largest first."""
     classes = [name for name in explanation.telling if name != ALL] + ([ALL] if ALL in explanation.telling else [])
+    kinds = (explanation.causes, explanation.probes)
     title = "swaps: one thing changed, and the share of the gap that it closes"
     right = range(3, 3 + len(classes))
     shown = Table(title, "what is changed", "from", "to", *(CLASS_WORDS[name] for name in classes), right=list(right))
@@ -344,7 +331,8 @@ def swaps_table(explanation: Explanation) -> Table:
         if declared.predicted:
             cells = ["" if name not in declared.share else percent(declared.share[name]) for name in classes]
             shown.add(f"{declared.acts}, as declared", declared.engine, "predicted", *cells)
-    swaps = [*_ranked(explanation.causes), *_ranked(explanation.probes)]
+    ordered = (sorted(swaps, key=lambda swap: (swap.failed is not None, -swap.largest)) for swaps in kinds)
+    swaps = [swap for of_kind in ordered for swap in of_kind]
     if any(share < 0.0 for swap in swaps[:MOST_ROWS] for share in swap.share.values()):
         shown.note = "negative: the gap grows by this share with the change"
     for swap in swaps[:MOST_ROWS]:
@@ -358,10 +346,6 @@ def swaps_table(explanation: Explanation) -> Table:
     if len(swaps) > MOST_ROWS:
         shown.add(f"and {len(swaps) - MOST_ROWS} more (--json)", "", "", *[""] * len(classes))
     return shown
-
-
-def _ranked(swaps: Sequence[Swap]) -> list[Swap]:
-    return sorted(swaps, key=lambda swap: (swap.failed is not None, -swap.largest))
 
 
 # Explanations in studies: differences of each engine from the first, with their causes (``docs/guide/explain.md``).
@@ -378,11 +362,8 @@ NOTE = (
 
 def attribution_tables(done: Done) -> list[StudyTable]:
     """``attribution`` and ``attribution.causes``."""
-    classes = [
-        name
-        for name in (*CLASSES, RUN)
-        if any(entry.found is not None and name in entry.found.gap for entry in done.explained)
-    ]
+    gap_classes = {name for entry in done.explained if entry.found is not None for name in entry.found.gap}
+    classes = [name for name in (*CLASSES, RUN) if name in gap_classes]
     heads = [f"gap, {CLASS_WORDS[name]}" for name in classes]
     right = range(1, 1 + len(heads))
     gaps = StudyTable(done, "attribution", TITLE, "engine", *heads, "unexplained", right=right)
@@ -393,8 +374,8 @@ def attribution_tables(done: Done) -> list[StudyTable]:
             record: dict[str, Any] = {"engine": entry.engine, "first": entry.first, "refused": entry.refused}
             gaps.add(entry.engine, *(["–"] * len(heads)), TableCell(entry.refused, DIM), record=record)
             continue
-        telling = found.telling
-        cells = [_length(found.gap.get(name), name in telling) for name in classes]
+        known = {name: f"{gap:.2g} m" if name in found.telling else "the same" for name, gap in found.gap.items()}
+        cells = [known.get(name, "–") for name in classes]
         left = {name: share for name, share in found.unexplained.items() if name in (*CLASSES, RUN)}
         unexplained = ", ".join(f"{percent(max(share, 0.0))} {CLASS_WORDS[name]}" for name, share in left.items())
         record = {"engine": entry.engine, "first": entry.first, "windows": found.looked_at, "length": found.length}
@@ -405,7 +386,9 @@ def attribution_tables(done: Done) -> list[StudyTable]:
             before, after = swap.values
             record = {"engine": entry.engine, "first": entry.first, "what": swap.name, "from": before, "to": after}
             record |= {"kind": swap.kind} | {f"share.{name}": finite(share) for name, share in swap.share.items()}
-            causes.add(entry.engine, swap.name, before, after, _shares(swap), record=record)
+            closed = {name: share for name, share in swap.share.items() if name in (*CLASSES, RUN)}
+            words = [f"{ranged(share, swap.interval.get(name))} {CLASS_WORDS[name]}" for name, share in closed.items()]
+            causes.add(entry.engine, swap.name, before, after, ", ".join(words) or "none", record=record)
         gaps.said += tuple(f"{entry.engine} beside {entry.first}: {line}" for line in verdict(found)[:MOST])
     gaps.note = NOTE
     return [gaps, causes]
@@ -418,17 +401,3 @@ def _ranked_swaps(causes: tuple[Swap, ...], probes: tuple[Swap, ...]) -> list[Sw
     chosen = [swap for swap in ranked if swap.kind != Kind.REMOVAL.value]
     places = [swap for swap in ranked if swap.kind == Kind.REMOVAL.value]
     return [*acting(causes)[:MOST], *chosen[:MOST], *places[:MOST]]
-
-
-def _length(value: float | None, tells: bool) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.2g} m" if tells else "the same"
-
-
-def _shares(swap: Swap) -> str:
-    shares = {name: share for name, share in swap.share.items() if name in (*CLASSES, RUN)}
-    return (
-        ", ".join(f"{ranged(share, swap.interval.get(name))} {CLASS_WORDS[name]}" for name, share in shares.items())
-        or "none"
-    )

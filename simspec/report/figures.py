@@ -9,7 +9,8 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
@@ -34,7 +35,7 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 """The same for lines."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Told apart by colour-blind people too (Okabe and Ito)."""
-STYLE: Mapping[str, Any] = MappingProxyType({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8})
+STYLE: Any = MappingProxyType({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8})
 """An SVG's bytes depend on what is drawn alone."""
 
 
@@ -48,8 +49,9 @@ def saved(chart: Any, resolution: int = 110) -> dict[str, bytes]:
     return drawn
 
 
-def pyplot() -> Any:
-    """matplotlib's pyplot, without a display. Raises SpecError where it is not installed."""
+@contextmanager
+def pyplot() -> Iterator[Any]:
+    """matplotlib's pyplot, without a display, in the style of figures. Raises SpecError where it is not installed."""
     try:
         import matplotlib
     except ImportError as error:
@@ -58,7 +60,8 @@ def pyplot() -> Any:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    return pyplot
+    with pyplot.rc_context(STYLE):
+        yield pyplot
 
 
 Numbers = NDArray[np.float64]
@@ -83,48 +86,36 @@ def speed_over_timestep(
     limits: Mapping[str, float | None] | None = None,
     name: str = "real-time factor",
 ) -> dict[str, bytes]:
-    """A figure of speed by engine and timestep (s), both axes logarithmic: the median over processes, a bar from the
-    least to the
-    largest. ``limits``: the largest valid timestep (s) by engine; marks of larger ones are pale. Engines without a limit
-    (None) are
-    pale throughout; those not named in ``limits`` are not judged."""
+    """A figure of speed by engine and timestep (s), both axes logarithmic: the median over processes, with a bar from the least
+    to the largest. ``limits``: the largest valid timestep (s) by engine; marks of larger ones are pale, all marks of an engine
+    whose limit is None."""
     if not any(spreads.values()):
         return {}
-    plot = pyplot()
-    with plot.rc_context(STYLE):
+    with pyplot() as plot:
         chart, axis = plot.subplots(figsize=ONE_COLUMN)
         for index, (engine, by_step) in enumerate(spreads.items()):
             steps = sorted(by_step)
             middle = np.array([by_step[step].median for step in steps])
-            reach = [[by_step[step].median - by_step[step].least for step in steps]]
-            reach.append([by_step[step].most - by_step[step].median for step in steps])
+            reach = np.array(
+                [
+                    [by_step[step].median - by_step[step].least for step in steps],
+                    [by_step[step].most - by_step[step].median for step in steps],
+                ]
+            )
             look = _look(index)
             times = 1e3 * np.array(steps)
-            axis.plot(times, middle, linewidth=0.8, alpha=0.5, color=look["color"], linestyle=look["linestyle"])
-            valid = np.array([_is_valid(engine, step, limits) for step in steps])
+            axis.plot(times, middle, linewidth=0.8, alpha=0.5, **look)
+            largest = (limits or {}).get(engine, math.inf)
+            valid = np.array([largest is not None and step <= largest for step in steps])
+            bars = {"fmt": MARKERS[index % len(MARKERS)], "markersize": 4, "color": look["color"], "capsize": 2}
             for chosen, alpha, label in ((valid, 1.0, visible(engine)), (~valid, 0.3, None)):
                 if chosen.any() or label is not None:
-                    bars = np.array(reach)[:, chosen]
-                    axis.errorbar(
-                        times[chosen],
-                        middle[chosen],
-                        bars,
-                        fmt=MARKERS[index % len(MARKERS)],
-                        markersize=4,
-                        color=look["color"],
-                        alpha=alpha,
-                        label=label,
-                        linewidth=0.8,
-                        capsize=2,
-                    )
+                    about = {"alpha": alpha, "label": label, "linewidth": 0.8, **bars}
+                    axis.errorbar(times[chosen], middle[chosen], reach[:, chosen], **about)
         axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=name)
         tried = sorted({1e3 * step for by_step in spreads.values() for step in by_step})
-        # of many timesteps every second, third, … one is named
-        axis.set_xticks(tried[:: -(-len(tried) // MOST_TICKS)])
-        axis.set_xticks([], minor=True)
-        axis.xaxis.set_major_formatter(_plain)
-        _finish(axis)
-        return _saved(plot, chart)
+        _timestep_ticks(axis, tried[:: -(-len(tried) // MOST_TICKS)])  # of many every second, third, … timestep
+        return _finished(plot, chart, axis)
 
 
 def deviation_over_timestep(
@@ -139,13 +130,11 @@ def deviation_over_timestep(
     if not records:
         return {}
     top = 4.0 * factor * tolerance
-    plot = pyplot()
-    with plot.rc_context(STYLE):
+    with pyplot() as plot:
         chart, axis = plot.subplots(figsize=WIDE)
         for index, engine in enumerate(dict.fromkeys(record["engine"] for record in records)):
-            local = sorted(
-                (record for record in records if record["engine"] == engine), key=lambda item: item["timestep"]
-            )
+            local = [record for record in records if record["engine"] == engine]
+            local.sort(key=lambda record: record["timestep"])
             times = 1e3 * np.array([entry["timestep"] for entry in local])
             far = np.array([np.inf if entry["deviation"] is None else factor * entry["deviation"] for entry in local])
             valid = np.array([entry["valid"] == entry["runs"] for entry in local])
@@ -157,18 +146,14 @@ def deviation_over_timestep(
         axis.axhline(factor * tolerance, color="0.4", linewidth=0.8, linestyle="--")
         axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=f"largest deviation, {unit}")
         tried = sorted({1e3 * record["timestep"] for record in records})
-        axis.set_xticks([step for step in tried if step in LIMIT_TICKS] or tried[:MOST_TICKS])
-        axis.set_xticks([], minor=True)
-        axis.xaxis.set_major_formatter(_plain)
-        _finish(axis)
-        return _saved(plot, chart)
+        _timestep_ticks(axis, [step for step in tried if step in LIMIT_TICKS] or tried[:MOST_TICKS])
+        return _finished(plot, chart, axis)
 
 
-def _is_valid(engine: str, step: float, limits: Mapping[str, float | None] | None) -> bool:
-    if limits is None or engine not in limits:
-        return True
-    largest = limits[engine]
-    return largest is not None and step <= largest
+def _timestep_ticks(axis: Any, ticks: Sequence[float]) -> None:
+    axis.set_xticks(ticks)
+    axis.set_xticks([], minor=True)
+    axis.xaxis.set_major_formatter(_plain)
 
 
 def speed_over_time(
@@ -177,8 +162,7 @@ def speed_over_time(
     """The real-time factor over simulated time (s), with the number of contact points below it, by engine."""
     if not factor:
         return {}
-    plot = pyplot()
-    with plot.rc_context(STYLE):
+    with pyplot() as plot:
         chart, (above, below) = plot.subplots(2, 1, sharex=True, figsize=(ONE_COLUMN[0], 1.5 * ONE_COLUMN[1]))
         for index, engine in enumerate(factor):
             for axis, values in ((above, factor), (below, contacts)):
@@ -189,8 +173,7 @@ def speed_over_time(
                     )
         above.set(yscale="log", ylabel="real-time factor")
         below.set(ylabel="contact points", xlabel="time, s")
-        _finish(above)
-        return _saved(plot, chart)
+        return _finished(plot, chart, above)
 
 
 def divergence(
@@ -201,8 +184,7 @@ def divergence(
     lines = _divergences(runs, floors)
     if not lines:
         return {}
-    plot = pyplot()
-    with plot.rc_context(STYLE):
+    with pyplot() as plot:
         chart, axis = plot.subplots(figsize=ONE_COLUMN)
         for index, (label, time, values, noise) in enumerate(lines):
             if floors:
@@ -217,8 +199,7 @@ def divergence(
         if ends is not None:
             axis.axvline(ends, color="0.3", linewidth=0.6, label="horizon")
         axis.set(yscale="log", xlabel="time, s", ylabel="largest deviation, m")
-        _finish(axis)
-        return _saved(plot, chart)
+        return _finished(plot, chart, axis)
 
 
 def _divergences(runs: Sequence[Run], floors: Sequence[Floor]) -> list[tuple[str, Numbers, Numbers, Numbers]]:
@@ -248,21 +229,18 @@ def contacts_over_time(runs: Sequence[Run]) -> dict[str, bytes]:
     recorded = [run for run in runs if run.recorded and "contact.row" in run.arrays]
     if not recorded:
         return {}
-    plot = pyplot()
-    with plot.rc_context(STYLE):
+    with pyplot() as plot:
         chart, axis = plot.subplots(figsize=ONE_COLUMN)
         for index, run in enumerate(recorded):
             rows = _rows(len(run.time))
             counts = metrics.contact_counts(run.arrays)[rows]
             axis.plot(run.time[rows], counts, label=visible(run.engine), linewidth=0.9, **_look(index))
         axis.set(xlabel="time, s", ylabel="contact points")
-        _finish(axis)
-        return _saved(plot, chart)
+        return _finished(plot, chart, axis)
 
 
 def study_figures(study: Study) -> dict[str, bytes]:
-    """Every figure of a study by the name of its file: ``divergence``, ``contacts``, each as PNG and SVG. Raises
-    SpecError where
+    """Every figure of a study by the name of its file: ``divergence``, ``contacts``, as PNG and SVG. Raises SpecError where
     matplotlib is not installed."""
     runs = list(study.runs.values())
     ends = [diff.horizon for diff in study.diffs if diff.horizon is not None]
@@ -292,18 +270,16 @@ def _few(value: float, place: int | None = None) -> str:
     return f"{value:g}" if f"{value:e}"[0] in "25" else ""
 
 
-def _finish(axis: Any) -> None:
+def _finished(plot: Any, chart: Any, axis: Any) -> dict[str, bytes]:
+    """A figure with the grid and the legend of ``axis``, as files by suffix."""
     if axis.get_yscale() == "log" and axis.get_ylim()[0] > PLAIN_FROM:
         axis.yaxis.set_major_formatter(_plain)
         axis.yaxis.set_minor_formatter(_few)
     axis.grid(visible=True, which="major", color="0.9", linewidth=0.5)
     axis.set_axisbelow(True)
-    # names of engines may hold what matplotlib reads as mathematics
+    # matplotlib reads "$" in the names of engines as mathematics
     for text in axis.legend(frameon=True, framealpha=0.8, edgecolor="none", fontsize=6.5).get_texts():
         text.set_parse_math(False)
-
-
-def _saved(plot: Any, chart: Any) -> dict[str, bytes]:
     chart.tight_layout()
     drawn = saved(chart, RESOLUTION)
     plot.close(chart)
@@ -336,14 +312,12 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
                 panels.setdefault(figure.subject, {})[engine] = figure
     if not panels:
         return {}
-    plot = pyplot()
     most, side = FEW if len(panels) <= 2 * FEW[0] else MANY
     columns = min(most, len(panels))
     rows = math.ceil(len(panels) / columns)
-    with plot.rc_context(STYLE):
-        chart, axes = plot.subplots(
-            rows, columns, figsize=(max(side * columns, LEAST_WIDTH), side * rows + 0.7), squeeze=False
-        )
+    size = (max(side * columns, LEAST_WIDTH), side * rows + 0.7)
+    with pyplot() as plot:
+        chart, axes = plot.subplots(rows, columns, figsize=size, squeeze=False)
         flat = [axis for row in axes for axis in row]
         engines = list(figures)
         reach = 1.15 * max(_largest(by_engine, cone) for by_engine in panels.values())
@@ -358,19 +332,12 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
         for axis in flat[len(panels) :]:
             axis.set_visible(False)
         # an engine may have no figure in some panels
-        legend = {
-            label: handle for axis in flat for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-        }
+        named = [pair for axis in flat for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
+        legend = {label: handle for handle, label in named}
         labels = sorted(legend, key=lambda label: engines.index(label) if label in engines else -1)
-        chart.legend(
-            [legend[label] for label in labels],
-            labels,
-            loc="upper center",
-            ncols=len(labels),
-            frameon=False,
-            fontsize=9,
-        )
-        chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (side * rows + 0.7)))
+        place = {"loc": "upper center", "ncols": len(labels), "frameon": False, "fontsize": 9}
+        chart.legend([legend[label] for label in labels], labels, **place)
+        chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / size[1]))
         drawn = saved(chart)
         plot.close(chart)
     return drawn
@@ -379,24 +346,17 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
 def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Sequence[str], cone: str) -> None:
     friction = _friction(next(iter(by_engine.values())), cone)
     required = outline(friction, cone)
-    axis.plot(
-        required[:, 0], required[:, 1], color="0.6", linewidth=2, label=f"required: {cone} ({SHAPES[cone]})", zorder=1
-    )
+    axis.plot(*required[:, :2].T, color="0.6", linewidth=2, label=f"required: {cone} ({SHAPES[cone]})", zorder=1)
     off: list[str] = []
     for index, engine in enumerate(engines):
         if engine in by_engine:
-            points = by_engine[engine].points
-            axis.scatter(
-                [row[1] for row in points],
-                [row[2] for row in points],
-                s=34 if index == 0 else 26,
-                marker=MARKERS[index % len(MARKERS)],
-                linewidths=1.1,
-                label=engine,
-                zorder=2 + index,
-                **_colours(index),
-            )
-            worst = _strokes(axis, points, friction, cone, COLOURS[index % len(COLOURS)])
+            points, marker = by_engine[engine].points, MARKERS[index % len(MARKERS)]
+            colour = COLOURS[index % len(COLOURS)]
+            # the first marker is an open ring, so that the others show inside it
+            fill = {"color": colour} if marker in "xs^d+" else {"facecolors": "none", "edgecolors": colour}
+            mark = {"s": 34 if index == 0 else 26, "marker": marker, "linewidths": 1.1, "zorder": 2 + index}
+            axis.scatter([row[1] for row in points], [row[2] for row in points], label=engine, **mark, **fill)
+            worst = _strokes(axis, points, friction, cone, colour)
             if worst > ASIDE:
                 off.append(f"{engine}: {100 * worst:.2g} % of μ deviation")
     axis.text(0.03, 0.03, "\n".join(off), transform=axis.transAxes, fontsize=6, va="bottom")
@@ -423,13 +383,6 @@ def _required(angle: float, friction: float, cone: str) -> tuple[float, float]:
     """The force, over N, on a slider pushed in this direction."""
     x, y = project(np.array([PUSH * math.cos(angle), PUSH * math.sin(angle)]), 1.0, cone)
     return friction * float(x), friction * float(y)
-
-
-def _colours(index: int) -> dict[str, Any]:
-    """The first marker is an open ring, so that the others show inside it."""
-    colour = COLOURS[index % len(COLOURS)]
-    filled = MARKERS[index % len(MARKERS)] in "xs^d+"
-    return {"color": colour} if filled else {"facecolors": "none", "edgecolors": colour}
 
 
 def _largest(by_engine: Mapping[str, Figure], cone: str) -> float:

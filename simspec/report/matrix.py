@@ -19,7 +19,7 @@ from simspec.formats.kit.contract import formats
 from simspec.proof.contact.probe import Figure, Law
 from simspec.proof.contact.run import PROBES, widened
 from simspec.proof.contact.scope import EFFECTS
-from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell
+from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell, markdown_cell, markdown_rows, passed_cell
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
 from simspec.world.types import Hardness, PairContact
@@ -39,24 +39,16 @@ def absent(engine: type[Engine]) -> list[tuple[str, str, str]]:
     """By effect: its name, under which law and settings it is absent from the least friction, restitution and timestep on,
     and why."""
     found: dict[tuple[str, str], list[Deviation]] = {}
-    for contact_deviation in engine.CONTACT_DEVIATIONS:
+    for deviation in engine.CONTACT_DEVIATIONS:
+        settings = {} if deviation.setting is None else dict([deviation.setting])
         if any(
-            _shows_nothing(figure, law, contact_deviation)
-            for law in _laws(contact_deviation)
-            for figure in [figure for figure in _wanted(law) if figure.probe == contact_deviation.probe]
+            widened(figure, law, (deviation,), settings).absent
+            for law in _laws(deviation)
+            for figure in _wanted(law)
+            if figure.probe == deviation.probe and figure.without is not None
         ):
-            found.setdefault(
-                (EFFECTS.get(contact_deviation.probe, contact_deviation.probe), contact_deviation.why), []
-            ).append(contact_deviation)
+            found.setdefault((EFFECTS.get(deviation.probe, deviation.probe), deviation.why), []).append(deviation)
     return [(effect, "; ".join(_where(some)), why) for (effect, why), some in found.items()]
-
-
-def _shows_nothing(figure: Figure, law: Law, deviation: Deviation) -> bool:
-    """Whether a figure that is furthest off passes under this declaration alone, and so shows nothing of its effect."""
-    if figure.without is None:
-        return False
-    settings = {} if deviation.setting is None else dict([deviation.setting])
-    return widened(figure, law, (deviation,), settings).absent
 
 
 def _laws(deviation: Deviation) -> Iterator[Law]:
@@ -98,13 +90,8 @@ def _where(some: list[Deviation]) -> Iterator[str]:
             f"cone {deviation.friction_cone}" if deviation.friction_cone else "",
             f"hardness {deviation.hardness}" if deviation.hardness else "",
         ]
-        key = ", ".join(filter(None, parts))
-        low = given.setdefault(key, [deviation.friction, deviation.restitution, deviation.timestep])
-        given[key] = [
-            min(low[0], deviation.friction),
-            min(low[1], deviation.restitution),
-            min(low[2], deviation.timestep),
-        ]
+        key, least_of = ", ".join(filter(None, parts)), [deviation.friction, deviation.restitution, deviation.timestep]
+        given[key] = [min(pair) for pair in zip(given.get(key, least_of), least_of, strict=True)]
     for key, (friction, restitution, timestep) in given.items():
         least = [
             f"μ ≥ {friction:g}" if friction > 1e-6 else "",
@@ -218,10 +205,6 @@ def broken() -> dict[str, str]:
     return {**formats().broken(), **dialects().broken(), **engines().broken()}
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
-
-
 def is_matrix(page: bytes) -> bool:
     """Whether a page was written by :func:`markdown`, in whatever version."""
     return page.startswith(HEAD[: HEAD.index(SIGNATURE) + len(SIGNATURE)].encode())
@@ -229,47 +212,51 @@ def is_matrix(page: bytes) -> bool:
 
 def markdown() -> str:
     """The page docs/reference/support-matrix.md."""
-    names = list(engines())
     tables = {name: support(engine) for name, engine in engines().items()}
-    lines = [HEAD]
-    lines.append(f"| feature | meaning | {' | '.join(names)} |")
-    lines.append("|---" * (2 + len(names)) + "|")
     notes: list[str] = []
+    rows = []
     for feature in Feature:
         cells = []
-        for name in names:
-            entry = tables[name][feature]
-            cell = word(entry)
+        for name, table in tables.items():
+            entry = table[feature]
             if entry.how:
-                note = f'<a id="{anchor(name, feature.value)}"></a>{name}, `{feature.value}`: {_cell(entry.how)}'
-                notes.append(note)
-                cell += f" [{len(notes)}]"
-            cells.append(cell)
-        lines.append(f"| `{feature.value}` | {_cell(MEANING[feature])} | {' | '.join(cells)} |")
+                place = f'<a id="{anchor(name, feature.value)}"></a>{name}'
+                notes.append(f"{place}, `{feature.value}`: {markdown_cell(entry.how)}")
+            cells.append(word(entry) + (f" [{len(notes)}]" if entry.how else ""))
+        rows.append([f"`{feature.value}`", markdown_cell(MEANING[feature]), *cells])
+    lines = [HEAD, *markdown_rows(["feature", "meaning", *tables], rows)]
     lines += ["", "## Notes", "", *(f"{index}. {note}" for index, note in enumerate(notes, 1))]
-    lines += _absent()
-    lines += _capabilities()
-    lines += ["", "## Solver settings", ""]
-    lines += ["`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
+    effects = [
+        [name, effect, markdown_cell(where), markdown_cell(why)]
+        for name, engine in engines().items()
+        for effect, where, why in absent(engine)
+    ]
+    lines += ["", "## Absent effects of contact", "", ABSENT, ""]
+    lines += [*markdown_rows(("engine", "absent effect", "where", "why"), effects), *_capabilities()]
+    lines += ["", "## Solver settings", "", "`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
     for name, engine in engines().items():
-        lines += [f"### {name}", "", "| setting | default | allowed | meaning |", "|---|---|---|---|"]
-        for key, setting in engine.SETTINGS.items():
-            allowed = ", ".join(setting.choices) or _range(setting.minimum, setting.maximum)
-            if setting.needs:
-                values = " or ".join(str(value).lower() for value in setting.needs[1])
-                allowed = f"{allowed}{'; ' if allowed else ''}with {setting.needs[0]}: {values}"
-            default = f"`{setting.default}`"
-            if setting.frictionless is not None:
-                default += f"; free balls without friction: `{setting.frictionless}`"
-            if setting.kinematic is not None:
-                default += f"; beside kinematic bodies: `{setting.kinematic}`"
-            if setting.light is not None:
-                default += f"; with constraints or dry friction in joints: `{setting.light}`"
-            if setting.by_pair:
-                allowed = f"{allowed}{'; ' if allowed else ''}also by pair of materials"
-            lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")
-        lines.append("")
+        settings = [_setting_row(key, setting) for key, setting in engine.SETTINGS.items()]
+        lines += [f"### {name}", "", *markdown_rows(("setting", "default", "allowed", "meaning"), settings), ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _setting_row(name: str, setting: Setting) -> list[str]:
+    """The cells of a solver setting: its name, defaults, allowed values and meaning."""
+    defaults = {
+        "free balls without friction": setting.frictionless,
+        "beside kinematic bodies": setting.kinematic,
+        "with constraints or dry friction in joints": setting.light,
+    }
+    default = [
+        f"`{setting.default}`",
+        *(f"{where}: `{value}`" for where, value in defaults.items() if value is not None),
+    ]
+    low, high = ("" if bound is None else f"{bound:g}" for bound in (setting.minimum, setting.maximum))
+    allowed = [", ".join(setting.choices) or (f"{low} … {high}".strip() if low or high else "")]
+    if setting.needs:
+        allowed.append(f"with {setting.needs[0]}: {' or '.join(str(value).lower() for value in setting.needs[1])}")
+    allowed += ["also by pair of materials"] if setting.by_pair else []
+    return [f"`{name}`", "; ".join(default), "; ".join(filter(None, allowed)), markdown_cell(setting.meaning)]
 
 
 ABSENT = (
@@ -278,46 +265,29 @@ ABSENT = (
 )
 
 
-def _absent() -> list[str]:
-    """The table of effects of contact that are absent."""
-    table = ["| engine | absent effect | where | why |", "|---|---|---|---|"]
-    for name, engine in engines().items():
-        table += [f"| {name} | {effect} | {_cell(where)} | {_cell(why)} |" for effect, where, why in absent(engine)]
-    return ["", "## Absent effects of contact", "", ABSENT, "", *table]
-
-
 def _capabilities() -> list[str]:
     """The table of capabilities, with the reasons of what is lacking below."""
-    table = [f"| capability | meaning: the engine … | {' | '.join(engines())} |", "|---" * (2 + len(engines())) + "|"]
     reasons: list[str] = []
+    rows = []
     for capability in Capability:
         cells = []
         for name, engine in engines().items():
-            if (reason := engine.LACKS.get(capability)) is None:
-                cells.append("yes")
-            else:
-                reasons.append(f"{name}, `{capability}`: {_cell(reason)}")
-                cells.append(f"no [c{len(reasons)}]")
-        table.append(f"| `{capability}` | {_cell(capabilities.MEANING[capability])} | {' | '.join(cells)} |")
+            if (reason := engine.LACKS.get(capability)) is not None:
+                reasons.append(f"{name}, `{capability}`: {markdown_cell(reason)}")
+            cells.append("yes" if reason is None else f"no [c{len(reasons)}]")
+        rows.append([f"`{capability}`", markdown_cell(capabilities.MEANING[capability]), *cells])
+    table = markdown_rows(["capability", "meaning: the engine …", *engines()], rows)
     notes = [f"- [c{index}] {reason}" for index, reason in enumerate(reasons, 1)]
     numbers = (f"{name} in {engine.PRECISION} precision" for name, engine in engines().items())
     return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes, "", f"They compute: {', '.join(numbers)}."]
 
 
-def _range(minimum: float | None, maximum: float | None) -> str:
-    if minimum is None and maximum is None:
-        return ""
-    return f"{'' if minimum is None else f'{minimum:g}'} … {'' if maximum is None else f'{maximum:g}'}".strip()
-
-
 # Short reasons of approximations, with a link to the whole.
-
-PAGE = MATRIX_FILE
 
 
 def link(engine: str, feature: str) -> str:
     """Where the support matrix says how ``engine``, a name or a label, has ``feature``."""
-    return f"{PAGE}#{anchor(engine_name(engine), feature)}"
+    return f"{MATRIX_FILE}#{anchor(engine_name(engine), feature)}"
 
 
 def short_reason(engine: str, feature: str, said: str) -> str:
@@ -348,31 +318,22 @@ def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width:
             TableCell(instance.problem or "", BAD),
         )
     levels = {
-        name: [Level(facts["support"][feature.value]["level"]) for feature in Feature] for name, facts in data.items()
+        name: [
+            TableCell(WORDS[level], TONES[level])
+            for level in (Level(facts["support"][feature.value]["level"]) for feature in Feature)
+        ]
+        for name, facts in data.items()
     }
-    support = _side_by_side(
-        "Supported features  (details: simspec engines --json)",
-        "feature",
-        [feature.value for feature in Feature],
-        {name: [TableCell(WORDS[level], TONES[level]) for level in local] for name, local in levels.items()},
-        width,
-    )
-    has = {name: [facts["capabilities"][capability.value] for capability in Capability] for name, facts in data.items()}
-    abilities = _side_by_side(
-        "Capabilities",
-        "capability",
-        [capability.value for capability in Capability],
-        {
-            name: [TableCell("yes", GOOD) if entry else TableCell("no", BAD) for entry in local]
-            for name, local in has.items()
-        },
-        width,
-    )
-    reasons = Table("Lacking capabilities", "engine", "capability", "reason")
-    for name, facts in data.items():
-        for lacking, reason in facts["lacks"].items():
-            reasons.add(name, lacking, reason)
-    return [versions, *support, *abilities, *([reasons] if reasons.rows else [])]
+    title = "Supported features  (details: simspec engines --json)"
+    support = _side_by_side(title, "feature", [feature.value for feature in Feature], levels, width)
+    has = {
+        name: [passed_cell(facts["capabilities"][capability.value], "yes", "no") for capability in Capability]
+        for name, facts in data.items()
+    }
+    abilities = _side_by_side("Capabilities", "capability", [entry.value for entry in Capability], has, width)
+    lacks = [(name, *lacking) for name, facts in data.items() for lacking in facts["lacks"].items()]
+    reasons = Table("Lacking capabilities", "engine", "capability", "reason", rows=lacks)
+    return [versions, *support, *abilities, *([reasons] if lacks else [])]
 
 
 GAP = 3

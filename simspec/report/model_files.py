@@ -31,16 +31,14 @@ def losses_table(file: str, groups: Sequence[Group]) -> Table:
 
 def repairs_table(repairs: Sequence[Repair]) -> Table:
     """One row for each repair."""
-    rows = Table("What was repaired", "rule", "what", "line", right=(2,))
-    for repair in repairs:
-        rows.add(repair.rule, repair.what, str(repair.location.line))
-    return rows
+    rows = [(repair.rule, repair.what, repair.location.line) for repair in repairs]
+    return Table("What was repaired", "rule", "what", "line", right=(2,), rows=rows)
 
 
 # Exports: losses of plain files.
 
 WIDTH: Final = 80
-"""Columns of the lines about readers."""
+"""Columns of a line."""
 
 
 def losses_table_losses(format_name: str, losses: Sequence[Loss], locate: Callable[[str], Location | None]) -> Table:
@@ -77,8 +75,6 @@ def reader_lines(format_name: str, losses: Sequence[ReaderLoss]) -> Iterator[str
 
 # Implausible values: a line for each rule, or each finding with its reason and way out.
 
-WIDTH_PLAUSIBILITY = 80
-"""Columns of a line."""
 MOST_LINES = 10
 """Lines of rules, after which the others are counted."""
 
@@ -102,15 +98,11 @@ def plausibility_lines(found: Plausibility, verbose: bool = False, warned: bool 
 
 def as_problems(findings: Sequence[Finding]) -> list[Problem]:
     """Findings as problems of the spec, for ``--strict``."""
-    return [
-        Problem(
-            f"implausible ({finding.rule}): {finding.element}: {finding.message}",
-            finding.path,
-            finding.location,
-            hint=RULES[finding.rule].hint,
-        )
-        for finding in findings
-    ]
+    problems = []
+    for finding in findings:
+        message = f"implausible ({finding.rule}): {finding.element}: {finding.message}"
+        problems.append(Problem(message, finding.path, finding.location, hint=RULES[finding.rule].hint))
+    return problems
 
 
 def plausibility_data(found: Plausibility) -> dict[str, Any]:
@@ -131,10 +123,8 @@ def _groups(found: Plausibility) -> list[tuple[Finding, ...]]:
 
 
 def _head(found: Plausibility) -> str:
-    parts = []
-    for name, findings in (("warning", found.warnings), ("note", found.notes)):
-        if findings:
-            parts.append(f"{len(findings)} {name}{'s' if len(findings) > 1 else ''}")
+    counts = {"warning": len(found.warnings), "note": len(found.notes)}
+    parts = [f"{count} {name}{'s' if count > 1 else ''}" for name, count in counts.items() if count]
     return f"plausibility: {', '.join(parts)}"
 
 
@@ -143,7 +133,7 @@ def _short(group: tuple[Finding, ...]) -> str:
     line = f", line {first.location.line}" if first.location is not None else ""
     more = f"; and {len(group) - 1} more" if len(group) > 1 else ""
     text = f"  {first.grade} {first.rule}: {figure(first)}{first.element}{line}{more}"
-    return text if len(text) <= WIDTH_PLAUSIBILITY else f"{text[: WIDTH_PLAUSIBILITY - 1]}…"
+    return text if len(text) <= WIDTH else f"{text[: WIDTH - 1]}…"
 
 
 def figure(finding: Finding) -> str:

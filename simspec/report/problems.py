@@ -65,13 +65,9 @@ LONGEST_REASON = 600
 
 def not_run_table(reasons: Mapping[str, str], places: Mapping[str, str] | None = None) -> Table | None:
     """The engines that were asked for and did not run, one row each; None without any."""
-    if not reasons:
-        return None
-    not_run = Table("Not run", "engine", "why")
-    for name, reason in reasons.items():
-        why = textwrap.shorten(reason, LONGEST_REASON, placeholder=" …")
-        not_run.add(name, why + (places or {}).get(name, ""))
-    return not_run
+    why = {name: textwrap.shorten(reason, LONGEST_REASON, placeholder=" …") for name, reason in reasons.items()}
+    rows = [(name, reason + (places or {}).get(name, "")) for name, reason in why.items()]
+    return Table("Not run", "engine", "why", rows=rows) if rows else None
 
 
 def show_not_taken(selection: Selection, screen: Console) -> None:
@@ -169,9 +165,8 @@ def ways_out(
     by_none = [feature for feature in lacked if all(feature in unsupported.get(name, ()) for name in names)]
     command = ""
     if accepted and writable:
-        command = " ".join(
-            ["simspec accept", shlex.quote(spec), *(f"-e {labels.get(name, name)}" for name in accepted)]
-        )
+        requested = " ".join(f"-e {labels.get(name, name)}" for name in accepted)
+        command = f"simspec accept {shlex.quote(spec)} {requested}"
     words = dict.fromkeys(word for options in accepted.values() for named in options.values() for word in named)
     few = [f"--accept {word}" for word in words] if len(words) <= MOST_WORDS else [f"--accept {EVERY}"]
     return WaysOut(accepted, unsupported, by_none, command, " ".join(few) if words else "")
@@ -183,9 +178,8 @@ def with_endings(
     """The error of several specs, whose last lines are the ways out by spec; ``lines``: see ``UnsupportedError.brief``."""
     error = UnsupportedError(problems)
     error.brief = tuple(lines)
-    error.ending = tuple(
-        f"{name}: {line}" if len(ways) > 1 else line for name, found in ways.items() for line in found.lines()
-    )
+    endings = [(name, line) for name, found in ways.items() for line in found.lines()]
+    error.ending = tuple(f"{name}: {line}" if len(ways) > 1 else line for name, line in endings)
     error.ways_out = {name: vars(found) for name, found in ways.items()}
     return error
 

@@ -33,7 +33,6 @@ from simspec.runner.run import Run
 from simspec.runner.store import is_run, load_run, stored_runs
 from simspec.runner.unphysical import together
 from simspec.stored import Report, read_as
-from simspec.world.canonical import sha256
 from simspec.world.frames import to_rpy
 from simspec.world.kinematics import display_name, rigid_groups
 from simspec.world.types import World
@@ -95,23 +94,16 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
         return None
     times = {f"{run.time[-1]:.4g} s" for run in shown}
     when = times.pop() if len(times) == 1 else "the last record"
-    ends_by_engine = Table(
-        f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)", "", *(run.label for run in shown)
-    )
+    title = f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)"
+    ends_by_engine = Table(title, "", *(run.label for run in shown))
     for name in bodies[:MOST_ROWS]:
         ends_by_engine.add(name, *(_pose(run.arrays["pose"][-1, run.index[name]].tolist()) for run in shown))
     units = {body.joint.name: "rad" if body.joint.kind == "hinge" else "m" for body in world.bodies}
     for name in joints[:MOST_ROWS]:
         ends_by_engine.add(name, *(f"{_number(float(run.q(name)[-1]))} {units[name]}" for run in shown))
-    more = [
-        f"{len(names) - MOST_ROWS} more {noun}"
-        for names, noun in ((bodies, "bodies"), (joints, "joints"))
-        if len(names) > MOST_ROWS
-    ]
-    if more:
-        ends_by_engine.note = (
-            f"and {' and '.join(more)}: select with record.show; all are in bodies.parquet and states.parquet"
-        )
+    counts = {"bodies": len(bodies) - MOST_ROWS, "joints": len(joints) - MOST_ROWS}
+    if more := " and ".join(f"{count} more {noun}" for noun, count in counts.items() if count > 0):
+        ends_by_engine.note = f"and {more}: select with record.show; all are in bodies.parquet and states.parquet"
     return ends_by_engine
 
 
@@ -119,9 +111,8 @@ def _pose(pose: Sequence[float]) -> str:
     if not all(map(math.isfinite, pose)):
         return "not finite"
     place = " ".join(_number(value) for value in pose[:3])
-    turn = " ".join(
-        f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in to_rpy((pose[3], pose[4], pose[5], pose[6]))
-    )
+    angles = to_rpy((pose[3], pose[4], pose[5], pose[6]))
+    turn = " ".join(f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in angles)
     return f"{place}\n{turn}°"  # two lines: three engines side by side fit 80 columns
 
 
@@ -166,14 +157,8 @@ def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
     for index in range(max(len(run_outcomes) for run_outcomes in outcomes.values())):
         for engine, row in outcomes.items():
             outcome = row[index]
-            rows.add(
-                outcome.kind,
-                engine,
-                passed_cell(outcome.passed),
-                number(outcome.measured, outcome.unit),
-                number(outcome.bound, outcome.unit),
-                shortened(outcome.detail, 80),
-            )
+            figures = (number(value, outcome.unit) for value in (outcome.measured, outcome.bound))
+            rows.add(outcome.kind, engine, passed_cell(outcome.passed), *figures, shortened(outcome.detail, 80))
     return rows
 
 
@@ -192,9 +177,8 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     ):
         if shown is not None:
             screen.print(shown)
-    for hint in dict.fromkeys(
-        outcome.hint for outcomes in study.outcomes.values() for outcome in outcomes if outcome.hint
-    ):
+    hints = [outcome.hint for outcomes in study.outcomes.values() for outcome in outcomes if outcome.hint]
+    for hint in dict.fromkeys(hints):
         screen.print(hint, soft_wrap=True)
     for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
         screen.print(f"note: {note}", soft_wrap=True)
@@ -339,12 +323,6 @@ def _tolerance(report: Report | None) -> float:
         return TOLERANCE
     tolerance = report.diffs[-1].get("tolerance")
     if not isinstance(tolerance, (int, float)) or isinstance(tolerance, bool) or not tolerance >= 0.0:
-        raise SpecError(
-            [Problem(f"{REPORT_FILE}: the tolerance of a comparison is not a number", found=repr(tolerance))]
-        )
+        message = f"{REPORT_FILE}: the tolerance of a comparison is not a number"
+        raise SpecError([Problem(message, found=repr(tolerance))])
     return float(tolerance)
-
-
-def world_hash(study: Study) -> str:
-    """The hash of the world that a study is of."""
-    return sha256(study.world)

@@ -202,6 +202,11 @@ def markdown_rows(heads: Sequence[str], rows: Iterable[Sequence[str]], right: Se
     return [f"| {' | '.join(heads)} |", f"|{rule}|", *(f"| {' | '.join(row)} |" for row in rows)]
 
 
+def markdown_cell(text: str) -> str:
+    """Text with markup for a cell in Markdown, on one line."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
 def escaped(text: str) -> str:
     """Text without markup for a cell in Markdown."""
     for character in "\\|<>`*_[]":

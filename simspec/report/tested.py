@@ -88,15 +88,13 @@ def counts(suites: Sequence[Suite]) -> dict[Status, int]:
     return {status: sum(suite.count(status) for suite in suites) for status in Status}
 
 
-# --- proofs -----------------------------------------------------------------------------------------------------------
+# Proofs and runs.
 
 
 def certificate_suites(certificate: Certificate, world: World, locate: Locate) -> list[Suite]:
     """One suite for each engine, one entry for each level of the proof."""
-    return [
-        Suite(certificate.name, engine, tuple(_levels(proof, world, locate)))
-        for engine, proof in certificate.engines.items()
-    ]
+    proofs = certificate.engines.items()
+    return [Suite(certificate.name, engine, tuple(_levels(proof, world, locate))) for engine, proof in proofs]
 
 
 def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]:
@@ -111,9 +109,8 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
             message = f"{bad[0].name}: {_deviation(bad[0])}" + (f" at {bad[0].where}" if bad[0].where else "")
             if len(bad) > 1:
                 message += f"; {len(bad)} of {len(checks)} checks failed"
-            detail = "\n".join(
-                f"{check.name}: {_deviation(check)} {check.where} {check.detail}".strip() for check in bad
-            )
+            lines = (f"{check.name}: {_deviation(check)} {check.where} {check.detail}".strip() for check in bad)
+            detail = "\n".join(lines)
             place = _place(bad[0].where, world, locate)
             yield Entry(title, Status.FAILED, message, detail, place, seconds, strain(bad[0]))
         elif checks:
@@ -136,9 +133,6 @@ def _place(where: str, world: World, locate: Locate) -> Location | None:
     return (locate(path) if path else None) or locate("name")
 
 
-# --- runs -------------------------------------------------------------------------------------------------------------
-
-
 def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]:
     """One suite for each engine: its proof, its run, the expectations; then one for each pair of engines that was compared.
 
@@ -155,12 +149,8 @@ def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]
         ]
         suites.append(Suite(world.name, name, tuple(entries)))
     if study.certificate is not None:  # a run that ended the study early leaves proofs of engines that were not run
-        left = [
-            certificate_suite
-            for certificate_suite in certificate_suites(study.certificate, world, locate)
-            if certificate_suite.engine not in study.runs
-        ]
-        suites += left
+        proofs = certificate_suites(study.certificate, world, locate)
+        suites += [suite for suite in proofs if suite.engine not in study.runs]
     return suites + [_comparison(world, diff, locate, demand_diff) for diff in study.diffs]
 
 
@@ -195,10 +185,8 @@ def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> Sui
             entries.append(Entry(name, Status.PASSED))
             continue
         if body.verdict == OUT:
-            message = f"differs by {body.position_largest:.3g} m and {body.angle_largest:.3g} rad"
-            message += (
-                f", first beyond the tolerance of {tolerances(diff)} at {body.first_out:.4g} s: {out_words(body)}"
-            )
+            first = f"first beyond the tolerance of {tolerances(diff)} at {body.first_out:.4g} s: {out_words(body)}"
+            message = f"differs by {body.position_largest:.3g} m and {body.angle_largest:.3g} rad, {first}"
         elif not body.compared:
             message = f"inconclusive: {diff.not_compared}"
         else:
@@ -206,44 +194,34 @@ def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> Sui
         if demanded:
             pairs = ((body.position_largest, diff.tolerance), (body.angle_largest, diff.angle_tolerance))
             excess = max(largest / most if most else math.inf for largest, most in pairs)
-            entries.append(
-                Entry(name, Status.FAILED, message, body.cause, locate(f"bodies.{body.body}"), excess=excess)
-            )
+            place = locate(f"bodies.{body.body}")
+            entries.append(Entry(name, Status.FAILED, message, body.cause, place, excess=excess))
         else:
             entries.append(Entry(name, Status.SKIPPED, f"{message}; not demanded (--fail-on-diff)"))
     return Suite(world.name, f"{diff.first} – {diff.second}", tuple(entries))
 
 
-# --- what was not done ------------------------------------------------------------------------------------------------
+# Skipped engines and errors.
 
 
 def skipped_suites(spec: str, not_taken: Mapping[str, NotTaken]) -> list[Suite]:
     """Engines that were left out: a suite each, skipped with the reason."""
-    return [
-        Suite(spec, engine, (Entry("support", Status.SKIPPED, reason.reason, location=reason.location),))
-        for engine, reason in not_taken.items()
-    ]
+    suites = []
+    for engine, why in not_taken.items():
+        suites.append(Suite(spec, engine, (Entry("support", Status.SKIPPED, why.reason, location=why.location),)))
+    return suites
 
 
 def error_suites(spec: str, error: SimspecError) -> list[Suite]:
     """The error that ended a command: an entry for each of its problems."""
     if isinstance(error, EngineError):
-        first = str(error).splitlines()[0]
-        return [
-            Suite(spec, error.engine, (Entry("engine", Status.ERROR, clipped(first), str(error), excess=math.inf),))
-        ]
+        entry = Entry("engine", Status.ERROR, clipped(str(error).splitlines()[0]), str(error), excess=math.inf)
+        return [Suite(spec, error.engine, (entry,))]
     problems: Sequence[Problem] = error.problems if isinstance(error, SpecError) else [Problem(str(error))]
-    entries = [
-        Entry(
-            f"{problem.path or 'spec'}",
-            Status.ERROR,
-            clipped(problem.message),
-            str(problem),
-            problem.location,
-            excess=math.inf,
-        )
-        for problem in problems[:MOST_PROBLEMS]
-    ]
+    entries = []
+    for problem in problems[:MOST_PROBLEMS]:
+        about = (clipped(problem.message), str(problem), problem.location)
+        entries.append(Entry(problem.path or "spec", Status.ERROR, *about, excess=math.inf))
     if len(problems) > MOST_PROBLEMS:
         entries.append(Entry("more", Status.ERROR, f"{len(problems) - MOST_PROBLEMS:,} more problems"))
     return [Suite(spec, "spec", tuple(entries))]
@@ -291,10 +269,8 @@ def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]],
         suites.append(Suite(spec, "proofs", tuple(failed)))
     if outcome.invalid:
         problems = list(outcome.invalid)
-        if outcome.invalid_count > 1:
-            problems.append(
-                Problem(f"{outcome.invalid_count:,} runs were not done: their values make the spec invalid")
-            )
+        if (count := outcome.invalid_count) > 1:
+            problems.append(Problem(f"{count:,} runs were not done: their values make the spec invalid"))
         suites += error_suites(spec, SpecError(problems))
     return suites
 

@@ -26,13 +26,13 @@ def lines(monkeypatch, draw):
     """What a figure draws: for each pair of axes, the points of each line by its label."""
     drawn = []
 
-    def keep(plot, chart):
+    def keep(chart, resolution):
         drawn.extend(
             {line.get_label(): np.array(line.get_xydata()) for line in axis.get_lines()} for axis in chart.get_axes()
         )
         return {}
 
-    monkeypatch.setattr(figures, "_saved", keep)
+    monkeypatch.setattr(figures, "saved", keep)
     draw()
     return drawn
 

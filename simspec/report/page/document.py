@@ -25,10 +25,11 @@ from simspec.report.differences import angle, inconclusive_note, not_compared_wo
 from simspec.report.page.packing import FARTHEST, Frames, Packed, choose_frames
 from simspec.report.page.playback import charts, is_drawn, scene_data
 from simspec.report.problems import not_run_table
-from simspec.report.studies import StoredStudy, expectations, final_table, results, shown_of, world_hash
+from simspec.report.studies import StoredStudy, expectations, final_table, results, shown_of
 from simspec.report.table import BAD, GOOD, PLAIN, WARNING, Table, html_data, length, listed, number
 from simspec.runner.run import Run
 from simspec.runner.unphysical import together
+from simspec.world.canonical import sha256
 
 # Verdict of a study in sentences.
 
@@ -53,16 +54,8 @@ class Sentence:
 
 def verdict(study: Study) -> list[Sentence]:
     """What a study found: one sentence in short, then models, failures, differences, expectations, repeats, speed."""
-    parts = [
-        *_models(study),
-        *_failures(study),
-        *_unphysical(study),
-        *_differences(study),
-        *_expectations(study),
-        *_repeats(study),
-        *_speed(study),
-    ]
-    return [_summary(study), *parts]
+    makers = (_models, _failures, _differences, _expectations, _repeats, _speed)
+    return [_summary(study), *(sentence for sentences in makers for sentence in sentences(study))]
 
 
 def _summary(study: Study) -> Sentence:
@@ -153,9 +146,6 @@ def _failures(study: Study) -> Iterator[Sentence]:
         if run.failed is not None:
             until = f" Its records end at {run.time[-1]:.4g} s." if run.recorded else ""
             yield Sentence(BAD, f"Run: {name} failed: {clipped(run.failed, LONGEST_REASON)}.{until}")
-
-
-def _unphysical(study: Study) -> Iterator[Sentence]:
     for line in _not_physical(study):
         yield Sentence(BAD, f"Motion: not physical: {line}.")
 
@@ -310,12 +300,11 @@ def section(stored: StoredStudy, packed: Packed) -> Section:
         scene["plots"] = [chart.data(packed) for chart in charts(study, shown, frames)]
         caption = _caption(frames, shown, scene)
     certificate = study.certificate
+    notes = [*stored.notes, *(note for diff in study.diffs for note in diff.notes)]
     return Section(
         name=visible(study.world.name),
         verdict=tuple(verdict(study)),
-        notes=tuple(
-            map(visible, dict.fromkeys([*stored.notes, *(note for diff in study.diffs for note in diff.notes)]))
-        ),
+        notes=tuple(map(visible, dict.fromkeys(notes))),
         certificate=tuple(certificate_tables(certificate)) if certificate is not None else (),
         certificate_notes=tuple(map(visible, certificate_notes(certificate))) if certificate is not None else (),
         results=tuple(
@@ -378,7 +367,7 @@ def _provenance(stored: StoredStudy) -> Table:
     )
     rows.add("steps", *(str(run.provenance.get("steps", "–")) for run in study.runs.values()))
     rows.add("timestep", *(f"{run.world.physics.timestep:g} s" for run in study.runs.values()))
-    rows.add("world sha256", *(world_hash(study) for _ in study.runs))
+    rows.add("world sha256", *[sha256(study.world)] * len(study.runs))
     return rows
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.analysis.conservation import Conservation, Depths, Drift, conservation, displacement, penetration
-from simspec.analysis.distributions import SUMMARY, Test, permutation_test, run_summary, sign_flip_test, summary_scales
+from simspec.analysis.distributions import SUMMARY, permutation_test, run_summary, sign_flip_test, summary_scales
 from simspec.analysis.horizons import Horizons, consistency, convergence, horizons
 from simspec.comparison.floor import Floor
 from simspec.errors import SpecError
@@ -27,7 +27,6 @@ from simspec.report.study.runs import (
     Variant,
     finite,
     milliseconds,
-    run_of,
     timesteps_of,
     unsupported_table,
     variants,
@@ -81,7 +80,7 @@ def _conserved(done: Done, member: Member | None) -> tuple[Conservation | None, 
     if member is None or member[1].failed is not None:
         return None, "not run" if member is None else f"failed: {member[1].failed}"
     try:
-        return conservation(run_of(done, member[1])), ""
+        return conservation(done.store.load(member[1].key)), ""
     except SpecError as error:
         return None, error.problems[0].message
 
@@ -102,7 +101,8 @@ def consistency_tables(done: Done) -> list[StudyTable]:
     for world in worlds_of(done):
         by_values.setdefault(world.values, []).append(world)
     for (values, worlds), engine in itertools.product(by_values.items(), done.engines):
-        loaded = {world.timestep: run for world in worlds if (run := _whole(done, world, engine)) is not None}
+        whole = [(world.timestep, member[1]) for world in worlds if (member := world.unmoved(engine)) is not None]
+        loaded = {step: done.store.load(row.key) for step, row in whole if row.failed is None}
         steps = sorted(loaded, reverse=True)
         about: dict[str, Any] = {"engine": engine, "values": values}
         if len(steps) < 2:
@@ -129,11 +129,6 @@ def consistency_tables(done: Done) -> list[StudyTable]:
         "Order: of convergence, with the next smaller timestep of the same ratio; – without one, or without deviation"
     )
     return [made]
-
-
-def _whole(done: Done, world: Runs, engine: str) -> Run | None:
-    member = world.unmoved(engine)
-    return None if member is None or member[1].failed is not None else run_of(done, member[1])
 
 
 def _orders(
@@ -235,16 +230,10 @@ def _time(value: float | None) -> str:
 def _data(found: Horizons, noise: float | None, noisy: bool) -> dict[str, Any]:
     gap = found.gap
     return {
-        "noise": finite(noise),
-        "noise_measured": noisy,
-        "noise_horizon": found.noise,
-        "gap": None if gap is None else finite(gap.size),
-        "gap_time": None if gap is None else gap.time,
-        "gap_body": None if gap is None else gap.body,
-        "second_horizon": found.second,
-        "second_measured": found.measured,
-        "comparable_until": found.comparable_until,
-        "notes": list(found.notes),
+        **{"noise": finite(noise), "noise_measured": noisy, "noise_horizon": found.noise},
+        **{"gap": gap and finite(gap.size), "gap_time": gap and gap.time, "gap_body": gap and gap.body},
+        **{"second_horizon": found.second, "second_measured": found.measured},
+        **{"comparable_until": found.comparable_until, "notes": list(found.notes)},
     }
 
 
@@ -261,7 +250,7 @@ def penetration_tables(done: Done) -> list[StudyTable]:
         record: dict[str, Any] = {**world.about(engine), "runs": len(whole), "failed": failed}
         counted = f"{len(whole)}, {failed} failed" if failed else str(len(whole))
         try:
-            depths = [penetration(run_of(done, row)) for row in whole]
+            depths = [penetration(done.store.load(row.key)) for row in whole]
             why = "" if depths else "no whole run"
         except SpecError as error:
             why = error.problems[0].message
@@ -336,7 +325,14 @@ def distributions_tables(done: Done) -> list[StudyTable]:
     heads = ("timestep", "engines", "pairs", "largest difference", "of", "paired test", "test without pairs")
     tests = StudyTable(done, "distributions.tests", "Engines told apart by distributions", *heads, right=(0, 2, 3))
     for world in worlds_of(done):
-        summaries = {engine: _summaries(done, world, engine) for engine in done.engines}
+        # of each whole run by its seed: its summary at the end and its deepest overlap (NaN without recorded contacts)
+        summaries: dict[str, dict[int, Numbers]] = {
+            engine: {
+                seed: np.append(run_summary(done.store.load(row.key)), row.quantities.get(DEEPEST, np.nan))
+                for seed, row in sorted(world.moved(engine).items())
+            }
+            for engine in done.engines
+        }
         for engine, by_seed in summaries.items():
             values = np.array(list(by_seed.values())).reshape(len(by_seed), len(units))
             spread = values.std(axis=0, ddof=1) if len(by_seed) > 1 else np.full(len(units), np.nan)
@@ -357,14 +353,6 @@ def distributions_tables(done: Done) -> list[StudyTable]:
         "Without pairs: energy distance, permuted. At p ≤ 0.05 they differ"
     )
     return [means, tests]
-
-
-def _summaries(done: Done, world: Runs, engine: str) -> dict[int, Numbers]:
-    """Of each whole run by its seed: its summary at the end and its deepest overlap (NaN where contacts were not recorded)."""
-    return {
-        seed: np.append(run_summary(run_of(done, row)), row.quantities.get(DEEPEST, np.nan))
-        for seed, row in sorted(world.moved(engine).items())
-    }
 
 
 def _mean(values: Numbers, spread: float) -> str:
@@ -389,7 +377,7 @@ def _tested(
         return {**record, "reason": "no seed with whole runs in both"}, ["0", "nothing to compare"]
     values, other = (np.array([by_seed[seed] for seed in seeds]) for by_seed in summaries)
     try:
-        scales = summary_scales(run_of(done, world.moved(engines[0])[seeds[0]]))
+        scales = summary_scales(done.store.load(world.moved(engines[0])[seeds[0]].key))
     except SpecError as error:
         why = error.problems[0].message
         return {**record, "reason": why}, [str(len(seeds)), why]
@@ -404,11 +392,8 @@ def _tested(
     quantity = [name for name in names if name not in left_out][largest]
     flipped, permuted = sign_flip_test(values - other), permutation_test(values, other)
     record |= {"largest": float(difference[largest]), "quantity": quantity, "left_out": left_out}
-    record |= {"paired": _test_data(flipped), "unpaired": _test_data(permuted)}
+    for kind, test in (("paired", flipped), ("unpaired", permuted)):
+        record[kind] = {name: getattr(test, name) for name in ("p", "smallest", "can_reject", "rejects", "exact")}
     pairs = f"{len(seeds)}" + (f", {len(alone)} seeds in one only" if alone else "")
     of = quantity.replace("_", " ") + (f" (not compared: {', '.join(left_out)})" if left_out else "")
     return record, [pairs, f"{difference[largest]:.3g}", of, str(flipped), str(permuted)]
-
-
-def _test_data(test: Test) -> dict[str, Any]:
-    return {name: getattr(test, name) for name in ("p", "smallest", "can_reject", "rejects", "exact")}

@@ -168,11 +168,6 @@ def worlds_of(done: Done) -> list[Runs]:
     return [worlds[key] for key in sorted(worlds, key=lambda key: key[:2])]
 
 
-def run_of(done: Done, row: Row) -> Run:
-    """A stored run with its arrays."""
-    return done.store.load(row.key)
-
-
 # Runs by variant: engine, case and values.
 
 PLAIN = "–"
