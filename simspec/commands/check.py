@@ -13,7 +13,7 @@ from simspec.language.foreign import repaired, repairs_data
 from simspec.option_checks import check_options
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
-from simspec.report.model_files import as_problems, plausibility_data, plausibility_lines
+from simspec.report.problems import as_problems, plausibility_data, plausibility_lines
 from simspec.report.screen import console, say
 from simspec.world.canonical import sha256
 
@@ -72,7 +72,7 @@ def check(options: CheckOptions) -> int:
         warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
         say(f"{name}: ok, {len(world.bodies)} bodies, world {sha256(world)[:12]}{warned}")
         if repairs := repaired(loaded.spec.source.all()):
-            from simspec.report.model_files import repairs_table
+            from simspec.report.problems import repairs_table
 
             console().print(repairs_table(repairs))
         for line in plausibility_lines(plausibility, options.verbose, warned=True):

@@ -26,8 +26,7 @@ from simspec.formats.kit.contract import Format, Plain, formats
 from simspec.formats.kit.text import json_text
 from simspec.outputs.targets import LARGEST_MARKER, PLAIN, demand, file_problem, folder_problem
 from simspec.outputs.writing import update_folder, write_file
-from simspec.report.model_files import losses_table_losses as losses_table
-from simspec.report.model_files import reader_lines
+from simspec.report.problems import export_losses_table, reader_lines
 from simspec.report.screen import console, say
 from simspec.world.canonical import sha256
 
@@ -113,7 +112,7 @@ class Export:
     def show(self) -> None:
         """Print what the files do not carry, and the losses of programs that read them."""
         if self.plain.losses:
-            console().print(losses_table(self.format_name, self.plain.losses, self.loaded.spec.locate))
+            console().print(export_losses_table(self.format_name, self.plain.losses, self.loaded.spec.locate))
         for line in reader_lines(self.format_name, self.readers):
             say(line)
 

@@ -29,8 +29,7 @@ from simspec.meshes.reading import LARGEST_FILE as LARGEST_MESH
 from simspec.outputs import files as output_files
 from simspec.outputs.targets import LARGEST_MARKER, MESHES, NEVER, check_file, demand, file_problem, folder_problem
 from simspec.outputs.writing import write_file, write_folder
-from simspec.report.model_files import losses_table, repairs_table
-from simspec.report.problems import show_warnings
+from simspec.report.problems import losses_table, repairs_table, show_warnings
 from simspec.report.screen import console, say
 
 STARTER = """\

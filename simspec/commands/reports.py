@@ -47,7 +47,7 @@ class Reports:
 
     def demand(self) -> None:
         """Raise SpecError, with every problem, when one of the files may not be written: before any work is done."""
-        from simspec.report.ci_files import own_junit, own_summary
+        from simspec.report.tested import own_junit, own_summary
 
         targets = [(self.junit, own_junit), (self.summary, own_summary)]
         demand(file_problem(path, ours) for path, ours in targets if path is not None)
@@ -62,7 +62,7 @@ class Reports:
         as_json: bool = False,
     ) -> None:
         """Write all reports. With ``as_json`` annotations go to standard error, which CI systems read as well."""
-        from simspec.report.ci_files import LARGEST, annotation_lines, junit, own_junit, own_summary, summary
+        from simspec.report.tested import LARGEST, annotation_lines, junit, own_junit, own_summary, summary
 
         if self.junit is not None:
             write_file(self.junit, junit(suites), own_junit)

@@ -9,9 +9,9 @@ from typing import Any
 from simspec.audit import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
 from simspec.audit.audit import PairAudit
 from simspec.errors import clipped, visible
-from simspec.report.model_files import plausibility_data, plausibility_lines
 from simspec.report.page.document import Section, Sentence
 from simspec.report.plain import plain
+from simspec.report.problems import plausibility_data, plausibility_lines
 from simspec.report.screen import console
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
 from simspec.report.tested import Entry, Status, Suite

@@ -22,9 +22,8 @@ from simspec.distribution import own_version
 from simspec.errors import Problem, SpecError
 from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
-from simspec.report.ci_files import words
 from simspec.report.table import Table, markdown_rows
-from simspec.report.tested import Entry, Status, Suite
+from simspec.report.tested import Entry, Status, Suite, words
 from simspec.runner.metrics import moving_bodies
 from simspec.runner.run import Run
 from simspec.stored import StoredBaseline, parse, read_as

@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility, Sampling, ordered
-from simspec.report.model_files import MOST_LINES, plausibility_lines
-from simspec.report.model_files import WIDTH_PLAUSIBILITY as WIDTH
+from simspec.report.problems import MOST_LINES, WIDTH, plausibility_lines
 from tests.plausibility.files import urdf
 
 RUNNER = CliRunner()

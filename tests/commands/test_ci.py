@@ -11,7 +11,7 @@ from lxml import etree
 from simspec import cli
 from simspec.commands import run as baseline_command
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG
-from simspec.report.ci_files import LARGEST
+from simspec.report.tested import LARGEST
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 

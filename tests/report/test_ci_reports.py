@@ -13,16 +13,20 @@ from lxml import etree
 from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import Check
-from simspec.report.ci_files import annotation_lines, junit, own_junit, own_summary, summary
 from simspec.report.tested import (
     Entry,
     Status,
     Suite,
+    annotation_lines,
     certificate_suites,
     error_suites,
     file_of,
+    junit,
+    own_junit,
+    own_summary,
     skipped_suites,
     study_suites,
+    summary,
     wrong,
 )
 from simspec.selection import NotTaken

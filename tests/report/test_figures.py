@@ -70,7 +70,7 @@ def test_deviations_over_the_timestep(monkeypatch):
     records = [record("first", 0.002, 0.004, 3), record("first", 0.001, 0.002, 3), record("first", 0.004, 5.0, 2)]
     records.append(record("second", 0.001, None, 0))
     seen = []
-    monkeypatch.setattr(figures, "_saved", lambda plot, chart: seen.extend(chart.axes[0].get_lines()) or {})
+    monkeypatch.setattr(figures, "saved", lambda chart, resolution: seen.extend(chart.axes[0].get_lines()) or {})
     figures.deviation_over_timestep(records, 0.01)
     points = [np.column_stack([line.get_xdata(), line.get_ydata()]).tolist() for line in seen[:6]]
     np.testing.assert_allclose(points[0], [[1.0, 2.0], [2.0, 4.0], [4.0, np.nan]])

@@ -18,13 +18,12 @@ from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
-from simspec.report.ci_files import junit, summary
 from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
 from simspec.report.page.document import verdict
 from simspec.report.plain import diff_data
 from simspec.report.screen import console
 from simspec.report.table import GOOD
-from simspec.report.tested import study_suites
+from simspec.report.tested import junit, study_suites, summary
 from simspec.runner.run import Run
 from simspec.selection import named
 from simspec.world import frames

@@ -7,8 +7,7 @@ import json
 import pytest
 
 from simspec.errors import SpecError
-from simspec.report.study.charts import charts
-from simspec.report.study.sentences import said_of
+from simspec.report.study.sentences import charts, said_of
 from simspec.stored import StudyTables
 from tests.report.page import study_samples as samples
 

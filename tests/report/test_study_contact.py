@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from simspec.cli import app
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import PROBES
-from simspec.report.study.contact import FORMS, Form, _cell, law_words
+from simspec.report.study.tables import FORMS, Form, _cell, law_words
 from simspec.report.table import Table, html_data, markdown, two_digits
 from simspec.world.types import Hardness, PairContact
 

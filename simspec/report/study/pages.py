@@ -25,9 +25,8 @@ from simspec.proof.certificate import Certificate
 from simspec.report.page.document import Section, section
 from simspec.report.page.packing import Packed
 from simspec.report.studies import StoredStudy, study_of
-from simspec.report.study.charts import charts
 from simspec.report.study.runs import Done, Record, StudyTable, milliseconds
-from simspec.report.study.sentences import verdict
+from simspec.report.study.sentences import charts, verdict
 from simspec.report.table import BAD, DIM, GOOD, WARNING, Table, TableCell, escaped, markdown
 from simspec.runner.run import Run
 from simspec.stored import StoredTableShown, StudyTables, read_as

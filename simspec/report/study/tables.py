@@ -1,12 +1,22 @@
-"""All tables that a study can show, by word, and where and when its runs were measured."""
+"""Tables of a study by word, with those of contact and of quantities, and the circumstances of its runs."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
+from simspec.comparison.runs import QUANTITIES
+from simspec.experiments.cases import world_of
+from simspec.experiments.plan import Cell
+from simspec.proof.certificate import Certificate
+from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.run import laws
+from simspec.report.certificate import TITLES
 from simspec.report.explain import attribution_tables
-from simspec.report.study.contact import contact_tables, quantities_tables
 from simspec.report.study.motion import (
     conservation_tables,
     consistency_tables,
@@ -16,7 +26,17 @@ from simspec.report.study.motion import (
     penetration_tables,
 )
 from simspec.report.study.pages import playback_tables
-from simspec.report.study.runs import Done, StudyTable
+from simspec.report.study.runs import (
+    PLAIN,
+    Done,
+    StudyTable,
+    Variant,
+    finite,
+    milliseconds,
+    timesteps_of,
+    unsupported_table,
+    variants,
+)
 from simspec.report.study.sentences import said_of
 from simspec.report.study.speed import (
     case_cost_tables,
@@ -33,6 +53,202 @@ from simspec.report.study.validity import (
     failures_tables,
     validity_tables,
 )
+from simspec.report.table import BAD, DIM, WARNING, TableCell, length, number, two_digits
+from simspec.world.types import PairContact
+
+# Contact figures (level L5) of the proofs of a sweep: a table for each probe, over timesteps.
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a probe's figures are shown.
+
+    share     as a share of the expected value in per cent, else in ``unit`` (``factor`` of them in the figure's own)
+    by_case   a row for each case of the probe, else the worst of all cases
+    quantity  the one that is shown, where the probe has several that cannot be compared; "": all
+    """
+
+    share: bool = False
+    factor: float = 1.0
+    unit: str = ""
+    by_case: bool = False
+    quantity: str = ""
+
+
+FORMS: Mapping[str, Form] = {
+    probe: form
+    for probes, form in (
+        ("push push-oblong stop stop-oblong carry oblique", Form(share=True)),
+        ("torsional rolling", Form(share=True, quantity="deceleration")),
+        ("compliance compliance-shape slide-spin", Form(share=True, by_case=True)),
+        ("strike row edge stack-slides stack-slides-plane", Form(share=True, by_case=True)),
+        ("restitution threshold", Form(by_case=True)),
+        ("oblique-separation", Form()),
+        ("stick", Form(factor=1e6, unit="µm/s")),
+        ("size", Form(factor=1e6, unit="µm")),
+        ("steady", Form(factor=1e6, unit="µm/s", by_case=True)),
+        ("rest", Form(factor=1e6, unit="µm", by_case=True)),
+        ("overlap", Form(factor=1e3, unit="mm/s", by_case=True)),
+        ("rod clamp jam jam-light squeeze pile carrier", Form(factor=1e3, unit="mm", by_case=True)),
+        ("stack stack-stays stack-stays-plane cross", Form(factor=1e3, unit="mm", by_case=True)),
+    )
+    for probe in probes.split()
+}
+"""By probe. One that is not named here has a row for each case, in the figure's own unit."""
+NOTE = (
+    "The largest deviation from the analytic value. Italic, yellow: beyond what simspec promises at 1 ms, and within what the "
+    "engine declares; bold, red: beyond that too"
+)
+Measured = Mapping[tuple[str, str], Sequence[Figure]]
+"""The figures of one proof, by the law in words and the probe."""
+
+
+def contact_tables(done: Done) -> list[StudyTable]:
+    """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: what has none."""
+    made = variants(done)
+    steps = timesteps_of(made)
+    rows: dict[tuple[str, str, str], dict[int, dict[float, list[Figure]]]] = {}
+    unmeasured: list[str] = []
+    for index, variant in enumerate(made):
+        for step, runs in variant.runs.items():
+            measured = _measured(done, runs[0][0])
+            if measured is None and not variant.refusals():
+                unmeasured.append(f"{variant.engine} at {milliseconds(step)} ({variant.label})")
+            for (law, probe), figures in (measured or {}).items():
+                for figure in figures:
+                    case = figure.case if FORMS.get(probe, Form(by_case=True)).by_case else ""
+                    rows.setdefault((probe, law, case), {}).setdefault(index, {}).setdefault(step, []).append(figure)
+    note = "; ".join([NOTE, *([f"not verified: {', '.join(unmeasured)}"] if unmeasured else [])])
+    probes = dict.fromkeys(probe for probe, _, _ in rows)
+    ordered = {
+        key: rows[key]
+        for key in sorted(rows, key=lambda key: [float(element) for element in re.findall(r"\d+(?:\.\d+)?", key[1])])
+    }
+    shown = [_shown(done, made, steps, probe, ordered, note) for probe in probes]
+    if not shown and unmeasured:
+        shown = [StudyTable(done, "contact", note, "nothing was measured")]
+    return [*shown, unsupported_table(done, "contact", made)]
+
+
+def _shown(
+    done: Done,
+    made: Sequence[Variant],
+    steps: Sequence[float],
+    probe: str,
+    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, list[Figure]]]],
+    note: str,
+) -> StudyTable:
+    form = FORMS.get(probe, Form(by_case=True))
+    unit = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
+    by_case = any(case for name, _, case in rows if name == probe)
+    heads = ["law", *(["probed"] if by_case else []), "settings", "engine"]
+    columns, right = [*heads, *map(milliseconds, steps)], range(len(heads), len(heads) + len(steps))
+    title = f"{TITLES.get(probe, probe)}: deviation{unit}"
+    shown = StudyTable(done, f"contact.{probe}", title, *columns, right=right, note=note)
+    for (name, law, case), row in rows.items():
+        for index, by_step in row.items() if name == probe else ():
+            variant = made[index]
+            shown.records += [
+                {"law": law, "case": case, "settings": variant.label, "engine": variant.engine, "timestep": step}
+                | {"deviation": finite(_worst(form, figures)), "passed": all(figure.passed for figure in figures)}
+                | {"declared": any(bool(figure.deviation) for figure in figures)}
+                for step, figures in by_step.items()
+            ]
+            cells = [_cell(form, by_step.get(step)) for step in steps]
+            shown.add(law, *([case] if by_case else []), variant.label, variant.engine, *cells)
+    return shown
+
+
+def _worst(form: Form, figures: Sequence[Figure]) -> float:
+    """The largest deviation; infinite where one is no number."""
+    deviations = [_deviation(form, figure) for figure in figures]
+    return max(math.inf if math.isnan(deviation) else deviation for deviation in deviations)
+
+
+def _measured(done: Done, cell: Cell) -> Measured | None:
+    """The figures of the proof of a cell's model; None where it has none. Raises SpecError where it is damaged."""
+    key = done.outcome.index.certificates.get(cell.key)
+    text = done.store.certificate_text(key) if key is not None else None
+    if text is None:
+        return None
+    proof = Certificate.from_json(text, f"the certificate {key}").engines[cell.engine]
+    words = {law.subject: law_words(law.pair) for law in laws(world_of(done.outcome.plan, cell))}
+    measured: dict[tuple[str, str], list[Figure]] = {}
+    for figure in proof.contact:
+        wanted = FORMS.get(figure.probe, Form()).quantity
+        if not wanted or figure.quantity == wanted or figure.measured is None:
+            measured.setdefault((words.get(figure.subject, figure.subject), figure.probe), []).append(figure)
+    return measured
+
+
+def law_words(pair: PairContact) -> str:
+    """A law in words: its friction, and what else it has."""
+    given = [f"μ {pair.friction:g}"]
+    given += [f"e {pair.restitution:g}"] if pair.restitution else []
+    given += [f"torsional {length(pair.torsional_friction)}"] if pair.torsional_friction else []
+    given += [f"rolling {length(pair.rolling_friction)}"] if pair.rolling_friction else []
+    given += [f"threshold {pair.restitution_threshold:g} m/s"] if pair.restitution_threshold else []
+    hardness = pair.hardness
+    if hardness.kind == "time-constant":
+        given.append(f"T {1e3 * hardness.time_constant:g} ms, ζ {hardness.damping_ratio:g}")
+    elif hardness.kind == "stiffness":
+        given.append(f"k {hardness.stiffness:g} N/m, c {hardness.damping:g} N s/m")
+    elif hardness.kind != "common":
+        given.append(f"{hardness.kind} hardness")
+    return ", ".join(given)
+
+
+def _cell(form: Form, figures: Sequence[Figure] | None) -> TableCell:
+    """The worst of some figures."""
+    if not figures:
+        return TableCell(PLAIN, DIM)
+    worst = _worst(form, figures)
+    if math.isinf(worst):
+        return TableCell("no value", BAD)
+    if not all(figure.passed for figure in figures):
+        return TableCell(two_digits(worst), BAD)
+    return TableCell(two_digits(worst), WARNING if any(figure.deviation for figure in figures) else "")
+
+
+def _deviation(form: Form, figure: Figure) -> float:
+    if figure.measured is None:
+        return math.inf
+    off = abs(figure.measured - figure.expected)
+    if not form.share:
+        return form.factor * off
+    if not figure.expected:
+        return 0.0 if not off else math.inf
+    return 100.0 * off / abs(figure.expected)
+
+
+# Quantities at the end of runs, by case, engine and timestep.
+
+
+def quantities_tables(done: Done) -> list[StudyTable]:
+    """``quantities``."""
+    rows = [
+        (variant, timestep, {name: _median(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
+        for variant in variants(done)
+        for timestep, runs in variant.runs.items()
+    ]
+    shown = [(name, unit) for name, unit in QUANTITIES if any(medians[name] is not None for _, _, medians in rows)]
+    heads = [f"{name}, {unit}" if unit else name for name, unit in shown]
+    columns = ("settings", "engine", "timestep", *heads)
+    note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
+    made = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)), note=note)
+    for variant, step, medians in rows:
+        record = {"settings": variant.label, "case": variant.case, "engine": variant.engine, "timestep": step} | medians
+        cells = [number(medians[name]) for name, _ in shown]
+        made.add(variant.label, variant.engine, milliseconds(step), *cells, record=record)
+    return [made]
+
+
+def _median(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None and abs(value) < float("inf")]
+    return median(known) if known else None
+
+
+# All tables of a study, by word.
 
 SHOWN: Mapping[str, Callable[[Done], list[StudyTable]]] = {
     "speed": speed_tables,
