@@ -306,7 +306,7 @@ def _name(cell: Cell) -> str:
     return ", ".join(words)
 
 
-# XML ("JUnit"): one ``testsuite`` for each spec and engine. ``error``: an engine failed; ``failure``: a proof, an expectation or
+# XML ("JUnit"): one ``testsuite`` for each spec and engine. ``error``: an engine failed; ``failure``: a proof, an expectation, or
 # a comparison failed. Several CI systems read ``file`` and ``line`` of a ``testcase``, which no standard has.
 
 BEGINNING = '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="simspec"'
