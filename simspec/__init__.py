@@ -65,9 +65,9 @@ __all__ = sorted(_HOME)  # noqa: PLE0605 (a list all the same; a literal would b
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from simspec.distribution import own_version
+        from simspec.distribution import simspec_version
 
-        return own_version()
+        return simspec_version()
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module 'simspec' has no attribute {name!r}")

@@ -20,7 +20,7 @@ def main() -> int:
     if not arguments or arguments in (["--help"], ["-h"], ["help"]):
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()
-        return _told(text)
+        return _write(text)
     from simspec.processes import run_until_signalled
 
     def run() -> int:
@@ -31,7 +31,7 @@ def main() -> int:
     return run_until_signalled(run)
 
 
-def _told(text: str) -> int:
+def _write(text: str) -> int:
     try:
         sys.stdout.write(text)
         sys.stdout.flush()

@@ -132,9 +132,9 @@ def _main(arguments: list[str]) -> int:
         write_file(Path(__file__).with_name("help.txt"), help_text(), lambda old: b"simspec" in old[:100])
         return EXIT_OK
     if arguments == ["--version"]:
-        from simspec.distribution import own_version
+        from simspec.distribution import simspec_version
 
-        print(f"simspec {own_version()}")
+        print(f"simspec {simspec_version()}")
         return EXIT_OK
     problem = _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)
     if problem is not None:

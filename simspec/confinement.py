@@ -30,7 +30,7 @@ IOCTL: Final = (0x5401, 0x5450, 0x5451)
 """Of ioctl(2): whether a descriptor is a terminal, and whether programs inherit it."""
 FCNTL: Final = (0, 1, 2, 3, 4, 5, 6, 7, 1030)
 """Of fcntl(2): copies of a descriptor, its flags, locks. Not: whom a signal is sent to."""
-OWN_PID: Final = -1
+CONFINED_PID: Final = -1
 """In a condition: the number of the confined process."""
 
 
@@ -62,7 +62,7 @@ THREADS: Final[Mapping[str, Conditions]] = {
     **_calls("set_robust_list rseq sched_getaffinity getcpu sigaltstack futex_waitv membarrier sysinfo uname"),
     **_calls("poll ppoll nanosleep clock_nanosleep getuid geteuid getgid getegid times dup dup2 dup3 fstat"),
     "clone": (Where(0, (CLONE_THREAD,), CLONE_THREAD),),
-    "tgkill": (Where(0, (OWN_PID,)),),
+    "tgkill": (Where(0, (CONFINED_PID,)),),
     "prlimit64": (Where(0, (0,)), Where(1, (RLIMIT_CPU,))),
     "fcntl": (Where(1, FCNTL),),
     "ioctl": (Where(1, IOCTL),),
@@ -327,7 +327,7 @@ def filter_program(profile: Profile, kind: str, pid: int) -> list[Line]:
 
 def _test(condition: Where, pid: int) -> list[Line]:
     """Refuse unless a condition holds. The lower half of an argument is all that the kernel takes of those that are tested."""
-    values = [pid if value == OWN_PID else value for value in condition.values]
+    values = [pid if value == CONFINED_PID else value for value in condition.values]
     found = [(_IF_EQUAL, len(values) - place, 0, value) for place, value in enumerate(values)]
     return [
         (_LOAD, 0, 0, _ARGUMENTS + 8 * condition.argument),

@@ -28,7 +28,7 @@ def checkout() -> Mapping[str, Any]:
 
 
 @functools.cache
-def own_version() -> str:
+def simspec_version() -> str:
     """The version of simspec; reading it takes 10 ms. Raises PackageNotFoundError."""
     try:
         return importlib.metadata.version(NAME)

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 
 from simspec.distribution import checkout
 
-OWN = "simspec"
+SIMSPEC = "simspec"
 Plugin = TypeVar("Plugin")
 
 
@@ -31,28 +31,28 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
         self._loaded: dict[str, Plugin] = {}
         self._broken: dict[str, str] = {}
         found = [*importlib.metadata.entry_points(group=group)]
-        self._own = {point.name: point for point in found if point.module.partition(".")[0] == OWN}
+        self._simspec = {point.name: point for point in found if point.module.partition(".")[0] == SIMSPEC}
         for name, value in checkout().get("entry-points", {}).get(group, {}).items():
-            self._own.setdefault(name, EntryPoint(name, value, group))
-        self._others = [point for point in found if self._own.get(point.name) is not point]  # not loaded yet
+            self._simspec.setdefault(name, EntryPoint(name, value, group))
+        self._others = [point for point in found if self._simspec.get(point.name) is not point]  # not loaded yet
         self._others.sort(key=lambda point: (point.name, point.value), reverse=True)
 
     def __getitem__(self, name: str) -> Plugin:
         if name not in self._loaded:
-            if name in self._own:
-                self._load(self._own[name])
+            if name in self._simspec:
+                self._load(self._simspec[name])
             else:
                 self._load_others()
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        if name not in self._own:
+        if name not in self._simspec:
             self._load_others()
-        return name in self._loaded or (name in self._own and name not in self._broken)
+        return name in self._loaded or (name in self._simspec and name not in self._broken)
 
     def __iter__(self) -> Iterator[str]:
         self._load_others()
-        return iter(sorted(({*self._own} - {*self._broken}) | {*self._loaded}))
+        return iter(sorted(({*self._simspec} - {*self._broken}) | {*self._loaded}))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -72,22 +72,22 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
 
     def stated(self, name: str, attribute: str) -> Any:
         """An attribute of a plug-in; the package of a plug-in of simspec may state it, which saves importing the plug-in."""
-        if name in self._own and name not in self._loaded:
-            package = importlib.import_module(self._own[name].module.rpartition(".")[0])
+        if name in self._simspec and name not in self._loaded:
+            package = importlib.import_module(self._simspec[name].module.rpartition(".")[0])
             if hasattr(package, attribute):
                 return getattr(package, attribute)
         return getattr(self[name], attribute)
 
     def _load_all(self) -> None:
-        for name in self._own:
+        for name in self._simspec:
             if name not in self._loaded and name not in self._broken:
-                self._load(self._own[name])
+                self._load(self._simspec[name])
         self._load_others()
 
     def _load_others(self) -> None:
         while self._others:
             point = self._others.pop()
-            if point.name in self._own or point.name in self._loaded:
+            if point.name in self._simspec or point.name in self._loaded:
                 self._broken[f"{point.name} ({_distribution(point)})"] = (
                     f"the name is already used: {point.value} is ignored"
                 )

@@ -39,7 +39,7 @@ class Ended(SystemExit):
         super().__init__(128 + number)
 
 
-_told: list[int] = []
+_signalled: list[int] = []
 """The signal that told this process to end, once there was one."""
 AGAIN = 0.01
 """s after which a process is told again whose first telling got lost on its way."""
@@ -57,23 +57,23 @@ def run_until_signalled(run: Callable[[], int]) -> int:
         code = run()
         _ignore()  # nothing is left to be ended
     except BaseException:
-        if not _told:
+        if not _signalled:
             raise
-    if not _told:
+    if not _signalled:
         return code
-    say(f"ended by {signal.Signals(_told[0]).name}")
-    return 128 + _told[0]
+    say(f"ended by {signal.Signals(_signalled[0]).name}")
+    return 128 + _signalled[0]
 
 
 def exit_if_signalled() -> None:
     """Raise Ended where a signal told this process to end: what is being said of it is then not the reason."""
-    if _told:
-        raise Ended(_told[0])
+    if _signalled:
+        raise Ended(_signalled[0])
 
 
 def _end(number: int, frame: FrameType | None) -> None:
     _ignore()  # what is in order already is not to be cut short
-    _told[:] = [number]
+    _signalled[:] = [number]
     raise Ended(number)
 
 

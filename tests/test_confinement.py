@@ -135,7 +135,7 @@ def test_a_filter_lets_pass_what_its_profile_has_and_nothing_else(profile, machi
         good = [0] * 6
         for condition in conditions:
             value = condition.values[-1]
-            good[condition.argument] |= 77 if value == confinement.OWN_PID else value
+            good[condition.argument] |= 77 if value == confinement.CONFINED_PID else value
         expected = allowed if name in profile.calls else absent if name == "clone3" else refused
         assert answered(program, number, architecture, good) == expected, name
         for condition in conditions:

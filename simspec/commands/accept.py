@@ -39,7 +39,7 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     """Write what engines need into the spec's file; what stands there stays. Engines that nobody named and that do not support
     the world at all are told. Raises SpecError for scenarios of the library and for files that cannot be written,
     UnsupportedError with every feature that a named engine, or every engine, does not support at all."""
-    path = _own(spec)
+    path = _writable_file(spec)
     wanted: dict[str, dict[str, dict[str, str]]] = {}
     not_taken: dict[str, NotTaken] = {}
     for name in selection.engines:
@@ -73,13 +73,13 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
 def is_writable(spec: Spec) -> bool:
     """Whether entries can be written into the file of a spec."""
     try:
-        _own(spec)
+        _writable_file(spec)
     except SpecError:
         return False
     return True
 
 
-def _own(spec: Spec) -> Path:
+def _writable_file(spec: Spec) -> Path:
     """The file of a spec that is the user's own."""
     path = spec.path
     if path is None:

@@ -34,7 +34,7 @@ DEFAULT: Final = Path("plain")
 """Below it, NAME/FORMAT."""
 LOSSES: Final = "losses.json"
 LOSSES_SCHEMA: Final = 1
-BESIDE: Final = ".losses.json"
+SIDECAR_SUFFIX: Final = ".losses.json"
 """Suffix of the list of a single file, after the name of the file."""
 DIGEST: Final = "file_sha256"
 
@@ -198,7 +198,7 @@ def _current(options: ExportOptions, stale: Sequence[str], current: str) -> int:
 def _single(options: ExportOptions, export: Export, language: Format, path: Path, warnings: Sequence[Problem]) -> int:
     """Write one file and its list, or see whether they are current. Raises SpecError where one may not be written."""
     content = language.single(export.plain, path.suffix.lower())
-    name = path.with_name(path.name + BESIDE)
+    name = path.with_name(path.name + SIDECAR_SUFFIX)
     listed = {**export.data(), DIGEST: hashlib.sha256(content).hexdigest()}
     files = {path: content, name: json_text(listed).encode()}
     if options.check:

@@ -309,7 +309,7 @@ def generated_files(
     file is one that this command wrote: no other is replaced. ``how``: the command that writes them."""
     given, codes = [], [EXIT_OK]
     for path, (wanted, ours) in files.items():
-        entry, code = _one(path, wanted, ours, check, as_json, how)
+        entry, code = _generated_file(path, wanted, ours, check, as_json, how)
         given.append(entry)
         codes.append(code)
     if as_json:
@@ -317,7 +317,7 @@ def generated_files(
     return max(codes)
 
 
-def _one(
+def _generated_file(
     path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool, as_json: bool, how: str
 ) -> tuple[dict[str, object], int]:
     if not check:

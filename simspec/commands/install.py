@@ -32,7 +32,7 @@ def install(options: InstallOptions) -> int:
     """Print the commands that install engines, or every known one that is not installed whole; run them with ``--yes``.
 
     A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on; so does an
-    engine that does not go with the packages of others (``Engine.APART``), which is found by its name, too.
+    engine that does not go with the packages of others (``Engine.SEPARATE_VERSION``), which is found by its name, too.
 
     Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
     """
@@ -46,7 +46,7 @@ def install(options: InstallOptions) -> int:
             message = f"{word!r} has an interpreter already"
             raise SpecError([Problem(message, allowed="NAME, NAME@VERSION")])
         engine = find_engine(label.name)
-        version = label.version or engine.APART
+        version = label.version or engine.SEPARATE_VERSION
         if version:
             rows[label.label] = _version_row(EngineId(label.name, version), yes, as_json)
         else:

@@ -47,9 +47,9 @@ class Reports:
 
     def demand(self) -> None:
         """Raise SpecError, with every problem, when one of the files may not be written: before any work is done."""
-        from simspec.report.tested import own_junit, own_summary
+        from simspec.report.tested import is_junit, is_summary
 
-        targets = [(self.junit, own_junit), (self.summary, own_summary)]
+        targets = [(self.junit, is_junit), (self.summary, is_summary)]
         demand(file_problem(path, ours) for path, ours in targets if path is not None)
 
     def write(
@@ -62,12 +62,12 @@ class Reports:
         as_json: bool = False,
     ) -> None:
         """Write all reports. With ``as_json`` annotations go to standard error, which CI systems read as well."""
-        from simspec.report.tested import LARGEST, annotation_lines, junit, own_junit, own_summary, summary
+        from simspec.report.tested import LARGEST, annotation_lines, is_junit, is_summary, junit, summary
 
         if self.junit is not None:
-            write_file(self.junit, junit(suites), own_junit)
+            write_file(self.junit, junit(suites), is_junit)
         if self.summary is not None:
-            write_file(self.summary, summary(suites, study, baseline), own_summary)
+            write_file(self.summary, summary(suites, study, baseline), is_summary)
         if self.step_summary is not None:
             text = summary(suites, study, baseline, LARGEST - file_size(self.step_summary))
             if not text or not append_text(self.step_summary, text, LARGEST):

@@ -33,7 +33,7 @@ from simspec.report.baseline import (
     comparison_data,
     comparison_lines,
     comparison_suite,
-    own_baseline,
+    is_baseline,
     read_baseline,
     show_comparison,
 )
@@ -329,7 +329,7 @@ def _read_baseline(options: RunOptions) -> Baseline | None:
         message = "a baseline requires each engine's own noise, which --no-repeats does not measure"
         raise SpecError([Problem(message, hint="leave one of the two out")])
     if options.write_baseline is not None:
-        demand([file_problem(options.write_baseline, own_baseline)])
+        demand([file_problem(options.write_baseline, is_baseline)])
     return read_baseline(options.baseline) if options.baseline is not None else None
 
 
@@ -362,7 +362,7 @@ def _with_baseline(
             notes.append(f"{written}: kept, as this run regressed from it; to accept it: --write-baseline alone")
             written = None
         else:
-            write_file(written, now.text(), own_baseline)
+            write_file(written, now.text(), is_baseline)
     return Compared(comparison, tuple(notes), written)
 
 

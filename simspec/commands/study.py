@@ -22,7 +22,7 @@ from simspec.experiments.cases import rounding_lines
 from simspec.experiments.cost import costs, estimate, proof_seconds, proofs_left
 from simspec.experiments.first_gap import second_passes
 from simspec.experiments.plan import Plan, plan_sweep
-from simspec.experiments.published import MODELS_FILE, MOST_MODELS, strangers, sweep_models
+from simspec.experiments.published import MODELS_FILE, MOST_MODELS, outdated_runs, sweep_models
 from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, local_executor, side_by_side
@@ -395,7 +395,7 @@ def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], fi
             problems.append(
                 Problem(f"{entry.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}")
             )
-        old = list(itertools.islice(strangers(outcome, entry.store), MOST_NAMED + 1))
+        old = list(itertools.islice(outdated_runs(outcome, entry.store), MOST_NAMED + 1))
         if old:
             named = ", ".join(old[:MOST_NAMED]) + (", …" if len(old) > MOST_NAMED else "")
             message = f"{entry.sweep.name}: the store has runs of models that this code no longer makes: {named}"

@@ -56,7 +56,7 @@ def sweep(options: SweepOptions) -> int:
         if options.store is None:
             problems.append(folder_problem(folder.parent, STUDY, [loaded.file]))
         if options.csv is not None:
-            problems.append(file_problem(options.csv, own_csv))
+            problems.append(file_problem(options.csv, is_csv))
         demand(problems)
         if options.dry_run:
             return _dry_run(options, plan, folder, jobs, selection, pythons)
@@ -106,7 +106,7 @@ def warn_of_disturbances() -> None:
         say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
 
 
-def own_csv(content: bytes) -> bool:
+def is_csv(content: bytes) -> bool:
     """Whether a file is a table that simspec wrote."""
     return content.startswith((",".join(CSV_FIRST) + ",").encode())
 
@@ -123,7 +123,7 @@ def _show(
     unfulfilled = sum(row.expected - row.passed for row in stored if row.failed is None)
     code = outcome.exit_code(failed, unfulfilled)
     if csv is not None:
-        write_file(csv, sweep_csv(outcome.plan, rows), own_csv)
+        write_file(csv, sweep_csv(outcome.plan, rows), is_csv)
     if reports:
         suites = [*sweep_suites(outcome, rows, loaded.spec.locate)]
         suites += skipped_suites(outcome.plan.spec.name, selection.not_taken)

@@ -169,7 +169,7 @@ class Diff:
         return self.verdict == WITHIN
 
     @property
-    def untold(self) -> BodyDiff | None:
+    def inconclusive_body(self) -> BodyDiff | None:
         """The inconclusive body with the largest noise; None when there is none."""
         inconclusive = [body for body in self.bodies if body.verdict == INCONCLUSIVE]
         return max(inconclusive, key=lambda body: body.floor or 0.0) if inconclusive else None

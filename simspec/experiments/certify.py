@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.compiler import Compiled, compile_world
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import SpecError, UnsupportedError
@@ -237,7 +237,7 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
     return sha256(
         {
             "schema": KEY_SCHEMA,
-            "simspec": own_version(),
+            "simspec": simspec_version(),
             "world": to_plain(alike),
             "engine": prepared.compiled.engine,
             "options": to_plain(world.options(name)),

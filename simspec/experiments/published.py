@@ -38,7 +38,7 @@ def sweep_models(source: StudySource, study: SweepOfStudy, plan: Plan) -> dict[s
     return {"asked": request_of(source, study), "models": [plain_model(model) for model in models_of(plan)]}
 
 
-def strangers(outcome: Outcome, store: Store) -> Iterator[str]:
+def outdated_runs(outcome: Outcome, store: Store) -> Iterator[str]:
     """Runs that a sweep took from its store and that are not of the models that the code makes of it today, in words."""
     plan = outcome.plan
     for cell, row in outcome.rows():

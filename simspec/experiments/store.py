@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from simspec.comparison.runs import summary
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.errors import Problem, SpecError
 from simspec.outputs.collection import Collection, open_collection
 from simspec.outputs.files import open_regular, read_bytes
@@ -157,7 +157,7 @@ class Store:
         Raises SpecError for a folder that is no store, that another program made, or of a newer simspec.
         """
         if create:
-            facts = {"simspec_store": SCHEMA, "made_by": own_version()}
+            facts = {"simspec_store": SCHEMA, "made_by": simspec_version()}
             collection = open_collection(folder, STORE, {STORE_FILE: json.dumps(facts) + "\n"})
         else:
             marker = read_marker(folder) if folder.is_dir() else None

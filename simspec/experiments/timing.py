@@ -19,7 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit.installed import instances
 from simspec.engines.kit.process import DEADLINE
 from simspec.errors import EngineError
@@ -343,14 +343,14 @@ def versions_of(labels: Iterable[str], pythons: Mapping[str, str] = MappingProxy
     known = {
         instance.label: instance for instance in instances(used, [label for label in labels if label not in closed])
     }
-    versions = {label: {"simspec": own_version(), "engine_version": UNKNOWN_VERSIONS} for label in closed}
+    versions = {label: {"simspec": simspec_version(), "engine_version": UNKNOWN_VERSIONS} for label in closed}
     for label in labels:
         if label in closed:
             continue
         entry = known[label]
         if entry.version is None or entry.problem is not None:
             raise EngineError(label, entry.problem or "not installed")
-        versions[label] = {"simspec": own_version(), "engine_version": entry.version}
+        versions[label] = {"simspec": simspec_version(), "engine_version": entry.version}
         if entry.numpy is not None:
             versions[label]["numpy_version"] = entry.numpy
     return versions

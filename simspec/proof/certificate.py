@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError, html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check
@@ -130,7 +130,7 @@ class Certificate:
     world_sha256: str
     oracle: str
     engines: dict[str, EngineProof]
-    simspec: str = field(default_factory=lambda: own_version())
+    simspec: str = field(default_factory=lambda: simspec_version())
 
     def __repr__(self) -> str:
         valid = ", ".join(name for name, proof in self.engines.items() if proof.valid) or "no engine"

@@ -11,7 +11,7 @@ from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engine_name, engines
@@ -60,8 +60,8 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     if certificate.world_sha256 != sha256(world):
         return ["it belongs to another world"]
     faults = []
-    if certificate.simspec != own_version():
-        faults.append(f"it was made by simspec {certificate.simspec}, this is {own_version()}")
+    if certificate.simspec != simspec_version():
+        faults.append(f"it was made by simspec {certificate.simspec}, this is {simspec_version()}")
     if not certificate.engines:
         faults.append("it contains no engine")
     for name, proof in certificate.engines.items():
@@ -272,8 +272,8 @@ def holding_proofs(earlier: Certificate, world: World, files: Mapping[str, str],
     whole = None
     if earlier.world_sha256 != sha256(world):
         whole = "of another world"
-    elif earlier.simspec != own_version():
-        whole = f"made by simspec {earlier.simspec}, this is {own_version()}"
+    elif earlier.simspec != simspec_version():
+        whole = f"made by simspec {earlier.simspec}, this is {simspec_version()}"
     elif oracle is not None and earlier.oracle != oracle:
         whole = f"held against {earlier.oracle}, this is {oracle}"
     kept, dropped = {}, {}

@@ -21,7 +21,7 @@ LONGEST_VALUE = 46
 """Characters of a value in a table; JSON has it whole."""
 MOST_DEFECTS = 5
 SHARES = ("mass", "inertia", "joint.damping", "joint.dry_friction", "joint.armature", "joint.effort_limit")
-"""Quantities whose differences are told as shares."""
+"""Quantities whose differences are shown as shares."""
 
 
 def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
@@ -47,25 +47,25 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
     for line in choices(audit):
         screen.print(line, soft_wrap=True)
     for name, why in audit.skipped.items():
-        screen.print(f"{name}: not asked: {why}", soft_wrap=True)
+        screen.print(f"{name}: not loaded: {why}", soft_wrap=True)
     for line in plausibility_lines(audit.plausibility, details):
         screen.print(line, soft_wrap=True)
     screen.print(verdict(audit)[0].text, soft_wrap=True)
 
 
 def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
-    """The tables of an audit: what each engine did, then what."""
+    """The tables of an audit: the engines, then their findings."""
     return [_engines(audit), *([_findings(audit, details)] if _shown(audit, details) else [])]
 
 
 def _shown(audit: FileAudit, details: bool) -> list[Group]:
-    """The groups of findings that a table has; what files leave open is told in lines, unless all is asked for."""
+    """The groups of findings of a table. Values that the file leaves open are lines, unless ``details`` are requested."""
     groups = [group for engine in audit.engines for group in grouped(engine.findings)]
     return [group for group in groups if details or group.severity is not Severity.DEFAULT]
 
 
 def choices(audit: FileAudit) -> list[str]:
-    """What each engine chooses where the file leaves it open, a line each."""
+    """A line for each engine with the values that it chooses where the file leaves them open."""
     lines = []
     for engine in audit.engines:
         texts = [
@@ -107,7 +107,7 @@ def _proof_cell(valid: bool | None, why: str) -> TableCell:
 
 
 def _findings(audit: FileAudit, details: bool) -> Table:
-    title = "What engines make of the file"
+    title = "Values of the file that engines read differently"
     shown = Table(title, "engine", "what", "value", "where", "file → engine", "how much, or why")
     for group in _shown(audit, details):
         for finding in group.findings if details else (group.worst,):
@@ -141,13 +141,13 @@ def _how_much(finding: Finding) -> str:
 
 
 def verdict(audit: FileAudit) -> list[Sentence]:
-    """What an audit found, in sentences: one in short first."""
+    """The result of an audit in sentences, a summary first."""
     silent = [engine for engine in audit.engines if engine.loaded and engine.silent]
     refused = [engine.engine for engine in audit.engines if not engine.loaded and not engine.died]
     died = [engine.engine for engine in audit.engines if engine.died]
     count = len(audit.engines)
     if not count:
-        return [Sentence(WARNING, "no engine that is asked reads this language")]
+        return [Sentence(WARNING, "none of the selected engines reads this language")]
     parts = []
     if silent:
         text = ", ".join(f"{audit.engine} {len(audit.silent)}" for audit in silent)
@@ -213,7 +213,7 @@ def audit_section(audit: FileAudit) -> Section:
     rows += [(f"{engine.engine} warned", line) for engine in audit.engines for line in engine.log[:20]]
     return Section(
         name=visible(audit.file),
-        description="What physics engines make of a robot file that they load as it is, beside what the file means.",
+        description="How physics engines read a robot file, compared with the meaning of the file.",
         verdict=tuple(Sentence(sentence.tone, visible(sentence.text)) for sentence in verdict(audit)),
         notes=tuple(map(visible, (*choices(audit), *plausibility_lines(audit.plausibility)))),
         certificate=(),

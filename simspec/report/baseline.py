@@ -18,7 +18,7 @@ from simspec.analysis.speed import alike_size, half_width
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.errors import Problem, SpecError
 from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
@@ -31,7 +31,7 @@ from simspec.world.canonical import sha256
 
 SCHEMA = 1
 BEGINNING = b'{\n "simspec_baseline"'
-"""How each of these files begins: what simspec may replace."""
+"""The beginning of each of these files, by which simspec knows the files that it may replace."""
 LARGEST_BASELINE = 64 * 2**20
 """Bytes: 10,000 bodies at five moments in four engines have 50."""
 MOMENTS = 5
@@ -44,7 +44,7 @@ HIDDEN = "the engine's own noise is above the tolerance"
 
 
 class Kind(StrEnum):
-    """What a figure is about."""
+    """The subject of a figure."""
 
     PHYSICS = "physics"
     VERDICT = "verdict"
@@ -53,7 +53,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """``value``: numbers in ``unit``; ``interval``: for each the smallest and the largest that are not told apart from it;
+    """``value``: numbers in ``unit``; ``interval``: for each the range of values that are not distinguishable from it;
     ``not_compared``: why the figure says nothing, "" where it does."""
 
     key: str
@@ -97,7 +97,7 @@ class Baseline:
         return f'{lines},\n "figures": [\n  ' + ",\n  ".join(rows) + "\n ]\n}\n"
 
 
-def own_baseline(content: bytes) -> bool:
+def is_baseline(content: bytes) -> bool:
     """Whether simspec wrote a file."""
     return content.startswith(BEGINNING)
 
@@ -151,7 +151,7 @@ def baseline_of(study: Study, timed: Iterable[Run], tolerance: float, machine: M
     figures += _speeds(list(timed))
     versions = {name: str(run.provenance.get("engine_version", "")) for name, run in study.runs.items()}
     by_key = {figure.key: figure for figure in figures}
-    return Baseline(study.world.name, sha256(study.world), own_version(), versions, machine, by_key)
+    return Baseline(study.world.name, sha256(study.world), simspec_version(), versions, machine, by_key)
 
 
 def _verdict(key: str, passed: bool) -> Figure:
@@ -183,7 +183,7 @@ def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
 
 
 def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance: float) -> list[Figure]:
-    """What summarises a run: energy, momentum, contacts; their noise is that of the repeats."""
+    """The summary of a run (energy, momentum, contacts) with the noise of the repeats."""
     values, again = summary(run), [summary(other) for other in repeats if other.failed is None]
     why = _hidden(floor.largest, tolerance) if floor is not None and again else "noise was not measured"
     figures = []
@@ -230,7 +230,7 @@ which is why that is compared on a quiet machine only."""
 
 
 class Change(StrEnum):
-    """What became of a figure."""
+    """The result of a comparison for a figure."""
 
     SAME = "same"
     CHANGED = "changed"
@@ -253,14 +253,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A study compared with a baseline; ``notes``: what must be known to read it."""
+    """A study compared with a baseline; ``notes``: facts that a reader must know."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
 
     @property
     def regressions(self) -> list[Row]:
-        """What changed for the worse, or is not there any more. Physics that changed is a regression whatever its direction."""
+        """Figures that changed for the worse or are missing. A change of physics in either direction is a regression."""
         return [row for row in self.rows if row.change in (Change.CHANGED, Change.MISSING)]
 
     def count(self, change: Change) -> int:
@@ -299,7 +299,7 @@ def compare(before: Baseline, now: Baseline) -> Comparison:
     return Comparison(tuple(rows), tuple(notes))
 
 
-def _row(key: str, old: Figure, new: Figure | None, apart: Sequence[str]) -> Row:
+def _row(key: str, old: Figure, new: Figure | None, other_machine: Sequence[str]) -> Row:
     if new is None:
         if old.kind is Kind.SPEED:
             return Row(key, Change.NOT_COMPARED, old, None, "speed was not measured")
@@ -307,8 +307,8 @@ def _row(key: str, old: Figure, new: Figure | None, apart: Sequence[str]) -> Row
     if why := old.not_compared or new.not_compared:
         return Row(key, Change.NOT_COMPARED, old, new, why)
     if old.kind is Kind.SPEED:
-        if apart:
-            return Row(key, Change.NOT_COMPARED, old, new, f"another machine ({apart[0]})")
+        if other_machine:
+            return Row(key, Change.NOT_COMPARED, old, new, f"another machine ({other_machine[0]})")
         (low, high), (new_low, new_high) = old.interval[0], new.interval[0]
         if new_high < (1.0 - SLOWER) * low:
             return Row(key, Change.CHANGED, old, new, f"slower by {1.0 - new.value[0] / old.value[0]:.0%}")

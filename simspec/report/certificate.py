@@ -56,7 +56,7 @@ PART_WORDS = {
 
 
 def level_title(level: str, checks: Iterable[Check]) -> str:
-    """The name of a level's row: what ``checks``, those of the level in all engines, are of."""
+    """The name of a level's row, from the subjects of ``checks``: those of the level in all engines."""
     parts = {check.name.partition(",")[0] for check in checks}
     words = [word for part, word in PART_WORDS.get(level, {}).items() if part in parts]
     return f"{level} {'; '.join(words) or LEVEL_WORDS.get(level, '')}".strip()
@@ -140,8 +140,8 @@ def _failures(certificate: Certificate) -> list[Table]:
 
 
 def certificate_notes(certificate: Certificate) -> list[str]:
-    """What must be known beside the verdict: what was not compared and why, the motion's own floor, approximations, what could
-    not be asked."""
+    """Facts that qualify the verdict: levels that were not compared and why, the noise of the motion, approximations, fields
+    that are not readable back."""
     proofs = certificate.engines.values()
     reasons: dict[str, dict[str, None]] = {}
     for proof in proofs:
@@ -228,7 +228,7 @@ LEAST_PERCENT = 0.01
 
 
 def contact_table(figures: Mapping[str, Sequence[Figure]]) -> list[Table]:
-    """A table for each probe: what was asked, what is right, what each engine did. ``figures`` by engine."""
+    """A table for each probe: the case, the expected value, and the measured value of each engine. ``figures`` by engine."""
     probes: dict[str, dict[tuple[str, str, str], dict[str, Figure]]] = {}
     for engine, of_engine in figures.items():
         for figure in of_engine:

@@ -35,7 +35,7 @@ class Screen(Console):
         return super().render_str(visible(text, lines=True), **{**keywords, "markup": False, "emoji": False})
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """As rich's; what is written by others is escaped, rich's own controls are not."""
+        """As rich's; text is escaped, control segments of rich are not."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=visible(segment.text, lines=True))
 

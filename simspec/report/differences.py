@@ -26,7 +26,7 @@ from simspec.report.table import (
 if TYPE_CHECKING:
     from simspec.comparison.study import Study
 
-SHOWN_OF_ONE = 8
+SHOWN_PER_GROUP = 8
 """Changes of one list or mapping that are listed; a row counts the others."""
 SHOWN_CHANGES = 60
 """Rows of the table of changes."""
@@ -57,8 +57,10 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     for column, width in zip(pairs.columns[1:3], WIDTHS, strict=True):
         column.width = width
     for diff in diffs:
-        worst, out = diff.worst if told(diff) else None, diff.first_out
-        noise = length(worst.floor) if worst else _noise(diff, diff.untold) if diff.untold else "–"
+        worst, out = diff.worst if has_figures(diff) else None, diff.first_out
+        noise = (
+            length(worst.floor) if worst else _noise(diff, diff.inconclusive_body) if diff.inconclusive_body else "–"
+        )
         pairs.add(
             f"{diff.first.split()[0]} –\n{diff.second.split()[0]}",
             "\n".join(_largest(diff)) if worst else "–",
@@ -77,8 +79,8 @@ def tolerances(diff: Diff) -> str:
     return f"{length(diff.tolerance)} and {diff.angle_tolerance:g} rad"
 
 
-def told(diff: Diff) -> bool:
-    """Whether the figures of a comparison say anything."""
+def has_figures(diff: Diff) -> bool:
+    """Whether a comparison has figures that can be shown."""
     return not diff.not_compared or diff.first_out is not None
 
 
@@ -104,8 +106,8 @@ def _stays(diff: Diff) -> TableCell:
     """The cell of a comparison in which nothing is out of tolerance."""
     if diff.not_compared:
         return TableCell("inconclusive: nothing was compared", WARNING)
-    if diff.untold is not None:
-        return TableCell(f"inconclusive: noise {_noise(diff, diff.untold)}", WARNING)
+    if diff.inconclusive_body is not None:
+        return TableCell(f"inconclusive: noise {_noise(diff, diff.inconclusive_body)}", WARNING)
     return _never(diff)
 
 
@@ -123,8 +125,8 @@ def _out(diff: Diff, body: BodyDiff) -> TableCell:
 
 
 def inconclusive_note(diff: Diff) -> str | None:
-    """What to do about a comparison that cannot be told; None where it can."""
-    body = diff.untold
+    """Advice about an inconclusive comparison; None for a conclusive one."""
+    body = diff.inconclusive_body
     if body is None or diff.verdict != INCONCLUSIVE:
         return None
     if diff.not_compared:
@@ -144,7 +146,7 @@ def not_compared_words(diff: Diff) -> str:
 
 
 def _noise(diff: Diff, body: BodyDiff) -> str:
-    """The noise of a body, in position or in angle: whichever is more beside the tolerance."""
+    """The noise of a body, in position or in angle: the larger share of its tolerance."""
     place, turn = body.floor or 0.0, body.angle_floor or 0.0
     return number(turn, "rad") if turn * diff.tolerance > place * diff.angle_tolerance else length(place)
 
@@ -172,7 +174,7 @@ def diff_tables(diff: Diff) -> list[Table]:
     if diff.first_contact is not None:
         name, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
         scalars.add("first contact that differs", name, other, number(diff.first_contact.time, "s"))
-    return [bodies, _joints(diff), scalars] if diff.joints and told(diff) else [bodies, scalars]
+    return [bodies, _joints(diff), scalars] if diff.joints and has_figures(diff) else [bodies, scalars]
 
 
 def _joints(diff: Diff) -> Table:
@@ -186,13 +188,13 @@ def _joints(diff: Diff) -> Table:
 
 
 def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
-    """What touches in one run only: the first pairs, and how many more."""
+    """Pairs that touch in one run only: the first ones, and the number of the others."""
     text = "\n".join(" and ".join(pair) for pair in pairs[:SHOWN_PAIRS])
     return f"{text}\nand {len(pairs) - SHOWN_PAIRS} more" if len(pairs) > SHOWN_PAIRS else text or "–"
 
 
 def changes(changed: Sequence[Change]) -> Table:
-    """What changed between two worlds: of each list or mapping the first changes, and how many more there are. How many there
+    """The changes between two worlds: the first ones of each list or mapping, and the number of the others. How many there
     are in all is the note; the JSON of the command lists every change."""
     result = Table("Changes of the world", "", "path", "before", "after")
     signs = {"added": TableCell("+", GOOD), "removed": TableCell("-", BAD), "changed": TableCell("~", WARNING)}
@@ -201,7 +203,7 @@ def changes(changed: Sequence[Change]) -> Table:
         groups.setdefault(change.path.rpartition(".")[0], []).append(change)
     rows = 0
     for place, group in groups.items():
-        shown = group if len(group) <= SHOWN_OF_ONE + 1 else group[:SHOWN_OF_ONE]
+        shown = group if len(group) <= SHOWN_PER_GROUP + 1 else group[:SHOWN_PER_GROUP]
         for change in shown[: max(0, SHOWN_CHANGES - rows)]:
             values = change.before if change.after is None else change.after
             is_entry = isinstance(values, dict) or (values is True and change.kind != "changed")
@@ -211,7 +213,7 @@ def changes(changed: Sequence[Change]) -> Table:
         if len(shown) < len(group) and rows < SHOWN_CHANGES:
             result.add("", f"{place}: {len(group) - len(shown):,} more", "", "")
             rows += 1
-    if any(len(group) > SHOWN_OF_ONE + 1 for group in groups.values()) or rows < len(changed):
+    if any(len(group) > SHOWN_PER_GROUP + 1 for group in groups.values()) or rows < len(changed):
         result.note = f"{len(changed):,} changes in all; --json lists every one"
     return result
 

@@ -348,7 +348,7 @@ def _world(file: Path) -> World:
 
 
 def _refusal(engine: type[Engine], world: World) -> str:
-    """Why an engine does not have a world: what it does not support, else what the world does not accept."""
+    """Why an engine does not take a world: a feature that it does not support, else one that the world does not accept."""
     every = tuple(feature.value for feature in Feature)
     options = dataclasses.replace(world.options(engine.NAME), accept=every, outside=every)
     others = tuple(options for options in world.engines if options.engine != engine.NAME)

@@ -23,7 +23,7 @@ from simspec.report.table import BAD, Table, TableCell, csv_text, length, number
 MOST_ROWS = 60
 """Rows of a table on a terminal; a file of CSV has all."""
 MOST_REASONS = 8
-"""Reasons of failures that are told; runs that failed for the same one are counted."""
+"""Reasons of failures that are listed; runs that failed for the same one are counted."""
 CSV_FIRST = ("index", "engine", "engine_version", "case")
 CSV_LAST = (
     *("sample", "perturb", "seed", "repeat", "key", "failed", "passed", "expected", "steps", "timestep"),
@@ -47,7 +47,7 @@ class Group:
     engine: str
     case: str | None
     values: tuple[tuple[str, Any], ...]
-    asked: int = 0
+    requested: int = 0
     rows: list[Row] = field(default_factory=list)
 
     @property
@@ -71,7 +71,7 @@ class Group:
             "engine": self.engine,
             "case": self.case,
             "values": dict(self.values),
-            "asked": self.asked,
+            "asked": self.requested,
             "runs": len(self.rows),
             "failed": len(self.rows) - len(self.whole),
             "expectations": {
@@ -96,14 +96,14 @@ def groups(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> list[Group]:
         values = tuple((path, value) for path, value in cell.overrides if path not in drawn)
         name = (cell.engine, cell.case, repr(values))
         group = found.setdefault(name, Group(cell.engine, cell.case, values))
-        group.asked += 1
+        group.requested += 1
         if row is not None:
             group.rows.append(row)
     return list(found.values())
 
 
 def proof_words(proofs: ProofsLeft | None) -> str:
-    """What the proofs that are left will take; None: without proofs."""
+    """The duration of the remaining proofs in words; None: without proofs."""
     if proofs is None:
         return "without proof"
     if not proofs.count:
@@ -138,7 +138,7 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
 
 
 def axes(plan: Plan) -> list[str]:
-    """What the plan goes through, a line each."""
+    """The axes of the plan, a line each."""
     describe = plan.describe()
     lines = [f"over {path}: {count} values" for path, count in describe["over"].items()]
     lines += [f"together {', '.join(entry)}: {next(iter(entry.values()))} rows" for entry in describe["together"]]
@@ -164,7 +164,7 @@ def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
     for line in rounding_lines(outcome.plan):
         screen.print(f"note: {line}", soft_wrap=True)
     said = f"{outcome.ran:,} runs now, {outcome.done:,} before"
-    missing = sum(group.asked - len(group.rows) for group in found)
+    missing = sum(group.requested - len(group.rows) for group in found)
     said += f", {missing:,} not run" if missing else ""
     screen.print(said)
     if outcome.verified:
@@ -172,7 +172,7 @@ def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
         verdict = f"FAILED for {bad:,} models" if bad else "valid for all models"
         screen.print(f"proof: {verdict} ({outcome.proofs:,} verified now)")
     else:
-        screen.print("proof: not asked for (--no-verify)")
+        screen.print("proof: not requested (--no-verify)")
     errors = console(error=True)
     for why in list(outcome.unproven.values())[:MOST_REASONS]:
         errors.print(f"not proven: {why}", soft_wrap=True, style="bold red")
@@ -198,7 +198,7 @@ def results_table(found: Sequence[Group]) -> Table:
         cells: list[str | TableCell] = [group.case or "–"] if cased else []
         cells += [str(values.get(path, "–")) for path in paths]
         failed = len(group.rows) - len(group.whole)
-        runs = f"{len(group.rows)}" if len(group.rows) == group.asked else f"{len(group.rows)} of {group.asked}"
+        runs = f"{len(group.rows)}" if len(group.rows) == group.requested else f"{len(group.rows)} of {group.requested}"
         cells += [group.engine, TableCell(f"{runs}, {failed} failed", BAD) if failed else runs]
         factor = group.real_time_factor()
         cells.append("–" if factor is None else f"{factor:,.0f} ×" if factor >= 100.0 else f"{factor:.3g} ×")
@@ -225,7 +225,7 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
-    """A line for each cell: what was asked, and what came, quantities in SI units; empty where there is no run or no figure."""
+    """A line for each cell: its values and its results, in SI units; empty where there is no run or no figure."""
     kept = list(rows)
     paths = list(dict.fromkeys(path for cell, _ in kept for path, _ in cell.overrides))
     quantities = list(dict.fromkeys(name for _, row in kept if row is not None for name in row.quantities))
@@ -283,7 +283,7 @@ ASSUMES: Final = "the search assumes one change between the ends: others would n
 
 
 def bisect_lines(engine: str, done: Bisection, models: Sequence[str], more: str) -> Iterator[str]:
-    """The answer first. ``models``: what is proven of the two versions; ``more``: the command that looks further."""
+    """The answer first. ``models``: the proofs of the two versions; ``more``: the command that looks further."""
     first, last = (done.readings[done.versions[end]] for end in (0, -1))
     if done.before is None or done.after is None:
         yield f"{done.figure} does not change from {engine} {first.version} to {last.version}"

@@ -51,7 +51,7 @@ GAINS: Mapping[str, Mapping[str, str]] = {
 
 @dataclasses.dataclass(frozen=True)
 class PairExplained:
-    """How one pair of materials is had: ``how`` in words; ``by_numbers``: the numbers of the two materials give it;
+    """How a pair of materials is realised: ``how`` in words; ``by_numbers``: the numbers of the two materials give it;
     ``explicit``: pairs of shapes that the engine's files list, each with this law; ``layer`` and ``layers``: in which layer
     of copies they meet, of how many; ``settings``: solver settings of its own."""
 
@@ -69,7 +69,7 @@ class PairExplained:
 @dataclasses.dataclass(frozen=True)
 class SettingExplained:
     """A solver setting: its value, what the compiler made of that for this world, whether the spec gave it, and what it does,
-    with the reason for the default; ``idle``: beside which other setting it does nothing here, empty where it acts."""
+    with the reason for the default; ``idle``: the setting that makes it ineffective here, empty where it acts."""
 
     name: str
     value: bool | int | float | str
@@ -81,7 +81,7 @@ class SettingExplained:
 
 @dataclasses.dataclass(frozen=True)
 class Explained:
-    """All that ``--explain`` says of one engine beside the decisions on features; ``copies``: shapes that are there more
+    """All that ``--explain`` says of an engine in addition to the decisions on features; ``copies``: shapes that are there more
     than once, beyond the first; ``explicit``: pairs of shapes that its files list."""
 
     engine: str
@@ -92,7 +92,7 @@ class Explained:
 
 
 def explained(world: World, compiled: Compiled) -> Explained:
-    """What the compiler chose for one engine, as data; explicit pairs are counted in the files, by the format's reader."""
+    """The choices of the compiler for an engine; explicit pairs are counted in the files, by the format's reader."""
     engine = find_engine(compiled.engine)
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     layers = 1 + max(plan.layer_of.values(), default=0)
@@ -133,7 +133,7 @@ def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
 
 
 def _law(law: PairContact) -> dict[str, Any]:
-    """What the pair has, without zeros."""
+    """The numbers of a pair's law that are not zero."""
     numbers_of_law: dict[str, Any] = {name: getattr(law, name) for name in COMBINED_QUANTITIES if getattr(law, name)}
     numbers_of_law = numbers_of_law or {"friction": 0.0}
     if law.restitution_threshold:
@@ -164,12 +164,12 @@ def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> st
     return f"{quantity.replace('_', ' ')} {numbers}"
 
 
-def _told(name: str, value: Any) -> str:
+def _part_words(name: str, value: Any) -> str:
     """One part of a law as a table writes it."""
     if name == "collide":
         return "no collision"
     if isinstance(value, dict):
-        return ", ".join(_told(*part) for part in value.items())
+        return ", ".join(_part_words(*part) for part in value.items())
     shown = f"{value:.4g}{UNITS.get(name, '')}" if isinstance(value, float) else str(value)
     return f"{name.replace('_', ' ')} {shown}"
 
@@ -179,7 +179,7 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
     explanation = explained(world, compiled)
     contact = Table(f"Contact in {explanation.engine}", "materials", "law", "realisation")
     for pair in explanation.pairs:
-        law = ", ".join(_told(*part) for part in (pair.law | pair.settings).items())
+        law = ", ".join(_part_words(*part) for part in (pair.law | pair.settings).items())
         contact.add(f"{pair.first}, {pair.second}", law, pair.how)
     copies = f"realised by copies: {explanation.copies} additional shapes in layers; shapes touch only within a layer"
     explicit = f"{explanation.explicit} explicit pairs of shapes in all"
@@ -326,7 +326,7 @@ def swaps_table(explanation: Explanation) -> Table:
     kinds = (explanation.causes, explanation.probes)
     title = "swaps: one thing changed, and the share of the gap that it closes"
     right = range(3, 3 + len(classes))
-    shown = Table(title, "what is changed", "from", "to", *(CLASS_WORDS[name] for name in classes), right=list(right))
+    shown = Table(title, "change", "from", "to", *(CLASS_WORDS[name] for name in classes), right=list(right))
     for declared in explanation.declared:
         if declared.predicted:
             cells = ["" if name not in declared.share else percent(declared.share[name]) for name in classes]
@@ -351,9 +351,9 @@ def swaps_table(explanation: Explanation) -> Table:
 # Explanations in studies: differences of each engine from the first, with their causes (``docs/guide/explain.md``).
 
 MOST = 3
-"""Causes, and choices beside them, that the table names of an engine; the records have all."""
+"""Causes, and other choices, that the table names of an engine; the records have all."""
 TITLE = "Where each engine differs from the first, within windows"
-CAUSES = "What of that difference is closed by which value or choice"
+CAUSES = "Shares of that difference that single values or choices close"
 NOTE = (
     "Both engines begin each window in the first one's states. Gap: mean distance at its end, over all bodies; unexplained: "
     "the share that no value, setting or choice closes"
@@ -395,7 +395,7 @@ def attribution_tables(done: Done) -> list[StudyTable]:
 
 
 def _ranked_swaps(causes: tuple[Swap, ...], probes: tuple[Swap, ...]) -> list[Swap]:
-    """What acts of what differs, what helps of the engines' other choices, and what has to be there for them to differ; of
+    """The differences that act, the engines' other choices that help, and the parts without which nothing differs; of
     each the largest first."""
     ranked = sorted(useful(probes), key=lambda swap: -swap.largest)
     chosen = [swap for swap in ranked if swap.kind != Kind.REMOVAL.value]

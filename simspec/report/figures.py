@@ -34,7 +34,7 @@ MARKERS = ("o", "x", "+", "s", "^", "d")
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 """The same for lines."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Told apart by colour-blind people too (Okabe and Ito)."""
+"""Distinguishable for colour-blind readers (Okabe and Ito)."""
 STYLE: Any = MappingProxyType({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8})
 """An SVG's bytes depend on what is drawn alone."""
 
@@ -65,7 +65,7 @@ def pyplot() -> Iterator[Any]:
 
 
 Numbers = NDArray[np.float64]
-ONE_COLUMN = (3.5, 2.6)
+COLUMN_SIZE = (3.5, 2.6)
 """Inches: the width of a column of a paper."""
 WIDE = (6.0, 2.8)
 """Inches: the width of a page of text."""
@@ -92,7 +92,7 @@ def speed_over_timestep(
     if not any(spreads.values()):
         return {}
     with pyplot() as plot:
-        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        chart, axis = plot.subplots(figsize=COLUMN_SIZE)
         for index, (engine, by_step) in enumerate(spreads.items()):
             steps = sorted(by_step)
             middle = np.array([by_step[step].median for step in steps])
@@ -163,7 +163,7 @@ def speed_over_time(
     if not factor:
         return {}
     with pyplot() as plot:
-        chart, (above, below) = plot.subplots(2, 1, sharex=True, figsize=(ONE_COLUMN[0], 1.5 * ONE_COLUMN[1]))
+        chart, (above, below) = plot.subplots(2, 1, sharex=True, figsize=(COLUMN_SIZE[0], 1.5 * COLUMN_SIZE[1]))
         for index, engine in enumerate(factor):
             for axis, values in ((above, factor), (below, contacts)):
                 if engine in values:
@@ -179,13 +179,13 @@ def speed_over_time(
 def divergence(
     runs: Sequence[Run], floors: Sequence[Floor] = (), tolerance: float | None = TOLERANCE, ends: float | None = None
 ) -> dict[str, bytes]:
-    """How far each pair of runs is apart over time: the largest deviation (m) of any moving body, with what is within
+    """The deviation of each pair of runs over time, the largest (m) of any moving body, with the range within
     ``FLOOR_FACTOR`` times the engines' noise shaded, the tolerance as a line, and a mark at ``ends`` (s), a horizon."""
     lines = _divergences(runs, floors)
     if not lines:
         return {}
     with pyplot() as plot:
-        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        chart, axis = plot.subplots(figsize=COLUMN_SIZE)
         for index, (label, time, values, noise) in enumerate(lines):
             if floors:
                 shade = {"color": "0.5", "alpha": 0.2, "linewidth": 0.0}
@@ -230,7 +230,7 @@ def contacts_over_time(runs: Sequence[Run]) -> dict[str, bytes]:
     if not recorded:
         return {}
     with pyplot() as plot:
-        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        chart, axis = plot.subplots(figsize=COLUMN_SIZE)
         for index, run in enumerate(recorded):
             rows = _rows(len(run.time))
             counts = metrics.contact_counts(run.arrays)[rows]
@@ -291,7 +291,7 @@ def _finished(plot: Any, chart: Any, axis: Any) -> dict[str, bytes]:
 PROBE = "push-oblong"
 """The oblong slider's: that friction has the right size and direction does not follow from a square one."""
 ASIDE = 0.02
-"""Of μ: what is further from the required force than this is joined to it by a stroke, and told."""
+"""Share of μ: a measured force that is further from the required one is joined to it by a stroke, and listed."""
 FEW, MANY = (4, 3.2), (7, 2.2)
 """Columns, and inches of a panel's side, of up to eight panels, and of more."""
 LEAST_WIDTH = 6.4

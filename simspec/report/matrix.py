@@ -1,4 +1,4 @@
-"""The support matrix: what each engine, with the format it reads, declares for each feature."""
+"""The support matrix: the declarations of each engine, with the format that it reads, for each feature."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def _usual(usual: float, least: float, below: float) -> float:
 
 @functools.cache
 def _wanted(law: Law) -> tuple[Figure, ...]:
-    """What every probe that applies wants. Thousands of declarations are tried with a few hundred laws, and the slides of one
-    law are worked out step by step."""
+    """The expected figures of every probe that applies. Thousands of declarations are tried with a few hundred laws, and the
+    slides of one law are worked out step by step."""
     return tuple(figure for probe in PROBES.values() if probe.applies(law) for figure in probe.wanted(law))
 
 
@@ -120,14 +120,15 @@ HEAD = f"""# Support matrix
 |---|---|
 | exact | the file says it and the engine holds it |
 | exact, by API | exact; set through the engine's API, since the file cannot carry it |
-| on request | exact, computed outside the engine at each step, where the spec asks for it: `engines.NAME.outside` |
+| on request | exact, computed outside the engine at each step, where the spec requests it: `engines.NAME.outside` |
 | approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
 | no | the engine cannot: an error that names the line of the spec |
-| not yet | the engine could, nobody has built it: the same error, and a test fails when it starts to work |
+| not yet | the engine could, and simspec does not implement it: the same error, and a test fails when it starts to work |
 | from V, before V | the versions of the engine that have it; an error in others, but for what stands in brackets |
 """
 CAPABILITIES = (
-    "What an engine can do beside its core (load, read back, states, steps, contacts). What it lacks is not asked for."
+    "Abilities of an engine in addition to its core (load, read back, states, steps, contacts). simspec does not request those "
+    "that it lacks."
 )
 
 
@@ -140,7 +141,7 @@ def word(entry: Support) -> str:
 
 
 def support(engine: type[Engine]) -> dict[Feature, Support]:
-    """What an engine and the format it reads support together."""
+    """The support of an engine together with the format that it reads."""
     return combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
 
 
@@ -187,7 +188,7 @@ def _frictionless(setting: Setting) -> dict[str, Any]:
 
 
 def _support_data(entry: Support) -> dict[str, Any]:
-    """A declaration as plain values; what is empty is left out."""
+    """A declaration as plain values, without empty ones."""
     data: dict[str, Any] = {"level": entry.level.value, "how": entry.how}
     more = {
         "absence": entry.absence and entry.absence.value,
@@ -244,7 +245,7 @@ def _setting_row(name: str, setting: Setting) -> list[str]:
     """The cells of a solver setting: its name, defaults, allowed values and meaning."""
     defaults = {
         "free balls without friction": setting.frictionless,
-        "beside kinematic bodies": setting.kinematic,
+        "with kinematic bodies": setting.kinematic,
         "with constraints or dry friction in joints": setting.light,
     }
     default = [
@@ -291,7 +292,7 @@ def link(engine: str, feature: str) -> str:
 
 
 def short_reason(engine: str, feature: str, said: str) -> str:
-    """A certificate's entry (``LEVEL: reason``) in one line: what the engine's declaration says in short.
+    """A certificate's entry (``LEVEL: reason``) in one line: the short reason of the engine's declaration.
 
     The entry itself where that is no longer there: a certificate may be older than the engine.
     """

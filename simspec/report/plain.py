@@ -34,13 +34,14 @@ REPORT_SCHEMA = 1
 REPORT_FILE = "report.json"
 """Where a study's folder has it."""
 NOT_RUN = "left_out"
-"""What of it says which engines were asked for and did not run, and why."""
+"""Its key for the requested engines that did not run, with the reasons."""
 PAGE_FILE = "report.html"
 """Where the folder of a study, or of a run, has its page."""
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, tuples, numpy numbers and paths as JSON data. What is not finite becomes null: JSON has no word for it."""
+    """Dataclasses, tuples, numpy numbers and paths as JSON data. Numbers that are not finite are null: JSON has no word for
+    them."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
@@ -57,7 +58,8 @@ def plain(value: Any) -> Any:
 def text(value: Any) -> str:
     """JSON text with two spaces and a newline at the end."""
     encoded = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
-    # what JSON leaves raw and a terminal obeys, and halves of characters (names of files that are no text), in JSON's own words
+    # characters that JSON leaves raw and a terminal obeys, and halves of characters (names of files that are no text), as
+    # escapes
     return UNSEEN_CHARACTERS.sub(_escaped, encoded) + "\n"
 
 

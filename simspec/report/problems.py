@@ -9,10 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from rich.console import Console
-from rich.text import Text
-
-from simspec.compiler import OPTION_OF
 from simspec.engines.kit.registry import engine_name
 from simspec.errors import MOST_PROBLEMS, Location, Problem, Refusal, SimspecError, SpecError, UnsupportedError
 from simspec.language.foreign import Group, Repair, kind_of
@@ -20,13 +16,16 @@ from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility
 from simspec.report.plain import plain
 from simspec.report.screen import console
 from simspec.report.table import Table
-from simspec.selection import Selection, acceptable
 from simspec.support.declarations import Level
 from simspec.world.types import World
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
     from simspec.audit.exported import ReaderLoss
     from simspec.formats.kit.contract import Loss
+    from simspec.selection import Selection
 
 
 # Imports: losses and repairs.
@@ -34,7 +33,9 @@ if TYPE_CHECKING:
 
 def losses_table(file: str, groups: Sequence[Group]) -> Table:
     """One row for each kind of loss, with the place of the first and the number of all."""
-    rows = Table(f"What the import of {file} does not carry", "what", "changes", "why", "line", "count", right=(3, 4))
+    rows = Table(
+        f"Elements that the import of {file} does not carry", "what", "changes", "why", "line", "count", right=(3, 4)
+    )
     for group in groups:
         first = group.first
         why = f"{first.reason}; {first.hint}" if first.hint else first.reason
@@ -45,7 +46,7 @@ def losses_table(file: str, groups: Sequence[Group]) -> Table:
 def repairs_table(repairs: Sequence[Repair]) -> Table:
     """One row for each repair."""
     rows = [(repair.rule, repair.what, repair.location.line) for repair in repairs]
-    return Table("What was repaired", "rule", "what", "line", right=(2,), rows=rows)
+    return Table("Repairs", "rule", "what", "line", right=(2,), rows=rows)
 
 
 # Exports: losses of plain files.
@@ -188,6 +189,8 @@ def _sampled(found: Plausibility) -> Iterator[str]:
 
 def show_error(error: SimspecError) -> None:
     """Print an error on standard error: every problem, its place first."""
+    from rich.text import Text
+
     screen = console(error=True)
     if not isinstance(error, SpecError):
         screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
@@ -208,12 +211,16 @@ def show_error(error: SimspecError) -> None:
 
 def show_warnings(warnings: Sequence[Problem]) -> None:
     """Print warnings on standard error, as errors are."""
+    from rich.text import Text
+
     screen = console(error=True)
     for problem in warnings:
         screen.print(_problem(problem, Text("warning: ", style="bold yellow")), soft_wrap=True)
 
 
 def _problem(problem: Problem, kind: Text) -> Text:
+    from rich.text import Text
+
     first, *rest = str(problem).split("\n")
     place = f"{problem.location}: " if problem.location else ""
     text = Text(place, style="bold") + kind + Text(first.removeprefix(place))
@@ -227,14 +234,14 @@ LONGEST_REASON = 600
 
 
 def not_run_table(reasons: Mapping[str, str], places: Mapping[str, str] | None = None) -> Table | None:
-    """The engines that were asked for and did not run, one row each; None without any."""
+    """The requested engines that did not run, one row each; None without any."""
     why = {name: textwrap.shorten(reason, LONGEST_REASON, placeholder=" …") for name, reason in reasons.items()}
     rows = [(name, reason + (places or {}).get(name, "")) for name, reason in why.items()]
     return Table("Not run", "engine", "why", rows=rows) if rows else None
 
 
 def show_not_taken(selection: Selection, screen: Console) -> None:
-    """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
+    """The engines that do not support the world and were not named, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
     places = {name: f"\n{taken.location}" if taken.location else "" for name, taken in selection.not_taken.items()}
@@ -251,7 +258,6 @@ MOST_NAMED = 6
 """Features that the last line names; it counts the others."""
 MOST_WORDS = 3
 """Features that are named as words of ``--accept``; more stand as ``all``."""
-_LEVELS = {option: level for level, option in OPTION_OF.items()}
 _WORDS = {
     Level.APPROXIMATE: "approximate in",
     Level.OUTSIDE: "computed outside of",
@@ -304,6 +310,8 @@ def ways_out(
 
     ``world``: engines that seem to need acceptances alone are compiled for with everything accepted, since a format may
     refuse more. ``writable``: whether ``simspec accept`` can write the file."""
+    from simspec.selection import acceptable
+
     by_engine: dict[str, list[Refusal]] = {}
     for problem in problems:
         if isinstance(problem, Refusal):
@@ -349,6 +357,9 @@ def with_endings(
 
 def brief(problems: Iterable[Problem]) -> list[str]:
     """One line for each feature that engines refuse, with the engines, and for each problem of an engine that is of none."""
+    from simspec.compiler import OPTION_OF
+
+    level_of = {option: level for level, option in OPTION_OF.items()}
     groups: dict[str, list[Refusal]] = {}
     for problem in problems:
         if isinstance(problem, Refusal):
@@ -357,7 +368,7 @@ def brief(problems: Iterable[Problem]) -> list[str]:
     for what, refusals in groups.items():
         levels: dict[Level, dict[str, None]] = {}
         for refusal in refusals:
-            levels.setdefault(_LEVELS.get(refusal.option, Level.UNSUPPORTED), {})[refusal.engine] = None
+            levels.setdefault(level_of.get(refusal.option, Level.UNSUPPORTED), {})[refusal.engine] = None
         place = f"{refusals[0].location}: " if refusals[0].location else ""
         text = "; ".join(f"{_WORDS[level]} {', '.join(levels[level])}" for level in _WORDS if level in levels)
         lines.append(f"{place}{what}" if what.startswith(f"{refusals[0].engine}: ") else f"{place}{what}: {text}")
@@ -368,7 +379,7 @@ def brief(problems: Iterable[Problem]) -> list[str]:
 def with_ways_out(
     spec: str, engines: Sequence[str], world: World, pythons: Mapping[str, str] | None = None, writable: bool = True
 ) -> Iterator[None]:
-    """What raises UnsupportedError within gets the ways out (see :func:`ways_out`) as its last lines."""
+    """An UnsupportedError raised within gets the ways out (see :func:`ways_out`) as its last lines."""
     try:
         yield
     except UnsupportedError as error:
@@ -379,7 +390,7 @@ def with_ways_out(
 
 
 def _subject(refusal: Refusal) -> str:
-    """What an engine refuses: the feature, or of a problem of no feature the part of the message before its reason."""
+    """The subject of a refusal: the feature, or for a problem of no feature the part of the message before its reason."""
     if refusal.feature:
         return refusal.feature
     subject = refusal.message.partition(": ")[0].removeprefix(f"{refusal.engine} does not support ")

@@ -25,7 +25,7 @@ def say(line: str, error: bool = False) -> None:
 
 
 def console(error: bool = False) -> Screen:
-    """The console for standard output (or standard error): rich asks the terminal, NO_COLOR and the pipe."""
+    """The console for standard output (or standard error): rich detects the terminal, NO_COLOR and the pipe."""
     from simspec.report.console import Screen
 
     stream = sys.stderr if error else sys.stdout
@@ -40,17 +40,17 @@ def console(error: bool = False) -> Screen:
 EVERY = 10.0
 """s between two lines where there is no terminal: a run of a minute leaves six, and silence never means that it hangs."""
 FROM_SHARE = 0.02
-"""Share of the work from which the time left is told: before, it is a guess."""
+"""Share of the work from which the remaining time is shown: before, it is a guess."""
 
 
 class Progress(Protocol):
-    """Told what is being done, and, where that is known, which share of it is."""
+    """Receives the current work in words, and the share of it that is done, where that is known."""
 
     def __call__(self, text: str, share: float | None = None, /) -> None: ...
 
 
-class Told:
-    """The last that was told, as a line: ``running x: 45 %, about 20 s left``. ``clock`` gives seconds.
+class Latest:
+    """The latest report of progress, as a line: ``running x: 45 %, about 20 s left``. ``clock`` gives seconds.
 
     Another text is another work, unless the share goes on growing: ``3 of 40 runs`` and ``4 of 40 runs`` are one.
     """
@@ -66,7 +66,7 @@ class Told:
         self._text, self._share = text, share or 0.0
 
     def line(self) -> str:
-        """What to show now."""
+        """The line to show now."""
         passed = self._clock() - self._since
         text = visible(self._text)
         if self._share <= 0.0:
@@ -87,10 +87,10 @@ def duration(seconds: float) -> str:
 
 @contextmanager
 def progress(enabled: bool = True) -> Iterator[Progress]:
-    """A function to say what is being done, and how far it is: shown on standard error, beside a spinner on a terminal,
+    """A function to say what is being done, and how far it is: shown on standard error, with a spinner on a terminal,
     elsewhere as a line every ``EVERY`` seconds. Nothing at all where not ``enabled``."""
     screen = console(error=True)
-    given = Told()
+    given = Latest()
     if not enabled:
         yield given
     elif screen.is_terminal:
@@ -114,6 +114,6 @@ def progress(enabled: bool = True) -> Iterator[Progress]:
             teller.join()
 
 
-def _tell(given: Told, ended: threading.Event) -> None:
+def _tell(given: Latest, ended: threading.Event) -> None:
     while not ended.wait(EVERY):
         say(given.line(), error=True)

@@ -125,7 +125,7 @@ def _number(value: float) -> str:
 
 
 def results(runs: Mapping[str, Run]) -> Table:
-    """What came out: one column per run, one row per quantity."""
+    """The results: one column per run, one row per quantity."""
     shown = list(runs.values())
     quantities = Table("Results", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
     values = [summary(run) for run in shown]
@@ -209,7 +209,7 @@ LARGEST_REPORT = 256 * 2**20
 @dataclass(frozen=True)
 class StoredStudy:
     """A study that was read back, the folder that it is from, and what there is to say about the folder: runs of other
-    worlds, a certificate that is missing or is of another world. ``left_out``: engines that were asked for and did
+    worlds, a certificate that is missing or is of another world. ``left_out``: requested engines that did
     not run, each with the reason."""
 
     study: Study
@@ -318,7 +318,7 @@ def _certificate(folder: Path, wanted: str) -> tuple[Certificate | None, str | N
 
 
 def _tolerance(report: Report | None) -> float:
-    """The tolerance (m) that the stored comparisons were made with. Raises SpecError where it is no number."""
+    """The tolerance (m) that the stored comparisons were made with. Raises SpecError where it is not a number."""
     if report is None or not report.diffs:
         return TOLERANCE
     tolerance = report.diffs[-1].get("tolerance")

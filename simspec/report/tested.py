@@ -20,7 +20,7 @@ from simspec.experiments.plan import Cell
 from simspec.experiments.sweep import Outcome as SweepOutcome
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title, strain
-from simspec.report.differences import told, tolerances
+from simspec.report.differences import has_figures, tolerances
 from simspec.report.table import markdown_rows
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
@@ -37,7 +37,7 @@ Locate = Callable[[str], Location | None]
 
 
 class Status(StrEnum):
-    """What became of an entry. ERROR: it could not be done; SKIPPED: it does not apply, and why is said."""
+    """The result of an entry. ERROR: it could not be done; SKIPPED: it does not apply, and why is said."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -140,7 +140,7 @@ def _place(where: str, world: World, locate: Locate) -> Location | None:
 def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]:
     """One suite for each engine: its proof, its run, the expectations; then one for each pair of engines that was compared.
 
-    ``demand_diff``: whether differences are failures; else they are told, and skipped.
+    ``demand_diff``: whether differences are failures; else they are reported as skipped.
     """
     world = study.world
     suites = []
@@ -296,7 +296,7 @@ def _entry(cell: Cell, row: Row | None, outcome: SweepOutcome, locate: Locate) -
 
 
 def _name(cell: Cell) -> str:
-    """What a cell asks for, in a line."""
+    """The case, values and seed of a cell in a line."""
     words = [f"run {cell.index + 1}"]
     words += [cell.case] if cell.case is not None else []
     words += [f"{path}={clipped(str(value), 60)}" for path, value in cell.overrides]
@@ -306,23 +306,23 @@ def _name(cell: Cell) -> str:
     return ", ".join(words)
 
 
-# XML ("JUnit"): one ``testsuite`` for each spec and engine. ``error``: an engine failed; ``failure``: a proof, an expectation, or
-# a comparison failed. Several CI systems read ``file`` and ``line`` of a ``testcase``, which no standard has.
+# XML ("JUnit"): one ``testsuite`` for each spec and engine. ``error``: an engine failed; ``failure``: a proof, an expectation,
+# or a comparison failed. Several CI systems read ``file`` and ``line`` of a ``testcase``, which no standard has.
 
 BEGINNING = '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="simspec"'
-"""How each of these files begins: what simspec may replace."""
+"""The beginning of each of these files, by which simspec knows the files that it may replace."""
 ELEMENTS = {Status.FAILED: "failure", Status.ERROR: "error", Status.SKIPPED: "skipped"}
 LONGEST_DETAIL = 20_000
 """Characters of the text of one entry."""
 
 
-def own_junit(content: bytes) -> bool:
+def is_junit(content: bytes) -> bool:
     """Whether simspec wrote a file."""
     return content.startswith(BEGINNING.encode())
 
 
 def junit(suites: Sequence[Suite]) -> str:
-    """The report as XML text. Whatever names and messages contain is text in it; control characters are
+    """The report as XML text. Markup in names and messages is escaped as text; control characters are
     escaped as in Python."""
     total = counts(suites)
     root = ElementTree.Element("testsuites", {"name": "simspec", **_numbers(total), "time": _seconds(suites)})
@@ -370,7 +370,7 @@ IN_PROPERTY = {**IN_TEXT, ":": "%3A", ",": "%2C"}
 
 
 def annotation_lines(suites: Sequence[Suite], warnings: Sequence[Problem] = ()) -> list[str]:
-    """The lines to print: what failed, worst first, then what looks like a slip in the spec; of each kind ten at most, the
+    """The lines to print: failures, worst first, then likely mistakes of the spec; of each kind ten at most, the
     last of which counts the others."""
     errors = [
         (entry.location, f"{suite.engine}: {entry.name}", f"{suite.name}: {entry.name}: {entry.message}")
@@ -407,13 +407,13 @@ LARGEST = 2**20
 RESERVE = 200
 """Bytes for the line that counts what is left out."""
 BEGINNING_SUMMARY = "<!-- simspec summary -->\n"
-"""How each of these files begins: what simspec may replace."""
+"""The beginning of each of these files, by which simspec knows the files that it may replace."""
 DIFFERENCES = ("compared", "verdict", "largest difference", "body", "first out of tolerance")
 MARKS = re.compile(r"([\\`*_\[\]#|~$@])")
 
 
-def own_summary(content: bytes) -> bool:
-    """Whether simspec wrote a file (an empty one is nobody's)."""
+def is_summary(content: bytes) -> bool:
+    """Whether simspec wrote a file, or the file is empty."""
     return not content or content.startswith(BEGINNING_SUMMARY.encode())
 
 
@@ -441,7 +441,7 @@ def summary(
         lines += _figures(study)
     lines += baseline
     skipped = [(suite, entry) for suite in suites for entry in suite.entries if entry.status is Status.SKIPPED]
-    for title, entries in (("What failed, worst first", bad), ("Skipped", skipped)):
+    for title, entries in (("Failures, worst first", bad), ("Skipped", skipped)):
         if entries:
             rows = ([words(suite.name), words(entry.name), words(entry.message)] for suite, entry in entries)
             lines += [f"### {title}", "", *markdown_rows(("", "entry", "why"), rows), ""]
@@ -456,8 +456,8 @@ def _figures(study: Study) -> list[str]:
         [
             words(f"{diff.first} – {diff.second}"),
             diff.verdict + (f": {words(diff.not_compared)}" if diff.not_compared else ""),
-            _largest(diff) if told(diff) else "–",
-            words(diff.worst.body) if told(diff) else "–",
+            _largest(diff) if has_figures(diff) else "–",
+            words(diff.worst.body) if has_figures(diff) else "–",
             f"{words(out.body)} at {out.first_out:.4g} s: {out_words(out)}" if (out := diff.first_out) else "–",
         ]
         for diff in study.diffs

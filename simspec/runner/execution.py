@@ -12,7 +12,7 @@ from typing import Any
 from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit import process
 from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.capabilities import Capability
@@ -99,7 +99,7 @@ def start_case(
     with start(case.engine, artifacts, operations, python=python, deadline=deadline, warm=warm) as running:
         facts = {
             "schema": SCHEMA,
-            "simspec": own_version(),
+            "simspec": simspec_version(),
             "started": started.isoformat(timespec="seconds"),
             "world_sha256": sha256(world),
             "artifacts_sha256": Artifacts.read(artifacts).sha256,
@@ -245,7 +245,7 @@ def failed_run(world: World, engine: str, error: EngineError, python: str | None
     it is another one; its version is that of the run, not the one installed here."""
     facts = {
         "schema": SCHEMA,
-        "simspec": own_version(),
+        "simspec": simspec_version(),
         "world_sha256": sha256(world),
         "engine": engine,
         "engine_version": _version(engine, python),

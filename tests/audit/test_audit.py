@@ -159,7 +159,7 @@ def test_the_command(tiny, tmp_path, monkeypatch):
     assert [engine["engine"] for engine in data["files"][0]["engines"]] == ["mujoco"]
     assert "merged" in (tmp_path / "audit.xml").read_text(encoding="utf-8")
     page = (tmp_path / "audit.html").read_text(encoding="utf-8")
-    assert "What engines make of the file" in page
+    assert "Values of the file that engines read differently" in page
     assert "default-src" in page
 
 

@@ -20,7 +20,7 @@ from simspec.report.baseline import (
     comparison_data,
     comparison_lines,
     comparison_suite,
-    own_baseline,
+    is_baseline,
     read_baseline,
     reasons,
 )
@@ -75,7 +75,7 @@ def baseline(of: Study | None = None, runs: list[Run] = (), machine: Machine = H
 def stored(of: Baseline, folder) -> Baseline:
     path = folder / "baseline.json"
     path.write_text(of.text())
-    assert own_baseline(path.read_bytes())
+    assert is_baseline(path.read_bytes())
     return read_baseline(path)
 
 

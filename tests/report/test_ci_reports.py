@@ -21,9 +21,9 @@ from simspec.report.tested import (
     certificate_suites,
     error_suites,
     file_of,
+    is_junit,
+    is_summary,
     junit,
-    own_junit,
-    own_summary,
     skipped_suites,
     study_suites,
     summary,
@@ -44,7 +44,7 @@ def locate(path: str) -> Location:
 def read(text: str) -> etree._Element:
     root = etree.fromstring(text.encode())
     SCHEMA.assertValid(root)
-    assert own_junit(text.encode())
+    assert is_junit(text.encode())
     return root
 
 
@@ -145,7 +145,7 @@ def test_foreign_text_is_text(text):
     shown = summary(suites)
     assert "<script" not in shown
     assert "<img" not in shown
-    assert own_summary(shown.encode())
+    assert is_summary(shown.encode())
     cells = [re.split(r"(?<!\\)\|", line) for line in shown.splitlines() if line.startswith("|")]
     assert {len(row) for row in cells} == {5, 7}  # a cell's text ends no cell and no line
     assert "](" not in re.sub(r"\\.", "", shown)

@@ -82,7 +82,7 @@ def test_the_initial_state_alone_is_inconclusive():
     assert "noise has outgrown the tolerance at 0.1 s, the first record after the beginning" in found.not_compared
     assert diff_code([found]) == EXIT_FAILED
     # the noise that is told is that which ended the comparison
-    assert found.untold.angle_floor == 1.0
+    assert found.inconclusive_body.angle_floor == 1.0
 
 
 def test_one_record_more_is_a_comparison():

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from simspec.report import screen as module
-from simspec.report.screen import Told, duration, progress
+from simspec.report.screen import Latest, duration, progress
 
 
 class Clock:
@@ -20,7 +20,7 @@ class Clock:
 
 def test_the_share_and_the_time_left():
     clock = Clock()
-    told = Told(clock)
+    told = Latest(clock)
     told("running a", 0.0)
     clock.now += 5.0
     assert told.line() == "running a, for 5 s"
@@ -39,7 +39,7 @@ def test_the_share_and_the_time_left():
 
 
 def test_foreign_text_is_shown_as_it_is():
-    told = Told(Clock())
+    told = Latest(Clock())
     told("running \x1b[31mred")
     assert "\x1b" not in told.line()
 

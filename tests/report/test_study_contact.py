@@ -138,7 +138,7 @@ def test_without_proofs_nothing_is_shown_as_measured(folder, tmp_path):
     assert made.exit_code == 0, made.output
     data = json.loads((tmp_path / "runs" / "laws" / "study.json").read_text())
     shown, unsupported = data["sweeps"]["slick"]
-    assert cells(unsupported) == [["none", "–", "every engine supports everything that was asked"]]
+    assert cells(unsupported) == [["none", "–", "every engine supports everything that was requested"]]
     assert "not verified: mujoco at 2 ms" in shown["title"]
     assert shown["rows"] == []
 

@@ -182,7 +182,7 @@ class Engine(ProvenEngine):
     """The first release that reads the files that simspec writes for it; "": any."""
     EXTRA: ClassVar[str]
     """The extra of simspec that installs it; "" where none does."""
-    APART: ClassVar[str] = ""
+    SEPARATE_VERSION: ClassVar[str] = ""
     """The version of an environment of its own that installing it without a version makes, where its packages do not go with
     those of another engine; "": it is installed here."""
     BESIDE: ClassVar[tuple[str, ...]] = ()

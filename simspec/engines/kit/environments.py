@@ -275,8 +275,8 @@ def environments() -> dict[str, str]:
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_complete(place) is True}
     # what is not installed here, and has its environment under the version that it names
     for name, engine in engines().items():
-        label = EngineId(name, engine.APART).label
-        if engine.APART and label in found and engine.version() is None:
+        label = EngineId(name, engine.SEPARATE_VERSION).label
+        if engine.SEPARATE_VERSION and label in found and engine.version() is None:
             found[name] = found[label]
     return found
 

@@ -41,7 +41,7 @@ def not_installed(engine: type[Engine]) -> str:
 
 def pip_words(engine: type[Engine]) -> str:
     """The command that installs its packages of Python, here or in an environment of its own; empty where there are none."""
-    if engine.APART:
+    if engine.SEPARATE_VERSION:
         return f"simspec engines install {engine.NAME} --yes"
     return f"pip install 'simspec-physics[{engine.EXTRA}]'" if engine.EXTRA else ""
 

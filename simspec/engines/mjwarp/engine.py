@@ -245,7 +245,7 @@ class MjWarp(RewrittenSimulation):
     NAME: ClassVar[str] = "mjwarp"
     TITLE: ClassVar[str] = "MuJoCo Warp"
     DISTRIBUTION: ClassVar[str] = "mujoco-warp"
-    APART: ClassVar[str] = "4.0"
+    SEPARATE_VERSION: ClassVar[str] = "4.0"
     PRECISION: ClassVar[str] = SINGLE
     LACKS: ClassVar[Mapping[Capability, str]] = lacks("MuJoCo Warp")
     SUPPORT: ClassVar[Table] = {

@@ -182,7 +182,7 @@ class Mjx(RewrittenSimulation):
     NAME: ClassVar[str] = "mjx"
     TITLE: ClassVar[str] = "MJX"
     DISTRIBUTION: ClassVar[str] = "mujoco-mjx"
-    APART: ClassVar[str] = "3.17"
+    SEPARATE_VERSION: ClassVar[str] = "3.17"
     LACKS: ClassVar[Mapping[Capability, str]] = lacks("MJX")
     SUPPORT: ClassVar[Table] = {
         **support("MJX", _HOPS),

@@ -26,7 +26,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from simspec.distribution import own_version
+from simspec.distribution import simspec_version
 from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
 from simspec.outputs.cache import processor
@@ -88,7 +88,7 @@ def _digest(files: Sequence[Path], root: Path) -> str:
 def environment() -> dict[str, Any]:
     """Other causes of different last digits: versions, and the processor, whose instructions libraries choose by."""
     return {
-        "simspec": own_version(),
+        "simspec": simspec_version(),
         "numpy": version("numpy"),
         "python": sys.version,
         "platform": platform.platform(),

@@ -34,7 +34,7 @@ from simspec.world.canonical import sha256
 # Verdict of a study in sentences.
 
 MARKS = {GOOD: "✓", WARNING: "!", BAD: "✗", PLAIN: "·"}
-"""Beside the colour: what is said does not depend on seeing it."""
+"""Marks in addition to the colour, so that the meaning does not depend on colour vision."""
 MOST_FAILED = 5
 """Failed expectations, and failed checks, that are named."""
 LONGEST_REASON = 300
@@ -53,7 +53,7 @@ class Sentence:
 
 
 def verdict(study: Study) -> list[Sentence]:
-    """What a study found: one sentence in short, then models, failures, differences, expectations, repeats, speed."""
+    """The results of a study in sentences: a summary, then models, failures, differences, expectations, repeats, speed."""
     makers = (_models, _failures, _differences, _expectations, _repeats, _speed)
     return [_summary(study), *(sentence for sentences in makers for sentence in sentences(study))]
 
@@ -90,7 +90,7 @@ def _summary(study: Study) -> Sentence:
 
 
 def _model(study: Study) -> tuple[str, bool]:
-    """What is known of the models, and whether all of them were compared with the spec's."""
+    """The state of the models in words, and whether all of them were compared with the spec's."""
     certificate, alone = study.certificate, len(study.runs) == 1
     if certificate is None:
         return "The model was not checked" if alone else "The models were not compared", False
@@ -227,7 +227,7 @@ def _repeats(study: Study) -> Iterator[Sentence]:
         yield Sentence(WARNING, f"Repeatability: a repeated run gave other bits in {listed(other)}.")
     if without:
         yield Sentence(
-            WARNING, f"Repeatability: not measured in {listed(without)}: noise and differences are not told apart."
+            WARNING, f"Repeatability: not measured in {listed(without)}: noise and differences cannot be separated."
         )
 
 
@@ -242,7 +242,7 @@ def _speed(study: Study) -> Iterator[Sentence]:
 # The page's program and style, made by npm and esbuild of ``page/src`` (``make page-bundle``).
 
 LIBRARIES = ("three", "uplot")
-"""What the program contains of others, each with its licence beside it."""
+"""Libraries that the program contains, each with its licence next to it."""
 
 
 @dataclass(frozen=True)
@@ -266,13 +266,13 @@ def bundle() -> Bundle:
 # Sections: a study as a part of a page.
 
 FACTS = ("engine_version", "simspec", "python_version", "numpy_version", "platform", "artifacts_sha256", "started")
-"""What a run says of itself that is shown, each under its own name."""
+"""Facts of a run's provenance that a page shows."""
 
 
 @dataclass(frozen=True)
 class Section:
     """One study on a page: ``scene`` is what its playback and plots are drawn from, None where no run recorded anything;
-    ``charts``: plots of a study's figures (``page/src/data.ts``); ``description``: what it shows, in a sentence, or nothing.
+    ``charts``: plots of a study's figures (``page/src/data.ts``); ``description``: a sentence about it, or nothing.
     A page is named after the parts where it is not None, else after all."""
 
     name: str
@@ -354,7 +354,7 @@ def _caption(frames: Frames, runs: list[Run], scene: dict[str, Any]) -> str:
 
 
 def _provenance(stored: StoredStudy) -> Table:
-    """Where the runs came from: what it takes to do them again."""
+    """The provenance of the runs, from which they can be repeated."""
     study = stored.study
     rows = Table("Provenance", "", *study.runs)
     for fact in FACTS:
@@ -373,7 +373,7 @@ def _provenance(stored: StoredStudy) -> Table:
 
 TEMPLATE = "page/report.html.j2"
 MARK = "<!-- made by simspec -->"
-"""What a page begins with, after its doctype."""
+"""The beginning of a page, after its doctype."""
 MOST_STUDIES = 6
 """Browsers draw in some eight places at most."""
 _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&\u2028\u2029"}

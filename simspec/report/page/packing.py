@@ -39,7 +39,7 @@ class Packed:
         return name
 
     def floats(self, values: Numbers) -> str:
-        """Numbers in single precision; what is not finite stays what it is."""
+        """Numbers in single precision; those that are not finite stay so."""
         with np.errstate(over="ignore"):
             return self.add(values.astype("<f4").tobytes())
 
@@ -58,13 +58,13 @@ def _planes(codes: Codes) -> bytes:
 
 
 def coded(values: Numbers, low: Numbers, high: Numbers) -> Codes:
-    """Codes of finite ``values`` between ``low`` and ``high`` (which broadcast); what is beyond is at the bound."""
+    """Codes of finite ``values`` between ``low`` and ``high`` (which broadcast); values beyond a bound are at the bound."""
     share = np.clip((values - low) / (high - low), 0.0, 1.0)
     return np.round(share * (2 * LARGEST_CODE) - LARGEST_CODE).astype(np.int16)
 
 
 def decoded(codes: Codes, low: Numbers, high: Numbers) -> Numbers:
-    """What codes stand for; within half a step of :func:`resolution`."""
+    """The values of codes, within half a step of :func:`resolution`."""
     result: Numbers = (codes.astype(np.float64) + LARGEST_CODE) / (2 * LARGEST_CODE) * (high - low) + low
     return result
 
@@ -159,7 +159,7 @@ def drawable(poses: Numbers) -> NDArray[np.bool_]:
 
 
 def turns_unseen(world: World, body: int) -> bool:
-    """Whether nobody sees a body turn: all its shapes are balls about its origin."""
+    """Whether a turn of a body is invisible: all its shapes are balls about its origin."""
     shapes = world.bodies[body].shapes
     return all(shape.kind == "sphere" and not any(shape.pose.position) for shape in shapes)
 

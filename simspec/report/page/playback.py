@@ -1,4 +1,4 @@
-"""What the playback of a page draws: shapes, motions, contact forces, and the targets of driven joints."""
+"""The playback of a page: shapes, motions, contact forces, and the targets of driven joints."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def driven_bodies(world: World, run: Run) -> list[int]:
 
 def target_poses(world: World, run: Run, rows: Rows, bodies: list[int]) -> Numbers:
     """Poses (rows, all bodies, 7) in which ``bodies`` are where q* has them: driven joints at their targets, the others as the
-    run had them. What does not hang on a driven joint is as the run had it."""
+    run had them. Bodies that do not depend on a driven joint are as the run had them."""
     poses = np.array(run.arrays["pose"][rows], dtype=np.float64)
     targets = np.asarray(run.arrays["control.target"][rows])
     q = np.asarray(run.arrays["q"][rows])
@@ -90,7 +90,7 @@ MOST_FORCES = 9_000
 LEAST_TURN = 1e-4
 """Change of a quaternion's parts below which a body is drawn as not turning."""
 MOST_ROWS = 200
-"""Rows, and columns, of a height field that are drawn: its points are told by numbers of 16 bits."""
+"""Rows, and columns, of a height field that are drawn: its points are indexed by numbers of 16 bits."""
 DIGITS = 7
 """Of lengths in the page's own text: more than a screen shows."""
 
@@ -244,7 +244,7 @@ def _forces(run: Run, frames: Frames, shown: int, packed: Packed) -> dict[str, A
 
 
 def _ghost(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) -> dict[str, Any] | None:
-    """The poses that driven joints are asked for, from the run that has the most; None where none is driven."""
+    """The target poses of driven joints, from the run that has the most; None where none is driven."""
     run, shown = max(zip(runs, frames.shown, strict=True), key=lambda pair: pair[1])
     if "control.target" not in run.arrays:
         return None
@@ -262,7 +262,7 @@ def _ghost(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) ->
 # Plots over time: differences and noise, energy, contacts, errors of driven joints.
 
 LEAST = 1e-18
-"""What a logarithmic axis shows in place of zero, in m: a thousandth of a double's last bit at 1 m."""
+"""The value (m) that a logarithmic axis shows in place of zero: a thousandth of a double's last bit at 1 m."""
 UNITS = {"hinge": "rad", "slide": "m"}
 
 
@@ -306,7 +306,7 @@ class Chart:
 
 
 def charts(study: Study, runs: Sequence[Run], frames: Frames) -> list[Chart]:
-    """The plots of a study; ``runs``: those of ``frames``. What no run recorded has no plot."""
+    """The plots of a study; ``runs``: those of ``frames``. A channel that no run recorded has no plot."""
     shown = [frames.rows[:count] for count in frames.shown]
     made = [_differences(study, runs, frames, shown), _energy(study.world, runs, shown), *_contacts(runs, shown)]
     made += _tracking(study.world, runs, shown)
@@ -343,7 +343,7 @@ def _largest_distances(a: Run, b: Run, rows: Rows, moving: Rows) -> Numbers:
 
 
 def _noise(study: Study, moving: Rows, rows: Rows) -> Curve | None:
-    """Below this, differences are not told apart from round-off; what was not measured is left out."""
+    """The level below which differences cannot be distinguished from round-off; None without floors."""
     if not study.floors:
         return None
     worst = np.zeros(len(rows))
@@ -392,7 +392,7 @@ def _contacts_at(run: Run, rows: Rows) -> tuple[Numbers, Numbers]:
 
 
 def _tracking(world: World, runs: Sequence[Run], shown: Sequence[Rows]) -> Iterator[Chart]:
-    """The largest distance of driven joints from their targets, hinges and slides apart."""
+    """The largest distance of driven joints from their targets, hinges and slides separately."""
     for kind in SCALAR_JOINTS:
         curves = []
         for index, (run, rows) in enumerate(zip(runs, shown, strict=True)):

@@ -50,7 +50,7 @@ Numbers = NDArray[np.float64]
 
 def conservation_tables(done: Done) -> list[StudyTable]:
     """``conservation``: of the runs whose initial state is not moved."""
-    made = StudyTable(done, "conservation", "What is conserved", "timestep", "engine", *HEADS, right=(0, *range(2, 7)))
+    made = StudyTable(done, "conservation", "Conservation", "timestep", "engine", *HEADS, right=(0, *range(2, 7)))
     notes: dict[str, None] = {}
     for world, engine in itertools.product(worlds_of(done), done.engines):
         record: dict[str, Any] = world.about(engine)
@@ -321,9 +321,9 @@ def distributions_tables(done: Done) -> list[StudyTable]:
     engines."""
     units = {**SUMMARY, "deepest_penetration": "m"}
     heads = ("timestep", "engine", "runs", *(f"{name.replace('_', ' ')}, {unit}" for name, unit in units.items()))
-    means = StudyTable(done, "distributions.summary", "What runs come to at the end", *heads, right=range(2, 9))
+    means = StudyTable(done, "distributions.summary", "Results at the end of runs", *heads, right=range(2, 9))
     heads = ("timestep", "engines", "pairs", "largest difference", "of", "paired test", "test without pairs")
-    tests = StudyTable(done, "distributions.tests", "Engines told apart by distributions", *heads, right=(0, 2, 3))
+    tests = StudyTable(done, "distributions.tests", "Engines compared by distributions", *heads, right=(0, 2, 3))
     for world in worlds_of(done):
         # of each whole run by its seed: its summary at the end and its deepest overlap (NaN without recorded contacts)
         summaries: dict[str, dict[int, Numbers]] = {

@@ -259,7 +259,7 @@ def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packe
 
 
 def _motion(run: Run) -> str:
-    """What runs have in common that can be overlaid: their world without what an engine is told."""
+    """The hash of the world of a run without the options of engines: runs with the same hash can be overlaid."""
     return sha256(dataclasses.replace(run.world, name="", expectations=(), engines=()))
 
 
@@ -272,7 +272,8 @@ LARGEST = 64 * 2**20
 
 
 def study_tables(folder: Path) -> StudyTables | None:
-    """What ``simspec study`` wrote into a folder; None where it wrote nothing there. Raises SpecError where it is damaged."""
+    """The tables that ``simspec study`` wrote into a folder; None where it wrote nothing there. Raises SpecError where it is
+    damaged."""
     path = folder / TABLES_FILE
     marker = read_marker(folder) if folder.is_dir() else None
     if marker is None or marker.kind != STUDY or not marker.owns(TABLES_FILE):
@@ -289,7 +290,7 @@ def study_tables(folder: Path) -> StudyTables | None:
 
 
 def study_section(tables: StudyTables) -> Section:
-    """A study as a part of a page: what matters of it, its plots, its tables with what they say, and how it was done. Raises
+    """A study as a part of a page: its verdict, its plots, its tables with their sentences, and how it was done. Raises
     SpecError where its figures are damaged."""
     notes = ["The small study: fewer timesteps, seeds and repetitions." if tables.small else ""]
     notes.append(f"Figures from elsewhere: {tables.figures}" if tables.figures else "")
@@ -310,7 +311,8 @@ def study_section(tables: StudyTables) -> Section:
 
 
 def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], list[Section]]:
-    """What makes the parts of a study's page: the study, then the runs that are played back where ``store`` has them."""
+    """A function that makes the parts of a study's page: the study, then the runs that are played back where ``store`` has
+    them."""
 
     def parts(packed: Packed) -> list[Section]:
         return [study_section(tables), *(playbacks(tables, store, packed) if store is not None else ())]

@@ -33,7 +33,7 @@ Record = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Explained:
-    """What ``simspec explain`` finds of an engine beside the ``first`` of a sweep; None: nothing was asked, for the reason
+    """The explanation of the difference of an engine from the ``first`` of a sweep; None: there is none, for the reason
     ``refused``."""
 
     engine: str
@@ -45,7 +45,7 @@ class Explained:
 @dataclass(frozen=True)
 class Done:
     """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``moved``: its second
-    passes; ``kept``: what several tables need of the runs, worked out once."""
+    passes; ``kept``: results that several tables need, computed once."""
 
     sweep: SweepOfStudy
     outcome: Outcome
@@ -89,7 +89,7 @@ def finite(value: float | None) -> float | None:
 
 
 def speeds_of(done: Done, case: str | None = None) -> dict[float, dict[str, Speed]]:
-    """The speed by timestep and engine; what has no whole run is not there."""
+    """The speed by timestep and engine, where there is a whole run."""
     runs: dict[tuple[float, str], list[Any]] = {}
     for cell, row in done.runs(case, whole=True):
         runs.setdefault((row.timestep, cell.engine), []).append(done.store.load(row.key, tables=False))
@@ -100,7 +100,7 @@ def speeds_of(done: Done, case: str | None = None) -> dict[float, dict[str, Spee
 
 
 def elsewhere(figure: Figure) -> str:
-    """What a column of figures from elsewhere is called: a name that no engine of simspec has."""
+    """The head of a column of figures from elsewhere: a name that no engine of simspec has."""
     return f"{figure.engine} (elsewhere{'' if figure.models == 'as-published' else f', {figure.models}'})"
 
 
@@ -114,7 +114,7 @@ def milliseconds(timestep: float) -> str:
 
 
 def figure_records(figures: Iterable[Figure]) -> list[Record]:
-    """Figures from elsewhere as data, a record for each value; ``elsewhere`` tells them from those of runs."""
+    """Figures from elsewhere as data, a record for each value; ``elsewhere`` distinguishes them from those of runs."""
     names = ("engine", "models", "quantity", "unit", "source")
     return [
         {"elsewhere": True, **{name: getattr(figure, name) for name in names}, "timestep": timestep, "value": value}
@@ -171,14 +171,14 @@ def worlds_of(done: Done) -> list[Runs]:
 # Runs by variant: engine, case and values.
 
 PLAIN = "–"
-"""What the scenario itself is called beside its cases."""
+"""The name of the scenario itself among its cases."""
 LONGEST = 60
 """Characters of a value."""
 
 
 @dataclass
 class Variant:
-    """What one engine made of a case with the same values: ``runs`` by timestep (s), in the order of the plan."""
+    """The runs of an engine of a case with the same values: ``runs`` by timestep (s), in the order of the plan."""
 
     engine: str
     case: str | None
@@ -188,11 +188,11 @@ class Variant:
     @property
     def label(self) -> str:
         """The case and the values in words."""
-        text = self.told_values
+        text = self.value_words
         return ", ".join([*([self.case] if self.case is not None else []), *([text] if text != PLAIN else [])]) or PLAIN
 
     @property
-    def told_values(self) -> str:
+    def value_words(self) -> str:
         """The values in words."""
         texts = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
         return ", ".join(texts) or PLAIN
@@ -204,7 +204,7 @@ class Variant:
 
     @staticmethod
     def refused(row: Row) -> bool:
-        """Whether the engine does not support what was asked of it."""
+        """Whether the engine does not support the scenario of a run."""
         return row.failed is not None and row.failed.startswith(REFUSED)
 
     @property
@@ -256,7 +256,7 @@ def unsupported_table(done: Done, name: str, made: list[Variant]) -> StudyTable:
     for (engine, why), labels in reasons.items():
         shown.add(engine, ", ".join(labels), why)
     if not reasons:
-        shown.add("none", PLAIN, "every engine supports everything that was asked")
+        shown.add("none", PLAIN, "every engine supports everything that was requested")
     return shown
 
 
@@ -302,9 +302,9 @@ def judged(done: Done, case: str | None = None) -> list[Judged]:
 
 def _judge(done: Done, cell: Cell, row: Row) -> Judged:
     run = done.store.load(row.key)
-    # what is expected is of the study, and may be other than when the run was made
+    # the expectations are those of the study, and may differ from those when the run was made
     run = dataclasses.replace(run, world=world_of(done.outcome.plan, cell))
-    with np.errstate(over="ignore"):  # what flies off may be farther than numbers go: infinitely far
+    with np.errstate(over="ignore"):  # bodies that fly off may overflow: infinitely far
         outcomes = evaluate(run)
         return Judged(cell, row, trial(run, outcomes), _deviation(run, outcomes), first_failure(run, outcomes))
 

@@ -101,7 +101,7 @@ def _elsewhere(records: Iterable[Record], quantity: str) -> dict[str, list[Recor
 
 
 def _over_timestep(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
-    """Medians with the interval of the mean and the single values, beside figures from elsewhere."""
+    """Medians with the interval of the mean and the single values, with figures from elsewhere."""
     for quantity, title in QUANTITIES.items():
 
         def marks(records: list[Record], quantity: str = quantity) -> list[dict[str, Any]]:
@@ -189,7 +189,7 @@ _CHARTS: Mapping[str, Callable[[str, StoredTableShown, Colours], Iterator[dict[s
     "unequal.equal": _unequal_charts,
     "unequal.models": _unequal_charts,
 }
-"""What makes the plots of a table, by the beginning of its name."""
+"""The function that makes the plots of a table, by the beginning of its name."""
 
 # Sentences of tables.
 
@@ -282,7 +282,7 @@ def _limit(same: Sequence[Record], shares: Mapping[tuple[object, object], Record
 
 
 def _failure(same: Sequence[Record], share: Record | None, each: str) -> str:
-    """What is missed first, with the figures of the engines between the smallest and the largest."""
+    """The first missed expectation, with the smallest and the largest figure of the engines."""
     first = same[0]
     if first.get("missed") is None or share is None:
         return str(first["failure"])
@@ -388,7 +388,7 @@ def _speed_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
 
 
 def _unequal_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
-    """What models that are not equal change: which comparisons change the order, and which leave it as it is."""
+    """The effect of unequal models: the comparisons that change the order, and those that leave it as it is."""
     equal = by_timestep(tables.get("unequal.equal", ()), "cpu_factor")
     ends = _ends(equal)
     if not ends:

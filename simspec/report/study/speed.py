@@ -73,7 +73,7 @@ def cost_tables(done: Done) -> list[StudyTable]:
     """``cost``: by timestep and engine, from the repetitions of the run whose initial state is not moved."""
     heads = ("real time", "median repeat", *PARTS.values(), "repeats")
     columns = ("timestep", "engine", *heads)
-    made = StudyTable(done, "cost", "What a step costs", *columns, right=(0, *range(2, 2 + len(heads))))
+    made = StudyTable(done, "cost", "Cost of a step", *columns, right=(0, *range(2, 2 + len(heads))))
     for (timestep, engine), cost in _costs(done).items():
         if cost is None:
             made.add(milliseconds(timestep), engine, *["–"] * len(heads))
@@ -117,7 +117,7 @@ def case_cost_tables(done: Done) -> list[StudyTable]:
     """``case_cost``."""
     made = variants(done)
     columns = ("values", "case", "engine", "timestep", "a step", "ratio", "runs", "said by the engine")
-    shown = StudyTable(done, "case_cost", "What a step costs, by case", *columns, right=(3, 4, 5, 6), note=NOTE)
+    shown = StudyTable(done, "case_cost", "Cost of a step, by case", *columns, right=(3, 4, 5, 6), note=NOTE)
     costs = {
         (variant.engine, variant.case, repr(variant.values), step): _cost(variant, step)
         for variant in made
@@ -134,7 +134,7 @@ def case_cost_tables(done: Done) -> list[StudyTable]:
             said = _said(done, variant, step)
             record = {"settings": variant.label, "engine": variant.engine, "timestep": step, "case": variant.case}
             record |= {"runs": runs, "seconds_per_step": cost, "ratio": ratio, "said": said}
-            names = (variant.told_values, variant.case or "–", variant.engine, milliseconds(step))
+            names = (variant.value_words, variant.case or "–", variant.engine, milliseconds(step))
             compared = two_digits(ratio) if ratio is not None and variant.case is not None else "–"
             cells = (f"{1e6 * cost:.3g} µs" if cost is not None else "–", compared, number(runs), said or "–")
             shown.add(*names, *cells, record=record)
@@ -148,7 +148,7 @@ def _cost(variant: Variant, step: float) -> float | None:
 
 
 def _said(done: Done, variant: Variant, step: float) -> str:
-    """What engines said of the runs, and why runs failed, each once."""
+    """Warnings of the engines, and reasons of failures, each once."""
     given: dict[str, None] = {}
     for _, row in variant.runs[step]:
         if row.failed is not None:
@@ -222,8 +222,8 @@ def _comparison(done: Done, name: str, title: str, cases: Mapping[str, str]) -> 
 
 
 def ranking(factors: Mapping[str, float], intervals: Mapping[str, tuple[float, float]] | None = None) -> str:
-    """The engines, the fastest first, each beside the next: ``b is 3 × as fast as a, a 2 × as fast as c``. Where ``intervals``
-    of the two overlap, that is said."""
+    """The engines, the fastest first, each compared with the next: ``b is 3 × as fast as a, a 2 × as fast as c``. Where
+    ``intervals`` of the two overlap, that is said."""
     known = intervals or {}
     ordered = sorted(factors, key=lambda engine: -factors[engine])
     parts: list[str] = []
@@ -236,7 +236,7 @@ def ranking(factors: Mapping[str, float], intervals: Mapping[str, tuple[float, f
     return ", ".join(parts) or ", ".join(ordered)
 
 
-# Speed and load by timestep, beside figures from elsewhere.
+# Speed and load by timestep, with figures from elsewhere.
 
 FACTORS = {
     "real_time_factor": "Real-time factor: simulated time over the wall time of the steps",

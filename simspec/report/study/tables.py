@@ -104,7 +104,8 @@ Measured = Mapping[tuple[str, str], Sequence[Figure]]
 
 
 def contact_tables(done: Done) -> list[StudyTable]:
-    """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: what has none."""
+    """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: variants without
+    figures."""
     made = variants(done)
     steps = timesteps_of(made)
     rows: dict[tuple[str, str, str], dict[int, dict[float, list[Figure]]]] = {}
@@ -160,7 +161,7 @@ def _shown(
 
 
 def _worst(form: Form, figures: Sequence[Figure]) -> float:
-    """The largest deviation; infinite where one is no number."""
+    """The largest deviation; infinite where one is NaN."""
     deviations = [_deviation(form, figure) for figure in figures]
     return max(math.inf if math.isnan(deviation) else deviation for deviation in deviations)
 
@@ -234,8 +235,8 @@ def quantities_tables(done: Done) -> list[StudyTable]:
     shown = [(name, unit) for name, unit in QUANTITIES if any(medians[name] is not None for _, _, medians in rows)]
     heads = [f"{name}, {unit}" if unit else name for name, unit in shown]
     columns = ("settings", "engine", "timestep", *heads)
-    note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
-    made = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)), note=note)
+    note = "Medians over the runs that have a finite value"
+    made = StudyTable(done, "quantities", "Results of runs", *columns, right=range(2, len(columns)), note=note)
     for variant, step, medians in rows:
         record = {"settings": variant.label, "case": variant.case, "engine": variant.engine, "timestep": step} | medians
         cells = [number(medians[name]) for name, _ in shown]
@@ -290,7 +291,7 @@ GIB = 2**30
 
 
 def measured(done: Sequence[Done], command: str) -> list[dict[str, str]]:
-    """What is said of it, line by line: ``what`` and ``value``."""
+    """The circumstances, line by line: ``what`` and ``value``."""
     began: set[str] = set()
     machines: dict[str, None] = {}
     versions: dict[str, dict[str, None]] = {}

@@ -115,8 +115,8 @@ def cell(runs: list[Judged], units: set[str]) -> str | TableCell:
 
 def failures_tables(done: Done) -> list[StudyTable]:
     """``failures``: by timestep and engine, how many runs fail, and what happened first in them."""
-    columns = ("timestep", "engine", "failed", "what happened first", "for example")
-    made = StudyTable(done, "failures", "What happened first in the runs that fail", *columns, right=(0, 2))
+    columns = ("timestep", "engine", "failed", "first event", "for example")
+    made = StudyTable(done, "failures", "First events in the runs that fail", *columns, right=(0, 2))
     runs = judged(done)
     groups: dict[tuple[float, int], list[Judged]] = {}
     for run in runs:
@@ -154,7 +154,7 @@ def example(failed: list[Judged]) -> str:
 
 def cases_tables(done: Done) -> list[StudyTable]:
     """``cases``: a row for each timestep, engine and case."""
-    columns = ("timestep", "engine", "case", "valid", "largest deviation", "step", "what happened first")
+    columns = ("timestep", "engine", "case", "valid", "largest deviation", "step", "first event")
     made = StudyTable(done, "cases", "The scenario and its cases", *columns, right=(0, 3, 4, 5))
     groups = _groups(done)
     units = {judged.deviation.unit for group in groups.values() for judged in group if judged.deviation is not None}
@@ -223,7 +223,7 @@ MOST_SHOWN = 3
 
 @dataclass(frozen=True)
 class Proof:
-    """What is known of an engine's model at a timestep: ``proven``, None where nobody verified it (``why``), and the checks
+    """The proof of an engine's model at a timestep: ``proven``, None where it was not verified (``why``), and the checks
     that failed."""
 
     proven: bool | None
@@ -232,7 +232,8 @@ class Proof:
 
 
 def certified_tables(done: Done) -> list[StudyTable]:
-    """``certified``: up to which timestep each engine's model is proven; ``certified.checks``: what fails, and by how much."""
+    """``certified``: up to which timestep each engine's model is proven; ``certified.checks``: the failed checks with their
+    deviations."""
     proofs = _proofs(done)
     heads = ("engine", "certified up to", "first that is not", "certified again at")
     limits = StudyTable(done, "certified", "Up to which timestep the model is proven", *heads)
