@@ -71,7 +71,7 @@ def simspec_command() -> None:
       simspec run pendulum.yaml --all-engines  compile, verify, run, compare
       simspec run spheres-216 --all-engines    a scenario of the library, by name
       simspec verify pendulum.yaml             prove that every engine has the spec's model
-      simspec sweep pendulum.yaml              all runs that its `sweep` asks for
+      simspec sweep pendulum.yaml              all runs that its `sweep` requests
       simspec diff runs/pendulum/ENGINE1 runs/pendulum/ENGINE2
       simspec engines                          the names of the engines
 

@@ -70,7 +70,7 @@ def compile_world(
 
     A target is an engine's name or label. ``locate`` gives the place in the spec of a dotted path, for errors. ``plans``
     gives, by engine, numbers of materials to use instead of those that
-    the world asks for: contact probes have the numbers of the scenario that they stand for. ``pythons``: interpreters by
+    the world defines: contact probes have the numbers of the scenario that they stand for. ``pythons``: interpreters by
     target, whose versions of the engines count for support (see :func:`version_at_work`).
     Raises UnsupportedError with every problem of every target together, EngineError when an interpreter gives no version.
     """
@@ -102,7 +102,7 @@ def _of_options(problem: Problem, engine: str) -> bool:
 
 
 def _located(error: UnsupportedError, label: str, locate: Callable[[str], Location | None]) -> list[Problem]:
-    """Formats know neither the spec nor the engine: what they refuse is given its place here, and the engine."""
+    """Formats know neither the spec nor the engine: their refusals get the place and the engine here."""
     located = [
         problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
         for problem in error.problems
@@ -160,13 +160,13 @@ def needed_decisions(
 
 
 def _engine_needs(world: World, engine: type[Engine]) -> tuple[Need, ...]:
-    """What a world needs beside what its spec says, since the engine combines numbers by rules of its own."""
+    """The needs of a world in addition to those of its spec, since the engine combines numbers by other rules."""
     return (*pair_needs(world, engine.RULES), *impact_needs(world), *coupled_needs(world))
 
 
 def bounded(world: World, label: str) -> bool:
-    """Whether something that ``world`` needs is supported by some releases of an engine only: else nobody is asked for its
-    version."""
+    """Whether something that ``world`` needs is supported by some releases of an engine only: otherwise its version is not
+    needed."""
     engine = find_engine(label)
     tables = (dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     some = {feature for table in tables for feature, support in table.items() if support.since or support.until}
@@ -191,7 +191,7 @@ OPTION_OF: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "o
 
 
 def missing_options(world: World, engine: str, pythons: Mapping[str, str] | None = None) -> dict[str, dict[str, str]]:
-    """The features that ``engine``, a name or a label, needs to be accepted or asked for and that are not yet, by ``accept``
+    """The features that ``engine``, a name or a label, needs to be accepted or requested and that are not yet, by ``accept``
     and ``outside``, each with its short reason. Raises UnsupportedError for what it does not support at all."""
     known, options = find_engine(engine), world.options(engine_name(engine))
     every = tuple(feature.value for feature in Feature)
@@ -258,7 +258,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
 
 
 def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = None) -> Target:
-    """What a format must know to write ``world`` for ``engine``; ``plan`` where another than the world's own is wanted."""
+    """The target with which a format writes ``world`` for ``engine``; ``plan``: in place of the world's plan."""
     plan = plan or contact_plan(world, engine.RULES, engine.LAYERS)
     return Target(engine.NAME, engine.RULES, plan, written_settings(engine, world), pair_settings(engine, world))
 
@@ -266,7 +266,7 @@ def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = Non
 def write_folder(files: Mapping[str, str | bytes], folder: Path) -> None:
     """Write ``files`` into a folder of the caller's own, in a temporary place: it must not exist yet, or be empty.
 
-    What a user named is written by :mod:`simspec.outputs`. Raises SpecError when a path would leave the folder.
+    Folders that a user names are written by :mod:`simspec.outputs`. Raises SpecError when a path would leave the folder.
     """
     Artifacts(files).write(folder)
 

@@ -1,7 +1,7 @@
 """Confinement of a process by the Linux kernel: Landlock for files, a seccomp filter for system calls. Nothing undoes it.
 
 A process that reads files of unknown origin calls :func:`confine` after it has imported what it needs, and before it reads
-the first byte of them. What a process then may do is data: :data:`PROFILES`. The table in
+the first byte of them. The permissions of a process are data: :data:`PROFILES`. The table in
 ``docs/concepts/security.md`` lists who uses which.
 
 The kernel's interfaces are used directly, by ctypes: of the packages that offer them, ``pyseccomp`` needs a C library and
@@ -84,8 +84,8 @@ WRITING: Final[Mapping[str, Conditions]] = {
 
 
 class Profile(NamedTuple):
-    """What a kind of process may do. ``loads``: whether it may map code from files; ``keeps``: capabilities that it keeps
-    where it is the superuser's (1, 2: to open what another user owns)."""
+    """The permissions of a kind of process. ``loads``: whether it may map code from files; ``keeps``: capabilities that it
+    keeps where it is the superuser's (1, 2: to open what another user owns)."""
 
     name: str
     calls: Mapping[str, Conditions]
@@ -277,7 +277,8 @@ def confine_calls(profile: Profile) -> Walls:
 
 
 def _drop_capabilities(keeps: Sequence[int]) -> None:
-    """Give up capabilities of the superuser: less is left to a mistake of the rules. Who has none loses none."""
+    """Give up capabilities of the superuser: less is left to a mistake of the rules. A process without capabilities is
+    unchanged."""
     head = struct.pack("=II", 0x20080522, 0)  # the third version; 0: this process
     has = ctypes.create_string_buffer(24)
     if _call("capget", head, has) < 0:

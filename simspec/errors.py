@@ -23,11 +23,11 @@ EXIT_ENGINE = 3
 
 
 MOST_TEXT = 400
-"""Characters of a text of somebody else's that a message quotes."""
+"""Characters of foreign text that a message quotes."""
 MOST_WORDS = 1500
 """Characters of a field of a problem in simspec's own words; the longest lists all words of a table of the language."""
 MOST_PROBLEMS = 50
-"""Problems that one error tells; it counts the others."""
+"""Problems that an error lists; it counts the others."""
 
 
 def clipped(text: str, most: int = MOST_TEXT) -> str:
@@ -98,7 +98,7 @@ def _words(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Refusal(Problem):
-    """A problem of one engine alone: what it does not support, or not unless it is accepted.
+    """A problem of a single engine: a feature that it does not support, or not unless it is accepted.
 
     ``feature`` is the name that the support matrix has for it, empty where the problem is of none; ``option`` is where the spec
     accepts it by name (``accept``, ``outside``), empty where nothing that is accepted helps.
@@ -128,7 +128,7 @@ class SpecError(SimspecError):
 
     @property
     def more(self) -> tuple[str, ...]:
-        """A line that counts the problems that are not told, where there are such."""
+        """A line that counts the problems that are not listed, where there are such."""
         left = len(self.problems) - MOST_PROBLEMS
         return (f"and {left:,} more problem{'s' if left > 1 else ''}",) if left > 0 else ()
 
@@ -136,7 +136,7 @@ class SpecError(SimspecError):
 class UnsupportedError(SpecError):
     """A format or an engine cannot say something that the spec says, and the spec did not accept that.
 
-    ``brief``: lines that stand in the terminal for those problems that are of single engines; empty: each is told in full.
+    ``brief``: lines that stand in the terminal for those problems that are of single engines; empty: each is printed in full.
     ``ending``: the last lines, the ways out of all problems together; ``ways_out``: the same as data.
     """
 
@@ -156,7 +156,7 @@ class EngineError(SimspecError):
         self.engine = engine
         self.operation = operation
         self.refused = refused
-        # lines of an engine's own words are told apart from simspec's
+        # a margin distinguishes the lines of an engine from simspec's
         first, *rest = visible(message, lines=True).split("\n")
         super().__init__("\n  | ".join([f"{visible(clipped(engine))}: {first}", *rest]))
 
@@ -173,7 +173,7 @@ def not_importable(engine: str, module: str, error: ImportError) -> EngineError:
 
 
 def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]], note: str = "") -> str:
-    """A table with a caption, and a note below it. Names come from specs of strangers: nothing in them is markup."""
+    """A table with a caption, and a note below it. Names come from untrusted specs: nothing in them is markup."""
     heads = "".join(f"<th>{_text(name)}</th>" for name in head)
     body = "".join("<tr>" + "".join(f"<td>{_text(entry)}</td>" for entry in row) + "</tr>" for row in rows)
     above = f"<thead><tr>{heads}</tr></thead>" if head else ""

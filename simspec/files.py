@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 from simspec.errors import Problem, SpecError
 
-# Reading files that another program wrote, or that a stranger sent: regular files only, no links, no more than is allowed.
+# Reading files that another program wrote, or that are untrusted: regular files only, no links, no more than is allowed.
 
 MOST_VALUES = 4_000_000
 """Values in one JSON file: each may take 100 bytes of memory. A world of 10,000 bodies has one million."""
@@ -31,8 +31,8 @@ class NotReadableError(ValueError):
 def open_regular(path: Path, most: int, *, links: bool = False) -> int:
     """A descriptor of the regular file ``path``, of at most ``most`` bytes; the caller closes it.
 
-    Never waits, whatever ``path`` is (opening a FIFO for reading would, until somebody writes). A symbolic link as the last
-    part of the path is refused unless ``links``. Raises NotReadableError, and OSError as ``os.open`` does.
+    Never waits, whatever ``path`` is (opening a FIFO for reading would, until another process writes). A symbolic link as the
+    last part of the path is refused unless ``links``. Raises NotReadableError, and OSError as ``os.open`` does.
     """
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
     if not links and path.is_symlink():
@@ -67,7 +67,7 @@ def read_at_most(file: BinaryIO, most: int) -> bytes:
     """The content of a file; of one of more than ``most`` bytes, one byte more than that. Takes no more memory than it has."""
     content = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)
     while len(content) <= most and (more := file.read(min(most + 1 - len(content), 2**20))):
-        content += more  # it grew meanwhile, or its size is not told (as below /proc)
+        content += more  # it grew meanwhile, or its size is unknown (as below /proc)
     return content
 
 
@@ -98,7 +98,7 @@ def _no_number(constant: str) -> float:
 
 
 def kind(mode: int) -> str:
-    """What a file of this mode is, in words."""
+    """The kind of a file of this mode, in words."""
     for test, word in (
         (stat.S_ISDIR, "a folder"),
         (stat.S_ISFIFO, "a FIFO"),
@@ -116,19 +116,19 @@ def kind(mode: int) -> str:
 # Temporary folders that do not outlive their process for long: each is marked, and a dead process's are removed by the next.
 #
 # The marker is a file inside, locked for as long as the process lives that made the folder: the system lets the lock go when
-# the process ends, however it ends. A folder is removed only when it is this user's, carries the marker, and nobody holds the
-# lock.
+# the process ends, however it ends. A folder is removed only when it is this user's, carries the marker, and no process holds
+# the lock.
 
 PREFIX = "simspec-"
 MARKER = ".simspec-scratch"
 """Name of the marker in a folder."""
 CONTENT = b"simspec scratch folder 1: removed when the process that made it is gone\n"
-"""What makes a file of that name a marker."""
+"""The content that makes a file of that name a marker."""
 NEW = f"{MARKER}.new"
 """Name of the marker until it is whole and locked."""
 UNMARKED = 0o1700
-"""Mode that a folder is made with: a sticky bit on what only its owner can write to, which nobody has a use for. So a folder
-is known that is empty because its process ended before it could mark it."""
+"""Mode that a folder is made with: a sticky bit on a folder that only its owner can write to, which has no other use. So a
+folder is known that is empty because its process ended before it could mark it."""
 
 
 @contextmanager
@@ -142,7 +142,7 @@ def scratch_folder(what: str) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        # what cannot be removed now is left to the next process: it must not hide what the block came to
+        # files that cannot be removed now are left to the next process: the error must not hide that of the block
         _remove(folder, lock)
         os.close(lock)
 
@@ -156,7 +156,7 @@ def _make(folder: Path) -> tuple[Path, int] | None:
         return None
     lock = -1
     try:
-        # locked before it has the marker's name: nobody can find it unlocked
+        # locked before it has the marker's name: no process can find it unlocked
         lock = os.open(folder / NEW, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX)
         os.write(lock, CONTENT)
@@ -255,7 +255,7 @@ def _remove(folder: Path, marker: int) -> None:
         os.close(opened)
 
 
-# Folders that travel with simspec: templates and the scenario library, in the wheel or beside the source.
+# Folders that travel with simspec: templates and the scenario library, in the wheel or next to the source.
 
 _PACKAGE = Path(__file__).resolve().parent
 

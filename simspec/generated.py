@@ -2,8 +2,7 @@
 
 A folder holds world.json, one folder of artifacts per engine, certificate.json, and the marker that says so. An engine's proof
 in the certificate belongs to exactly the hashes that it names: one that names others is dropped when the folder is written, and
-reported by :func:`check`; the others stay (``proof/judge.py``). What others have put into the folder stays, and is read by
-nothing.
+reported by :func:`check`; the others stay (``proof/judge.py``). Files of others in the folder stay, and are not read.
 """
 
 from __future__ import annotations
@@ -52,7 +51,8 @@ def build(world: World, selection: Selection, locate: Callable[[str], Location |
 
 @dataclass(frozen=True)
 class Written:
-    """What writing a folder did: whether any file changed, and what became of the certificate there (None: there was none)."""
+    """The result of writing a folder: whether any file changed, and the state of the certificate there (None: there was
+    none)."""
 
     folder: Path
     changed: bool
@@ -108,14 +108,14 @@ def engine_hashes(files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def owned_files(folder: Path) -> dict[str, bytes]:
-    """What simspec wrote into a folder, as far as it is there: content by relative path."""
+    """The files that simspec wrote into a folder and that are there: content by relative path."""
     marker = read_marker(folder)
     found = {}
     for name in sorted(marker.files) if marker is not None else ():
         try:
             found[name] = read_bytes(folder / name, root=folder)
         except (FileNotFoundError, NotADirectoryError):
-            continue  # removed by somebody: it will be written again
+            continue  # removed by another process: it will be written again
     return found
 
 
@@ -152,7 +152,7 @@ def compare(files: Mapping[str, bytes], folder: Path) -> list[str]:
 
 def check(built: Built, folder: Path, named: bool = False) -> list[str]:
     """How ``folder`` differs from what compiling would write, its certificate included; ``named``: whether only some engines
-    were asked for.
+    were requested.
 
     Files that simspec did not write are none of its business, unless they lie among an engine's files.
     """
@@ -204,7 +204,7 @@ def _why(error: SpecError, folder: Path) -> str:
 def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str | None:
     """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does. Judged from its figures.
 
-    ``named``: whether only some engines were asked for. Of the others, proofs are then reported that do not hold any more, and
+    ``named``: whether only some engines were requested. Of the others, proofs are then reported that do not hold any more, and
     not those that are not valid and say so.
     """
     from simspec.proof.judge import holding_proofs, judge
@@ -246,7 +246,7 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
 
 def other_versions(folder: Path) -> list[str]:
     """A line for each engine whose proof in ``folder`` is of another version than is installed here; none of those that are not
-    installed, and of labels, which name the version. What cannot be read is :func:`check`'s to report."""
+    installed, and of labels, which name the version. :func:`check` reports certificates that cannot be read."""
     try:
         certificate = read_certificate(folder)
     except SpecError:
@@ -265,7 +265,7 @@ def other_versions(folder: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Certified:
-    """What writing a certificate did: whether it changed, and what became of the proofs of other engines that were there."""
+    """The result of writing a certificate: whether it changed, and the proofs of other engines that were kept or dropped."""
 
     changed: bool
     stored: Stored

@@ -1,8 +1,8 @@
-"""The one reader of numbers in texts: what a file, a command line or a variable says, in whatever language.
+"""The reader of numbers in the texts of files, command lines and variables, in every language.
 
-A number has the digits 0 to 9, a point, an exponent and a sign, between spaces of ASCII. What Python reads besides is a number
-in no language that simspec reads: digits of other scripts (Arabic, full-width), underscores (``1_000``), other kinds of spaces.
-``inf`` and ``nan`` are refused where a finite number is meant. Each refusal says which of these it is.
+A number has the digits 0 to 9, a point, an exponent and a sign, between spaces of ASCII. Other texts that Python reads are
+numbers in no language that simspec reads: digits of other scripts (Arabic, full-width), underscores (``1_000``), other kinds of
+spaces. ``inf`` and ``nan`` are refused where a finite number is meant. Each refusal says which of these it is.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 from typing import Final
 
 SPACE: Final = " \t\n\r\f\v"
-"""What may stand around and between numbers."""
+"""Characters that may stand around and between numbers."""
 NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 WHOLE: Final = re.compile(r"[+-]?[0-9]+")
 MOST_DIGITS: Final = 30
@@ -22,7 +22,7 @@ _NAN = re.compile(r"[+-]?nan", re.IGNORECASE)
 _FOREIGN = re.compile(r"[\s\d.+\-eE]+")
 """Digits, of any script."""
 _UNUSUAL = re.compile(r"[^\t-\r -~]|_")
-"""What no list of numbers contains; a list without it is read fast."""
+"""Characters that no list of numbers contains; a list without them is read fast."""
 
 
 class NumeralError(ValueError):
@@ -51,7 +51,7 @@ def refusal(text: str) -> NumeralError:
     if _INFINITE.fullmatch(bare) or _NAN.fullmatch(bare):
         return NumeralError("not finite")
     return NumeralError(
-        "too large a number" if NUMBER.fullmatch(bare) else "not a number" if bare else "there is no number"
+        "too large a number" if NUMBER.fullmatch(bare) else "not a number" if bare else "there are no digits"
     )
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import subprocess
 
 
-# How a command line ends when it is told to, when nobody reads what it says, and when it meets what should not be.
+# How a command line ends on signals, when its output is not read, and when it meets a bug.
 #
 # ``130``, ``143`` and ``129`` for interrupt, terminate and hang up, as shells say it; ``70`` for a bug in simspec.
 
@@ -32,7 +32,8 @@ SIGNALS = tuple(
 
 
 class Ended(SystemExit):
-    """A signal told this process to end. Passes through every block, which ends engines and removes what is temporary."""
+    """A signal requests the end of this process. Passes through every block, which ends engines and removes what is
+    temporary."""
 
     def __init__(self, number: int):
         self.number = number
@@ -40,15 +41,16 @@ class Ended(SystemExit):
 
 
 _signalled: list[int] = []
-"""The signal that told this process to end, once there was one."""
+"""The signal that requested the end of this process, once there was one."""
 AGAIN = 0.01
-"""s after which a process is told again whose first telling got lost on its way."""
+"""s after which the request to end is raised again where the first exception got lost."""
 
 
 def run_until_signalled(run: Callable[[], int]) -> int:
     """The exit code of ``run``, which the signals that ask a process to end make end in order, once; those that are ignored
-    stay so. Once there was such a signal it is what ``run`` ended by, whatever came out of it: what :class:`Ended` passes
-    through may make another exception of it (the import of a compiled module) or nothing (a destructor)."""
+    stay so. Once there was such a signal it is what ``run`` ended by, whatever it returned or raised: blocks that
+    :class:`Ended` passes through may replace it by another exception (the import of a compiled module) or by none (a
+    destructor)."""
     try:
         for number in SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background job
@@ -66,13 +68,13 @@ def run_until_signalled(run: Callable[[], int]) -> int:
 
 
 def exit_if_signalled() -> None:
-    """Raise Ended where a signal told this process to end: what is being said of it is then not the reason."""
+    """Raise Ended where a signal requested the end of this process: other errors are then not the reason."""
     if _signalled:
         raise Ended(_signalled[0])
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    _ignore()  # what is in order already is not to be cut short
+    _ignore()  # an orderly end in progress is not to be cut short
     _signalled[:] = [number]
     raise Ended(number)
 
@@ -83,7 +85,7 @@ def _ignore() -> None:
 
 
 def _lost(unraisable: Any) -> None:
-    """Where an exception cannot go on (a destructor, a callback): it is told again a moment later, if it is an end."""
+    """Where an exception cannot go on (a destructor, a callback): it is raised again a moment later, if it is an end."""
     if not isinstance(unraisable.exc_value, Ended):
         sys.__unraisablehook__(unraisable)
         return
@@ -103,7 +105,7 @@ def say(line: str) -> None:
 def finish(failure: OSError | None = None) -> int:
     """Write out what was said. Returns 0, or 2 where it cannot be written (a full device): then a line says so.
 
-    ``failure``: what writing came to already.
+    ``failure``: the error of an earlier write.
     """
     try:
         if failure is not None:
@@ -111,7 +113,7 @@ def finish(failure: OSError | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         _give_up_stdout()
-        return 1  # who read it has seen enough: nothing to tell
+        return 1  # the reader has closed the pipe: not an error
     except (OSError, ValueError) as error:
         _give_up_stdout()
         say(("" if failure is not None else "standard output: ") + str(getattr(error, "strerror", None) or error))
@@ -120,7 +122,7 @@ def finish(failure: OSError | None = None) -> int:
 
 
 def _give_up_stdout() -> None:
-    """What is left in the buffer goes nowhere, so that the interpreter does not try again when it ends."""
+    """Discard the rest of the buffer, so that the interpreter does not try again when it ends."""
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -130,7 +132,7 @@ def _give_up_stdout() -> None:
 
 
 def in_order(run: Callable[[], int]) -> int:
-    """The exit code of ``run``, when all that it said is written out. What nobody knows of is a bug, and said to be one."""
+    """The exit code of ``run``, when all that it said is written out. An unexpected exception is reported as a bug."""
     try:
         code = run()
     except BaseException as error:

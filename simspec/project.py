@@ -2,7 +2,7 @@
 
 It is found upward from the working folder, up to the root of the repository (the folder with ``.git``) or of the file system.
 Paths in it are relative to it. The command line comes before the file, and the file before the defaults. Only the command line
-reads it: what Python calls is given its engines and interpreters.
+reads it: functions called from Python receive their engines and interpreters.
 
 A project file comes with a repository, from anybody. The programs and folders that it names are used once the user has trusted
 the file with this content (``outputs/trust.py``): only then are its interpreters started, and files in its folders read.
@@ -29,13 +29,13 @@ from simspec.outputs.files import read_bytes, refuse
 
 PROJECT_FILE = "simspec.toml"
 REPOSITORY = ".git"
-"""What the root of a repository has: no project file is sought above it."""
+"""Entries of the root of a repository: no project file is sought above it."""
 LARGEST = 64_000
 """Bytes of a project file."""
 LONGEST_LINE = 2000
 """Characters of a line: the reader of TOML takes the square of the number of keys that dots join."""
 MOST_ENGINES = 32
-"""Engines with options: each interpreter is a process while versions are asked for."""
+"""Engines with options: each interpreter is a process while versions are queried."""
 KEYS: Mapping[str, str] = {
     "engines": "Options of engines by label: NAME, or NAME@VERSION in quotes",
     "default-engines": "Engines of every command that is given neither --engine nor --all-engines: NAME, or NAME@VERSION",
@@ -170,7 +170,7 @@ def load_project(start: Path | None = None) -> Project:
 
 
 def _demand_owner(file: Path, start: Path) -> None:
-    """Raise SpecError where a file above the working folder is a stranger's: it names programs that are started."""
+    """Raise SpecError where a file above the working folder belongs to another user: it names programs that are started."""
     owner = os.lstat(file).st_uid
     if owner not in {os.geteuid(), 0, os.stat(start).st_uid}:
         message = f"{file}: belongs to another user, and is not used"
@@ -178,7 +178,7 @@ def _demand_owner(file: Path, start: Path) -> None:
 
 
 def read_project(file: Path) -> Project:
-    """Read one project file. Whether it is trusted is asked for the bytes that are read. Raises SpecError, with the place of
+    """Read one project file. Its trust is that of the bytes that are read. Raises SpecError, with the place of
     every problem."""
     return parse_project(file, read_bytes(file, LARGEST))
 
@@ -212,7 +212,7 @@ def _syntax(file: Path, message: str) -> Problem:
 
 
 def _lines(text: str) -> dict[tuple[str, ...], int]:
-    """The line (from 1) of every key and table that begins a line; what stands in texts of several lines is no key."""
+    """The line (from 1) of every key and table that begins a line; lines of multi-line texts are not keys."""
     lines: dict[tuple[str, ...], int] = {}
     table: tuple[str, ...] = ()
     quote = ""

@@ -23,7 +23,7 @@ from simspec.world.types import World
 class NotTaken:
     """An engine that is left out: why in one line, the place in the spec, and every problem (none: it is not installed).
 
-    ``acceptable``: whether it takes the world once what it asks for is accepted by name (``simspec accept``).
+    ``acceptable``: whether it takes the world once its approximations are accepted by name (``simspec accept``).
     """
 
     reason: str
@@ -58,7 +58,7 @@ class Selection:
     ) -> Selection:
         """The engines of this selection that support ``world``, with its artifacts for them: support is what compiling says.
 
-        Named engines stay, not compiled: what they refuse is the error of the step that compiles for them. Raises
+        Named engines stay, not compiled: the step that compiles for them raises their refusals. Raises
         UnsupportedError, with every problem, when fewer than ``least`` engines are left, and for what is wrong whatever the
         engine is.
         """
@@ -79,7 +79,7 @@ def supporting(
     locate: Callable[[str], Location | None],
     pythons: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Compiled], dict[str, NotTaken]]:
-    """What ``world`` is compiled to for the engines that support it, and the others with the reason."""
+    """The compiled files of ``world`` for the engines that support it, and the other engines with the reason."""
     compiled: dict[str, Compiled] = {}
     left: dict[str, NotTaken] = {}
     for name in names:
@@ -103,7 +103,7 @@ def acceptable(world: World, name: str, pythons: Mapping[str, str] | None) -> bo
 
 
 def refusal(problems: Sequence[Problem]) -> NotTaken:
-    """What an engine does not support, in one line: the first problem, and how many more there are."""
+    """The reason why an engine does not support a world, in one line: the first problem, and the number of the others."""
     first, more = problems[0], len(problems) - 1
     reason = first.message + (f"; and {more} more problem{'s' if more > 1 else ''}" if more else "")
     return NotTaken(reason, first.location, tuple(problems))

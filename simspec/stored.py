@@ -1,4 +1,4 @@
-"""JSON that simspec reads back from a disk, validated at one place: what others may have edited, mixed up or made up.
+"""JSON that simspec reads back from a disk, validated at one place: others may have edited or replaced it.
 
 Each file has a model of its outline here; a file that does not fit is a :class:`SpecError` that names it and says where.
 """
@@ -16,13 +16,13 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Stored(BaseModel):
-    """Base of the outlines: no unknown keys, no conversions, no numbers that are not finite."""
+    """Base of the outlines: no unknown keys, no conversions, no NaN and no infinity."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class FolderMarker(Stored):
-    """``simspec-folder.json``: what says that simspec made a folder, and which files in it."""
+    """``simspec-folder.json``: the marker of a folder that simspec made, with the files that it wrote."""
 
     simspec_folder: int
     kind: str
@@ -30,7 +30,7 @@ class FolderMarker(Stored):
 
 
 class StagingMarker(Stored):
-    """``simspec-staging.json``: a place beside a target in which its new content is being built.
+    """``simspec-staging.json``: a place next to a target in which its new content is being built.
 
     ``target``: the target's name; ``fresh``: device and inode of the new content, once that exists.
     """
@@ -96,7 +96,7 @@ class StoredTable(Stored):
 
 
 class StoredControl(BaseModel):
-    """What a saved run says of its controllers, as far as its tables depend on it."""
+    """The controllers of a saved run, as far as its tables depend on them."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
@@ -104,7 +104,7 @@ class StoredControl(BaseModel):
 
 
 class Provenance(BaseModel):
-    """``provenance.json`` of a saved run: what is read from it must be of its type, the rest is kept as it is."""
+    """``provenance.json`` of a saved run: fields that are read must be of their type, the rest is kept as it is."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True)
 
@@ -123,7 +123,7 @@ class Provenance(BaseModel):
     contact_groups: list[list[str]] | None = None
 
     def plain(self) -> dict[str, Any]:
-        """What the run's own provenance was: without what saving it added."""
+        """The provenance of the run itself, without the fields that saving added."""
         kept = self.model_dump(by_alias=True, exclude_unset=True)
         return {key: value for key, value in kept.items() if key not in ("failed", "tables", "sha256")}
 
@@ -138,15 +138,15 @@ class StoreFacts(Stored):
 class SweptRun(Stored):
     """``run.json`` of a run in a store of sweeps.
 
-    ``result``: what the same case gives again to the bit, its tables by name; ``asked``: by whom the case was asked for first,
-    and what no run depends on; ``circumstances`` and ``circumstance_tables``: when, how long, on what. ``result_sha256`` and
+    ``result``: the part that the same case reproduces to the bit, its tables by name; ``request``: the first request for the
+    case, on which no run depends; ``circumstances`` and ``circumstance_tables``: when, how long, on what. ``result_sha256`` and
     ``sha256``: hashes of ``result``, and of all but itself.
     """
 
     schema_: int = Field(alias="schema")
     key: str
     result: SweptResult
-    asked: SweptAsked
+    request: SweptRequest = Field(alias="asked")
     circumstances: dict[str, Any]
     circumstance_tables: dict[str, StoredTable] = {}
     result_sha256: str
@@ -170,9 +170,9 @@ class SweptResult(Stored):
     tables: dict[str, StoredTable]
 
 
-class SweptAsked(Stored):
-    """What a run in a store was first asked for with: the cell (its key, what it changes), and what its
-    world has beside what is run."""
+class SweptRequest(Stored):
+    """The first request for a run in a store: the cell (its key, its changes), and the parts of its
+    world that a run does not depend on."""
 
     cell: dict[str, Any] | None
     name: str
@@ -185,7 +185,7 @@ class SweptAsked(Stored):
 
 
 class FloorFacts(Stored):
-    """What the table of an engine's own noise says of itself; ``run``: the hash of its run's provenance."""
+    """The description of the table of an engine's noise; ``run``: the hash of its run's provenance."""
 
     engine: str
     bitwise: bool | None
@@ -208,7 +208,7 @@ class StoredMachine(Stored):
 
 
 class StoredFigure(Stored):
-    """One figure of a baseline: numbers, for each the interval of what is not told apart from it, and why it says nothing."""
+    """One figure of a baseline: numbers, for each the interval of indistinguishable values, and why it is not compared."""
 
     key: str
     kind: Literal["physics", "verdict", "speed"]
@@ -264,7 +264,7 @@ class StoredTableShown(Stored):
 
 
 class StoredMeasured(Stored):
-    """What is said of where and when a study was measured."""
+    """A line about where and when a study was measured."""
 
     what: str
     value: str
@@ -298,15 +298,15 @@ class StoredModel(Stored):
 
 
 class StoredSweepModels(Stored):
-    """The models of one sweep of a study; ``asked``: the hash of what the study asks for."""
+    """The models of one sweep of a study; ``request``: the hash of the study's request."""
 
-    asked: str
+    request: str = Field(alias="asked")
     models: list[StoredModel]
 
 
 class StudyModels(Stored):
-    """``models.json``: what the figures of a published study are of. ``source``: the study, as it was named; ``study_sha256``:
-    of ``study.json``."""
+    """``models.json``: the models of the figures of a published study. ``source``: the study, as it was named;
+    ``study_sha256``: of ``study.json``."""
 
     schema_: int = Field(alias="schema")
     source: str

@@ -55,7 +55,7 @@ def test_what_python_reads_besides_is_no_number(text):
         ("1\u00a0", "a no-break space"),
         ("inf", "not finite"),
         ("1e999", "too large a number"),
-        ("", "there is no number"),
+        ("", "there are no digits"),
         ("0x10", "not a number"),
     ],
 )

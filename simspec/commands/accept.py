@@ -30,14 +30,14 @@ def accept(options: AcceptOptions) -> int:
     loaded = load_spec(options, options.spec, warn=False)
     words, pythons = options.chosen, options.interpreters()
     demand_trusted(engine_names(words), pythons)
-    # by label: what is accepted may depend on the version
+    # by label: accepted features may depend on the version
     selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
     return accept_world(loaded.spec, loaded.world, selection, options.as_json)
 
 
 def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) -> int:
-    """Write what engines need into the spec's file; what stands there stays. Engines that nobody named and that do not support
-    the world at all are told. Raises SpecError for scenarios of the library and for files that cannot be written,
+    """Write the entries that engines need into the spec's file; existing entries stay. Unnamed engines that do not support
+    the world at all are listed. Raises SpecError for scenarios of the library and for files that cannot be written,
     UnsupportedError with every feature that a named engine, or every engine, does not support at all."""
     path = _writable_file(spec)
     wanted: dict[str, dict[str, dict[str, str]]] = {}

@@ -124,13 +124,13 @@ def not_examined(label: str, why: str) -> dict[str, Any]:
 
 
 def offered(kernel: Walls) -> str:
-    """What the kernel offers to confine processes, in words."""
+    """The means of the kernel to confine processes, in words."""
     present = [f"Landlock {kernel.landlock}"] * bool(kernel.landlock) + ["seccomp"] * kernel.calls
     return "; ".join([*([" and ".join(present)] if present else []), *([kernel.why] if kernel.why else [])])
 
 
 def examined(label: str, python: str | None, problem: str | None) -> dict[str, Any]:
-    """What is found of an engine, as plain data."""
+    """The state of an engine, as plain data."""
     engine = find_engine(label)
     found = diagnose(engine)
     state, problems = str(found.state), list(found.problems)
@@ -205,7 +205,7 @@ def _trust(place: Path, as_json: bool) -> int:
 
 
 def _named(project: Project) -> Iterator[tuple[str, str]]:
-    """What a project file names that is started or read, by key."""
+    """The programs and folders that a project file names, by key."""
     for label, python in project.interpreters.items():
         yield f"engines.{label}.python", python
     for key, folders in (("package-paths", project.package_paths), ("allowed-folders", project.allowed_folders)):

@@ -30,7 +30,7 @@ REPORTS = "junit annotations summary github"
     f"deadline {REPORTS} as_json",
 )
 class SweepOptions(Options):
-    """Do all runs that the `sweep` of a spec asks for, and store them. Runs that are stored already are not repeated.
+    """Do all runs that the `sweep` of a spec requests, and store them. Runs that are stored already are not repeated.
 
     Without --engine, `sweep.engines` and default-engines (simspec.toml): every installed engine that supports the spec.
     Ended at any moment, the same command does what is left.
@@ -78,7 +78,7 @@ class StudyOptions(Options):
     """
 
     study: Annotated[str, Argument(metavar="STUDY", help="A study file, or the name of a study of the library.")]
-    small: Annotated[bool, Option("--small", help="The small study: what the file says under `small`.")] = False
+    small: Annotated[bool, Option("--small", help="Run the small study, defined under `small` in the file.")] = False
     store: StoreFolder = None
     dry_run: DryRun = False
     publish: Annotated[
@@ -91,7 +91,7 @@ class StudyOptions(Options):
 
 @command("pages", "pages:pages", "pages check older python allow_outside as_json")
 class PagesOptions(Options):
-    """Fill the marked places of pages from published studies: those in the folder `studies` beside a page.
+    """Fill the marked places of pages from published studies: those in the folder `studies` next to a page.
 
     No engine is run. Where a model that a study measured is compiled to something else today, its figures are older than the
     code: exit code 1, unless the page says so (--older).

@@ -146,7 +146,7 @@ def _other_versions(runs: Sequence[Run], names: Sequence[str], pythons: Mapping[
     for run, name in zip(runs, names, strict=True):
         made, here = run.provenance.get("engine_version"), find_engine(run.engine).version()
         if run.engine not in pythons and made != here:
-            notes.append(f"note: {name} was made with {run.engine} {made}; {here} is asked")
+            notes.append(f"note: {name} was made with {run.engine} {made}; {here} is used now")
     return notes
 
 
@@ -263,7 +263,7 @@ def _outside(engine: type[Engine], name: str, first: str, last: str) -> bool:
 def _unsupported(
     world: World, name: str, versions: Sequence[str], locate: Callable[[str], Location | None]
 ) -> dict[str, str]:
-    """Why some of the versions do not support the world; what one of the two ends does not is raised."""
+    """Why some of the versions do not support the world. Raises UnsupportedError where one of the two ends does not."""
     reasons: dict[str, str] = {}
     for version in versions:
         try:

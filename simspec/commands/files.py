@@ -37,7 +37,7 @@ STARTER = """\
 # (simspec schema --out simspec.schema.json writes it: your editor then completes and checks as you type)
 simspec: 1
 name: NAME
-description: A pendulum with a damped hinge and a ball that drops beside it
+description: A pendulum with a damped hinge and a ball that drops next to it
 # bare numbers are SI (m, kg, s, rad, N); other units are written out
 physics: {gravity: [0, 0, -9.81], timestep: 1 ms, duration: 1 s}
 contact:
@@ -146,7 +146,7 @@ def import_file(options: ImportFileOptions) -> int:
 
 
 def imported_of(spec: Spec) -> Imported:
-    """What the importer made of a spec that is a foreign file."""
+    """The result of the importer for a spec that is a foreign file."""
     imported = spec.source.imported
     if imported is None:
         raise ValueError(f"{spec.name} is not imported")
@@ -218,7 +218,7 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str, package: 
 
 
 def _show(imported: Imported, path: Path, out: Path | None, package: Package | None) -> None:
-    """What became of the file; on standard error where the spec is on standard output."""
+    """Print the result of an import; on standard error where the spec is on standard output."""
     screen = console(error=out is None)
     if imported.suspicious:
         show_warnings(imported.suspicious)

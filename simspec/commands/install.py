@@ -58,7 +58,7 @@ def install(options: InstallOptions) -> int:
 
 
 def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
-    """What is done for an engine, as plain data; it is told at once, unless as JSON."""
+    """Install an engine, or list its commands; the result as plain data. Each line is printed at once, unless as JSON."""
     found = diagnose(engine)
     row: dict[str, Any] = {"state": str(found.state), "version": found.version, "commands": [], "problem": None}
     if found.state is State.WHOLE:
@@ -120,8 +120,8 @@ def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
 
 
 def installed_version(label: EngineId, yes: bool) -> str:
-    """The interpreter of a version's environment, which is made first where it is not there and ``yes``; quietly: what pip says
-    is told where it fails. Raises EngineError, with the commands that would make it, where there is none."""
+    """The interpreter of a version's environment, which is made first where it is not there and ``yes``; quietly: the last line
+    of pip is in the error where it fails. Raises EngineError, with the commands that would make it, where there is none."""
     commands = making(label)
     place = Path(commands[0][-1])
     if is_complete(place) and _instance(label, place).problem is None:
@@ -139,7 +139,7 @@ def installed_version(label: EngineId, yes: bool) -> str:
 
 
 def _instance(label: EngineId, place: Path) -> Instance:
-    """What the interpreter of an environment says of a label."""
+    """The instance of a label in the interpreter of an environment."""
     requested = instances({label.label: str(python_of(place))})
     return next(instance for instance in requested if instance.label == label.label)
 

@@ -47,7 +47,7 @@ def load_spec(
 
     sets          overrides, instead of those of ``--set`` and ``--accept``
     check_effect  whether options of robot files must have an effect on this spec
-    starts        whether interpreters of engines may be asked for their versions
+    starts        whether interpreters of engines may be started for their versions
     duration      of the run of a model whose file does not give one: it is added to the overrides, and reported
     """
     sets = list(accepted_sets(options, name, starts=starts) if sets is None else sets)

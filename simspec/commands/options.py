@@ -73,7 +73,7 @@ class Options:
         Option(
             "--accept",
             metavar="FEATURE",
-            help="Let engines have this feature approximately or from outside; all: whatever they need. Repeatable.",
+            help="Let engines have this feature approximately or from outside; all: every feature that needs it. Repeatable.",
         ),
     ] = None
     repair: Annotated[
@@ -117,9 +117,9 @@ class Options:
     summary: Annotated[Path | None, Option("--summary", metavar="FILE", help="Also write a summary as Markdown.")] = (
         None
     )
-    github: Annotated[
-        bool, Option("--github", help="In GitHub Actions: --annotations, and a summary beside the job.")
-    ] = False
+    github: Annotated[bool, Option("--github", help="In GitHub Actions: --annotations, and a summary of the job.")] = (
+        False
+    )
     as_json: Annotated[bool, Option("--json", help="Print one JSON object instead of tables.")] = False
 
     @cached_property
@@ -234,7 +234,7 @@ class RobotFiles:
         given = {"--repair": self.repair, "--arg": self.arg, "--no-self-collision": not self.self_collision}
         options = [option for option, value in given.items() if value]
         if options and not any(source.imported is not None for spec in specs for source in spec.source.all()):
-            names = " and ".join(spec.name for spec in specs) or "what has no spec"
+            names = " and ".join(spec.name for spec in specs) or "runs without a spec"
             hint = "leave it out: there is no file of another language"
             raise SpecError([Problem(f"{option} is without effect on {names}", hint=hint) for option in options])
 

@@ -21,7 +21,7 @@ from simspec.report.study.pages import TABLES_FILE, Mark, filled, marks, study_t
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
-"""The folder beside a page in which published studies are."""
+"""The folder of published studies, next to a page."""
 
 
 def pages(options: PagesOptions) -> int:

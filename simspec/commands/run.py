@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof
 
 
-# ``runs/NAME``: what is kept of a study, each part as soon as it is there.
+# ``runs/NAME``: the results of a study, each part as soon as it is there.
 #
 # The folder is shared: by runs of several engines, one after the other or at the same time, and by worlds that a spec had
 # before. Results of this world count; results of another world stay, and are named as such.
@@ -62,10 +62,10 @@ COMPILED_FOLDER = "compiled"
 
 
 class Results(Arrivals):
-    """The results of one study of ``world`` in ``folder``. ``notes``: what there is to say of what was there before."""
+    """The results of one study of ``world`` in ``folder``. ``notes``: remarks about earlier results in the folder."""
 
     def __init__(self, world: World, folder: Path, not_run: Mapping[str, NotTaken] | None = None):
-        """``not_run``: the engines that were asked for and left out."""
+        """``not_run``: the requested engines that were left out."""
         self.notes: list[str] = []
         self._not_run = {name: str(why) for name, why in (not_run or {}).items()}
         self._world = world
@@ -96,7 +96,7 @@ class Results(Arrivals):
         change_file(self._folder, STUDY, CERTIFICATE_FILE, change)
 
     def _kept(self, content: bytes | None, new: Certificate) -> Mapping[str, EngineProof]:
-        """The proofs of an earlier certificate that still hold beside a new one."""
+        """The proofs of an earlier certificate that remain valid together with a new one."""
         from simspec.proof.certificate import Certificate
         from simspec.proof.judge import holding_proofs
 
@@ -133,7 +133,7 @@ class Results(Arrivals):
             )
 
         def change(before: bytes | None) -> str:
-            # looked at while nobody else writes: a run that was stored meanwhile would be lost from the report
+            # read while no other process writes: a run that was stored meanwhile would be lost from the report
             return text(self._joined({**data, "other_runs": self._others(study)}, before))
 
         change_file(self._folder, STUDY, REPORT_FILE, change)
@@ -186,7 +186,7 @@ class Results(Arrivals):
         data["diffs"] = [
             diff for diff in old.diffs if {_engine(diff, "first"), _engine(diff, "second")} <= kept
         ] + data["diffs"]
-        # an engine that is neither left out nor run now is still one that was asked for
+        # an engine that is neither left out nor run now remains a requested one
         there = data["runs"].keys() | data["other_runs"].keys()
         data[NOT_RUN] = {name: why for name, why in (old.left_out | self._not_run).items() if name not in there}
         return data

@@ -320,8 +320,8 @@ class RunOptions(Options):
 class AuditOptions(Options):
     """Load robot files as they are in every engine that reads them, and list what each engine changes, drops or refuses.
 
-    Each engine loads the file by its own loader with its defaults, in a process of its own, and is asked what it
-    holds; that is compared with what the file means. Then the same file is compiled by simspec and proven.
+    Each engine loads the file by its own loader with its defaults, in a separate process; the model that it
+    reads is compared with the meaning of the file. Then the same file is compiled by simspec and proven.
 
     \b
     simspec audit ROBOT

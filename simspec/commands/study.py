@@ -141,7 +141,7 @@ def plan_of(
     assumed: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
 ) -> Plan:
     """The plan of a sweep of a study, for the engines that it names, but those that are ``absent``, else all that support
-    it; ``assumed``: the versions of engines that are not here, of a plan that nobody runs. Raises SpecError where no engine
+    it; ``assumed``: the versions of engines that are not here, of a plan that is not run. Raises SpecError where no engine
     is left."""
     named = _named(entry)
     if named is not None and not (named := [label for label in named if label not in absent]):
@@ -187,7 +187,7 @@ def _show(
 
 
 def exit_code(outcome: Outcome, show: Collection[str]) -> int:
-    """What a sweep of a study ends with. Runs that fail or do not do what is expected are what a study is to find out, and so,
+    """The exit code of a sweep of a study. A study is to find runs that fail or miss expectations, and therefore,
     where the study shows it (``CONTACT_SHOWN``), is contact beyond the tolerances of L5 at a timestep."""
     if outcome.invalid_count:
         return EXIT_WRONG
@@ -215,7 +215,7 @@ def study_data(
             bad.append(len(said))
         actual = unfailed(entry)
         missing = sum(row is None for _, row in outcome.rows())
-        proof = "proof not asked for" if not outcome.verified else "every model proven"
+        proof = "proof not requested" if not outcome.verified else "every model proven"
         proof = _failed(entry) if outcome.unproven else proof
         said.append(
             f"{entry.sweep.name}: {len(outcome.plan):,} runs, {outcome.ran:,} of them now"
@@ -337,8 +337,8 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
 def explained(
     outcome: Outcome, store: Store, pythons: Mapping[str, str], deadline: float, progress: Callable[..., None]
 ) -> list[Explained]:
-    """Of each engine but the first of the plan, where it differs from that: asked of the runs of the scenario itself at the
-    smallest timestep. What is not supported, or failed, is told as such."""
+    """Of each engine but the first of the plan, where it differs from that, from the runs of the scenario itself at the
+    smallest timestep. An unsupported or failed comparison has its reason."""
     keys: dict[str, tuple[float, str]] = {}
     for cell, row in outcome.rows():
         if row is None or cell.case is not None or row.failed is not None or cell.perturb:
@@ -355,7 +355,7 @@ def explained(
         if keys[first][0] != keys[engine][0]:
             found.append(Explained(engine, first, None, f"{first} has no run at {keys[engine][0]:g} s"))
             continue
-        progress(f"asking where {engine} differs from {first}")
+        progress(f"explaining where {engine} differs from {first}")
         runs = [store.load(keys[name][1]) for name in (first, engine)]
         try:
             explanation = explain(

@@ -73,7 +73,7 @@ TYPES: Mapping[str, str] = {entry.name: str(entry.type) for entry in fields(Row)
 
 def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> Row:
     """The row of a run whose files are those of its hashes. Raises SpecError where its facts are not those of a run."""
-    result, requested = facts.result, facts.asked
+    result, requested = facts.result, facts.request
     provenance: Mapping[str, Any] = result.provenance
     try:
         seconds = facts.circumstances.get("seconds", {})

@@ -82,7 +82,7 @@ def older_sweeps(kept: StudyModels, now: Mapping[str, Mapping[str, Any]]) -> dic
         else:
             before = [read_model(model.model_dump()) for model in kept.sweeps[name].models]
             why = changed(before, [read_model(model) for model in now[name]["models"]])
-            if why is None and kept.sweeps[name].asked != now[name]["asked"]:
+            if why is None and kept.sweeps[name].request != now[name]["asked"]:
                 why = "the study asks for something else (repetitions, seeds, what is shown, or figures from elsewhere)"
             if why is not None:
                 given[name] = why

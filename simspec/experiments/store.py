@@ -276,13 +276,13 @@ class Store:
         facts = self.facts(key)
         path = self.path / place_of(key) / RUN_FILE
         try:
-            world = whole_world(self.world(facts.result.world), facts.asked.model_dump())
+            world = whole_world(self.world(facts.result.world), facts.request.model_dump())
             labels = labels_of(facts.result.provenance)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}")]) from None
-        if sha256(world) != facts.asked.world_sha256:
+        if sha256(world) != facts.request.world_sha256:
             raise SpecError([Problem(f"{path}: its world is not the one that was run")])
-        result, requested = facts.result, facts.asked
+        result, requested = facts.result, facts.request
         provenance = {
             **result.provenance,
             **facts.circumstances,

@@ -135,7 +135,7 @@ def test_a_study_is_run_once_and_shown(folder):
 
     page = (folder / "runs" / "bounces" / "study.md").read_text()
     assert "these models are NOT EQUAL" in page
-    assert "proof not asked for" in page
+    assert "proof not requested" in page
     again = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
     assert all(", 0 of them now" in line for line in again["said"])
     assert again["sweeps"] == told["sweeps"]  # tables are functions of the store

@@ -31,7 +31,7 @@ from simspec.files import NotReadableError, parse_json, scratch_folder
 from simspec.outputs.writing import Artifacts
 from simspec.runner.execution import failed_run, run_case
 from simspec.runner.run import Case, shared_world
-from simspec.stored import SweptAsked, SweptResult
+from simspec.stored import SweptRequest, SweptResult
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.types import World
 
@@ -130,7 +130,7 @@ def result_from(data: Any, contents: Mapping[str, bytes], prefix: str) -> TaskRe
     """The inverse of :func:`result_data`. Raises ParcelError where that is not what a run comes to."""
     try:
         SweptResult.model_validate({**data["result"], "tables": {}})
-        SweptAsked.model_validate(data["asked"])
+        SweptRequest.model_validate(data["asked"])
         rows, circumstances = dict(data["rows"]), dict(data["circumstances"])
         unexpected = [name for name, count in rows.items() if not _NAME.fullmatch(name) or type(count) is not int]
         tables = {name: _writer(contents[f"{prefix}{name}"], count) for name, count in rows.items()}
