@@ -136,7 +136,7 @@ DECLARED = list(
 )
 """Of every format and engine: what has to be accepted or asked for by name, and its short reason; once where an engine and its
 dialect of one name declare the same."""
-MATRIX_FILE = Path(__file__).resolve().parents[2] / matrix.MATRIX_FILE
+PAGE = Path(__file__).resolve().parents[2] / matrix.MATRIX_FILE
 
 
 def test_there_is_something_to_say():
@@ -166,7 +166,7 @@ def test_short_reasons_are_unique():
 
 
 def test_every_link_leads_to_the_whole_reason():
-    lines = MATRIX_FILE.read_text(encoding="utf-8").splitlines()
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
     linked = [(name, feature) for name, feature, _ in DECLARED if name in engines()]
     assert linked
     for name, feature in linked:
@@ -177,7 +177,7 @@ def test_every_link_leads_to_the_whole_reason():
 
 
 def test_anchors_of_the_page_are_unique():
-    found = re.findall(r'<a id="([^"]*)"></a>', MATRIX_FILE.read_text(encoding="utf-8"))
+    found = re.findall(r'<a id="([^"]*)"></a>', PAGE.read_text(encoding="utf-8"))
     assert len(found) == len(set(found)) > 50
 
 

@@ -124,7 +124,7 @@ def test_all_that_is_missing_can_be_accepted(rig):
 
 def test_a_format_that_refuses_whatever_is_accepted_is_no_way_out(rig, monkeypatch):
     world = load(rig).resolve()
-    monkeypatch.setattr("simspec.report.problems.acceptable", lambda world, name, pythons: name != "mujoco")
+    monkeypatch.setattr("simspec.selection.acceptable", lambda world, name, pythons: name != "mujoco")
     found = ways_out(refused(rig, "mujoco", "pybullet"), "rig.yaml", ("mujoco", "pybullet"), world)
     assert list(found.accepted) == ["pybullet"]
     assert list(found.unsupported) == ["mujoco"]
