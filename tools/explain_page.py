@@ -1,13 +1,14 @@
 """The tables of docs/guide/explain.md: planted differences, and real pairs of engines, with what is left unexplained.
 
 python tools/explain_page.py                  all cases, then the tables
-python tools/explain_page.py --only erp cone  some of them; what is known already is kept (docs/records/explain.json)
+python tools/explain_page.py --only erp cone  some of them; what is known already is kept (docs/records/explain.json.gz)
 python tools/explain_page.py --page           the tables again
 """
 
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ from simspec.attribution.explanation import percent, ranged  # noqa: E402
 from simspec.report.explain import explanation_data  # noqa: E402
 from tests.attribution.planted import CASES  # noqa: E402
 
-PAGE, DATA = ROOT / "docs" / "guide" / "explain.md", ROOT / "docs" / "records" / "explain.json"
+PAGE, DATA = ROOT / "docs" / "guide" / "explain.md", ROOT / "docs" / "records" / "explain.json.gz"
 PAIRS = {
     "box-on-ramp: mujoco, dart": ("box-on-ramp", "mujoco", "dart", (), 60),
     "box-on-ramp: mujoco, pybullet": ("box-on-ramp", "mujoco", "pybullet", (), 60),
@@ -107,11 +108,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="CASE", choices=[*CASES, *PAIRS])
     parser.add_argument("--page", action="store_true")
     words = parser.parse_args()
-    known: dict[str, Any] = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+    known: dict[str, Any] = json.loads(gzip.decompress(DATA.read_bytes())) if DATA.exists() else {}
     for name in [] if words.page else words.only or [*CASES, *PAIRS]:
         known[name] = asked(name)
         print(name, *known[name]["verdict"], sep="\n  ", flush=True)
-        DATA.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        DATA.write_bytes(gzip.compress((json.dumps(known, indent=1, sort_keys=True) + "\n").encode(), mtime=0))
     text = put(PAGE.read_text(encoding="utf-8"), "planted differences", planted(known))
     PAGE.write_text(put(text, "real pairs", pairs(known)), encoding="utf-8")
 

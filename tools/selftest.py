@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import gzip
 import json
 import sys
 from collections import Counter
@@ -25,7 +26,7 @@ from simspec.report.certificate import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "records" / "self-test.md"
-RESULTS = ROOT / "docs" / "records" / "selftest.json"
+RESULTS = ROOT / "docs" / "records" / "selftest.json.gz"
 BEGIN, END = "<!-- complete self-test: made by tools/selftest.py -->", "<!-- end of complete self-test -->"
 Results = dict[str, dict[str, dict[str, Any]]]
 """By engine and world: ``version``, ``date``, ``seconds``; ``rows``: counts by kind of change; ``inert``: counts by reason."""
@@ -126,14 +127,14 @@ def with_table(page: str, results: Results) -> str:
 
 def read() -> Results:
     """What is kept; nothing where nothing is."""
-    kept: Results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    kept: Results = json.loads(gzip.decompress(RESULTS.read_bytes())) if RESULTS.exists() else {}
     return kept
 
 
 def write(results: Results) -> None:
     """Keep ``results``, and put them into the page."""
     results = dict(sorted(results.items()))
-    RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    RESULTS.write_bytes(gzip.compress((json.dumps(results, indent=1) + "\n").encode(), mtime=0))
     PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), results), encoding="utf-8")
 
 

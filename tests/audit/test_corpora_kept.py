@@ -1,4 +1,4 @@
-"""docs/records/corpora.json: answers about robot files of other packages, kept for the next machine."""
+"""docs/records/corpora.json.gz: answers about robot files of other packages, kept for the next machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def tools(monkeypatch, tmp_path):
     import models
     import run
 
-    monkeypatch.setattr(kept, "KEPT", tmp_path / "corpora.json")
+    monkeypatch.setattr(kept, "KEPT", tmp_path / "corpora.json.gz")
     yield kept, models, run
     for name in ("kept", "models", "run"):
         del sys.modules[name]

@@ -8,12 +8,12 @@ docs/records/corpora.md.
     python tools/corpora --into DIR --run --open     the same, and what engines refused then or were never asked
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
-    python tools/corpora --into DIR --write          docs/records/corpora.md and docs/records/corpora.json from DIR/results
+    python tools/corpora --into DIR --write          docs/records/corpora.md and docs/records/corpora.json.gz from DIR/results
 
 Stages: import (no engine), certify (what simspec compiles, in every engine), apart (the same without contact between the
 model's own bodies, in the engines that refuse it), audit (the file itself, in every engine). Workers answer one file after the
 other, each file within a deadline. Files are never copied into the project. What DIR/results lacks is taken from
-docs/records/corpora.json, where it is of the same content of the same file.
+docs/records/corpora.json.gz, where it is of the same content of the same file.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=24 * 3600.0, help="no file is begun later")
     parser.add_argument("--refusals", type=Path, help="a file that is written")
     parser.add_argument(
-        "--write", action="store_true", help="write docs/records/corpora.md and docs/records/corpora.json"
+        "--write", action="store_true", help="write docs/records/corpora.md and docs/records/corpora.json.gz"
     )
     told = parser.parse_args()
     folder = told.into.resolve()
@@ -59,7 +59,7 @@ def main() -> int:
         fetch(folder)
     every = models(folder)
     results = folder / "results"
-    print(f"{kept.restore(every, results)} answers of docs/records/corpora.json")
+    print(f"{kept.restore(every, results)} answers of docs/records/corpora.json.gz")
     asked = [
         model
         for model in every

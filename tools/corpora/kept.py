@@ -1,8 +1,9 @@
-"""docs/records/corpora.json: the answers that the page is made of, under version control, so that another machine
+"""docs/records/corpora.json.gz: the answers that the page is made of, under version control, so that another machine
 goes on where one stopped. Answers of files whose content is another by now are left out."""
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 import tempfile
@@ -13,7 +14,7 @@ from typing import Any
 from models import Model
 from run import STAGES, place, stored
 
-KEPT = Path(__file__).resolve().parents[2] / "docs" / "records" / "corpora.json"
+KEPT = Path(__file__).resolve().parents[2] / "docs" / "records" / "corpora.json.gz"
 LONGEST = 240
 """Characters of a text that are kept: what the page and the list of refusals show of one."""
 
@@ -31,14 +32,14 @@ def keep(models: Sequence[Model], results: Path) -> None:
                 **_clipped(answers, model.root.parent),
             }
             lines.append(json.dumps(entry, ensure_ascii=False, separators=(",", ":")))
-    KEPT.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
+    KEPT.write_bytes(gzip.compress(("[\n" + ",\n".join(lines) + "\n]\n").encode(), mtime=0))
 
 
 def restore(models: Sequence[Model], results: Path) -> int:
     """Give a folder of results the kept answers that it lacks; how many these are."""
     if not KEPT.exists():
         return 0
-    known = {entry["key"]: entry for entry in json.loads(KEPT.read_text(encoding="utf-8"))}
+    known = {entry["key"]: entry for entry in json.loads(gzip.decompress(KEPT.read_bytes()))}
     count = 0
     for model in models:
         for stage in STAGES:

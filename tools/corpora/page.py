@@ -123,7 +123,7 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         "Files that were asked are spread over packages and languages. "
         f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
         "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`). They are kept in "
-        f"[corpora.json](corpora.json){restored}."
+        f"[corpora.json.gz](corpora.json.gz){restored}."
     )
     yield ""
     yield "| language | files | imported | without loss of physics | refused by name | no answer | not read yet |"
