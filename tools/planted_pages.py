@@ -32,15 +32,15 @@ does not name another. A dash: not planted, or refused.
 - behind both: the figures of probes of one pair that fail, or that level L1 reads another mass; **missed** where nothing does;
 - *inert*: every motion is the same to the last bit. Gazebo makes the circumscribed pyramid of both its cones, as it declares.
 
-What is planted is in `tools/planted.py`. Command: `python tools/planted.py --json FILE`, then `--page FILE`.
+`tools/planted.py` has the planted changes. Command: `python tools/planted.py --json FILE`, then `--page FILE`.
 """
 
 REASONS = """
 Why they do, where it is no declared deviation:
 
 - friction × 0.9 to × 2: one ball on two grips from μ = 0.165 on, a box on one edge from 0.447 on, and nothing slips in a
-  row; what lies on a carrier needs half of its friction; nothing pushes a stack sideways. What must stand does so under more
-  friction all the more, so that of rods, clamps and piles those that slip show it;
+  row; a body on a carrier needs half of its friction; nothing pushes a stack sideways. A structure that must stand also
+  stands under more friction, so that of rods, clamps and piles those that slip show it;
 - friction of 1: a rod at its flattest, 10°, needs 0.77, a pile at its widest, 70°, 0.70: both stand under 0.9 and 1.1, and
   neither has a case that slips; clamps have;
 - restitution 0.6 in place of 0.5: the velocities of one ball on two change by 6 % of the speed of approach, and 6 % are
@@ -48,8 +48,8 @@ Why they do, where it is no declared deviation:
 - another cone: rods, clamps and piles of a pyramid move along its axes, where all cones agree, a clamp under the elliptic cone
   along the vertical; impacts and carriers grip;
 - timestep doubled: an impact is over within a step, and what rests does so at any;
-- mass × 1.05: velocities after impacts change by some 1 % of the speed of approach, of which 4 % are allowed; what stands, lies
-  or slips by its own weight alone moves alike with any mass. Level L1 compares masses;
+- mass × 1.05: velocities after impacts change by some 1 % of the speed of approach, of which 4 % are allowed; a body that stands,
+  lies or slips by its weight alone moves alike with any mass. Level L1 compares masses;
 - another solver, few sweeps: right in these probes, wrong in those that see it.
 """
 
