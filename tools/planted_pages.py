@@ -48,8 +48,8 @@ Why they do, where it is no declared deviation:
 - another cone: rods, clamps and piles of a pyramid move along its axes, where all cones agree, a clamp under the elliptic cone
   along the vertical; impacts and carriers grip;
 - timestep doubled: an impact is over within a step, and what rests does so at any;
-- mass × 1.05: velocities after impacts change by some 1 % of the speed of approach, of which 4 % are allowed; a body that stands,
-  lies or slips by its weight alone moves alike with any mass. Level L1 compares masses;
+- mass × 1.05: velocities after impacts change by some 1 % of the speed of approach, of which 4 % are allowed; a body that
+  stands, lies or slips by its weight alone moves alike with any mass. Level L1 compares masses;
 - another solver, few sweeps: right in these probes, wrong in those that see it.
 """
 
