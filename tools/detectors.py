@@ -189,8 +189,9 @@ radius).
 
 A cell shows the share of overlaps that are missed, of 0.1 / 1 / 10 mm; after a semicolon, where there are any, the share of
 gaps of 0.1 / 1 mm that are taken for a touch. **Bold**: more than 1 % missed at 1 mm or deeper. *Refused*: simspec refuses the
-pair with this detector unless the shape is accepted by name. The refusals have more reasons than
-this page measures, which is only whether two shapes touch: a flat face that gets one contact sinks, and depths and normals can be wrong (the measured reasons are in
+pair with this detector unless the shape is accepted by name. The refusals have more
+reasons than this page measures, which is only whether two shapes touch: a flat face that gets one contact sinks,
+and depths and normals can be wrong (the measured reasons are in
 `simspec/dialects/dart/contact.py`). `simspec compile --explain` lists the overlooked overlaps of pairs that are not
 refused.
 """
