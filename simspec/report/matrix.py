@@ -126,6 +126,9 @@ HEAD = f"""# Support matrix
 | not yet | the engine could, and simspec does not implement it: the same error, and a test fails when it starts to work |
 | from V, before V | the versions of the engine that have it; an error in others, but for what stands in brackets |
 """
+TIERS = """An engine has one of three tiers. *Runs*: it loads files, steps, and reports states. *Proven*: simspec also compares the
+model that it reads back, and its dynamics. *Complete*: also every number that the engine stores, so that the self-test
+can plant changes. *Files only*: no run of the real program is part of simspec's tests."""
 CAPABILITIES = (
     "Abilities of an engine in addition to its core (load, read back, states, steps, contacts). simspec does not request those "
     "that it lacks."
@@ -143,6 +146,43 @@ def word(entry: Support) -> str:
 def support(engine: type[Engine]) -> dict[Feature, Support]:
     """The support of an engine together with the format that it reads."""
     return combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
+
+
+class Notes:
+    """Numbered reasons below a table, each once, with the engines and features that refer to it."""
+
+    def __init__(self, letter: str = "") -> None:
+        self.letter = letter
+        self._places: dict[str, dict[str, list[str]]] = {}
+
+    def mark(self, reason: str, engine: str, feature: str) -> str:
+        """The reference to a reason, for a cell of the table; empty without a reason."""
+        if not reason:
+            return ""
+        self._places.setdefault(reason, {}).setdefault(engine, []).append(feature)
+        return f" [{self.letter}{list(self._places).index(reason) + 1}]"
+
+    def lines(self, anchors: bool = False) -> list[str]:
+        """The list of reasons; ``anchors``: with a place for each engine and feature (see :func:`anchor`)."""
+        made = []
+        for number, (reason, places) in enumerate(self._places.items(), 1):
+            marks = (anchor(engine, feature) for engine, features in places.items() for feature in features)
+            links = "".join(f'<a id="{mark}"></a>' for mark in marks) if anchors else ""
+            users = "; ".join(
+                f"{engine}: {', '.join(f'`{f}`' for f in features)}" for engine, features in places.items()
+            )
+            begin = f"- [{self.letter}{number}]" if self.letter else f"{number}."
+            made.append(f"{begin} {links}{markdown_cell(reason)} ({users})")
+        return made
+
+
+def tier(engine: type[Engine]) -> str:
+    """How far simspec's support of an engine goes (``docs/design/adding-an-engine.md``)."""
+    if engine.FILES_ALONE:
+        return "files only"
+    if {Capability.MASS_MATRIX, Capability.BIAS_FORCE} & engine.LACKS.keys():
+        return "runs"
+    return "proven" if Capability.INVENTORY in engine.LACKS else "complete"
 
 
 def anchor(engine: str, feature: str) -> str:
@@ -214,19 +254,17 @@ def is_matrix(page: bytes) -> bool:
 def markdown() -> str:
     """The page docs/reference/support-matrix.md."""
     tables = {name: support(engine) for name, engine in engines().items()}
-    notes: list[str] = []
-    rows = []
-    for feature in Feature:
-        cells = []
-        for name, table in tables.items():
-            entry = table[feature]
-            if entry.how:
-                place = f'<a id="{anchor(name, feature.value)}"></a>{name}'
-                notes.append(f"{place}, `{feature.value}`: {markdown_cell(entry.how)}")
-            cells.append(word(entry) + (f" [{len(notes)}]" if entry.how else ""))
-        rows.append([f"`{feature.value}`", markdown_cell(MEANING[feature]), *cells])
-    lines = [HEAD, *markdown_rows(["feature", "meaning", *tables], rows)]
-    lines += ["", "## Notes", "", *(f"{index}. {note}" for index, note in enumerate(notes, 1))]
+    notes = Notes()
+    rows = [
+        [f"`{feature.value}`", markdown_cell(MEANING[feature])]
+        + [word(table[feature]) + notes.mark(table[feature].how, name, feature.value) for name, table in tables.items()]
+        for feature in Feature
+    ]
+    tiers = [[name, tier(engine), engine.PRECISION, format_of(engine)] for name, engine in engines().items()]
+    lines = [HEAD, TIERS, "", *markdown_rows(("engine", "tier", "precision", "format"), tiers), ""]
+    lines += markdown_rows(["feature", "meaning", *tables], rows)
+    lines += ["", "## Notes", "", "Each reason once, with the engines and features that it is the reason of.", ""]
+    lines += notes.lines(anchors=True)
     effects = [
         [name, effect, markdown_cell(where), markdown_cell(why)]
         for name, engine in engines().items()
@@ -267,20 +305,17 @@ ABSENT = (
 
 
 def _capabilities() -> list[str]:
-    """The table of capabilities, with the reasons of what is lacking below."""
-    reasons: list[str] = []
+    """The table of capabilities, with the reasons of missing ones below."""
+    notes = Notes("c")
     rows = []
     for capability in Capability:
         cells = []
         for name, engine in engines().items():
-            if (reason := engine.LACKS.get(capability)) is not None:
-                reasons.append(f"{name}, `{capability}`: {markdown_cell(reason)}")
-            cells.append("yes" if reason is None else f"no [c{len(reasons)}]")
+            reason = engine.LACKS.get(capability)
+            cells.append("yes" if reason is None else "no" + notes.mark(reason, name, capability.value))
         rows.append([f"`{capability}`", markdown_cell(capabilities.MEANING[capability]), *cells])
     table = markdown_rows(["capability", "meaning: the engine …", *engines()], rows)
-    notes = [f"- [c{index}] {reason}" for index, reason in enumerate(reasons, 1)]
-    numbers = (f"{name} in {engine.PRECISION} precision" for name, engine in engines().items())
-    return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes, "", f"They compute: {', '.join(numbers)}."]
+    return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes.lines()]
 
 
 # Short reasons of approximations, with a link to the whole.
