@@ -126,8 +126,8 @@ HEAD = f"""# Support matrix
 | not yet | the engine could, and simspec does not implement it: the same error, and a test fails when it starts to work |
 | from V, before V | the versions of the engine that have it; an error in others, but for what stands in brackets |
 """
-TIERS = """An engine has one of three tiers. *Runs*: it loads files, steps, and reports states. *Proven*: simspec also compares the
-model that it reads back, and its dynamics. *Complete*: also every number that the engine stores, so that the self-test
+TIERS = """An engine has one of three tiers. *Runs*: it loads files, steps, and reports states. *Proven*: simspec also compares
+the model that it reads back, and its dynamics. *Complete*: also every number that the engine stores, so that the self-test
 can plant changes. *Files only*: no run of the real program is part of simspec's tests."""
 CAPABILITIES = (
     "Abilities of an engine in addition to its core (load, read back, states, steps, contacts). simspec does not request those "
