@@ -175,12 +175,12 @@ def test_an_engine_reads_the_projects_files_and_no_others(project, tmp_path):
         meaning = Meaning(robot, "mjcf")
         return loaded("mujoco", meaning, None, 60.0, roots=readable(meaning, ImportOptions(), allow_outside))
 
-    assert load("inside.stl").held is not None
+    assert load("inside.stl").read_back is not None
     outside = str(tmp_path.resolve() / "outside.stl")
     refused = load(outside)
-    assert refused.held is None
+    assert refused.read_back is None
     assert "outside.stl" in str(refused.error)
-    assert load(outside, allow_outside=True).held is not None
+    assert load(outside, allow_outside=True).read_back is not None
 
 
 def test_a_locale_breaks_no_engine(project, monkeypatch):
@@ -193,4 +193,4 @@ def test_a_locale_breaks_no_engine(project, monkeypatch):
         '<mujoco model="r"><worldbody><body name="a"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
     )
     loading = loaded("drake", Meaning(robot, "mjcf"), None, 60.0)
-    assert loading.held is not None, loading.error
+    assert loading.read_back is not None, loading.error

@@ -77,7 +77,7 @@ def test_a_model_whose_bodies_pass_through_each_other(robot, capsys):
     assert cli.main(["import", robot, "--no-self-collision"]) == 0
     written = capsys.readouterr().out
     assert "self_collision: false" in written
-    assert "asked for when it was imported" in written
+    assert "an option of the import" in written
 
 
 def test_a_placed_model_keeps_apart_its_own_bodies_alone(robot, tmp_path):

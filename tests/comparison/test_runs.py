@@ -118,7 +118,7 @@ def test_a_tolerance_below_the_noise_inconclusive_note():
     found = diff(a, b, tolerance=1e-16, floor=[quiet(a, 1e-15), quiet(b)])
     assert (found.horizon, found.compared_until) == (None, 1.0)
     assert (found.verdict, found.within) == (INCONCLUSIVE, False)
-    assert (found.untold.floor, found.untold.inconclusive_from) == (1e-15, 0.0)
+    assert (found.inconclusive_body.floor, found.inconclusive_body.inconclusive_from) == (1e-15, 0.0)
     # a tolerance above the noise can be
     assert diff(a, b, tolerance=4e-15, floor=[quiet(a, 1e-15), quiet(b)]).verdict == WITHIN
 

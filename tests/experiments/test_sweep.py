@@ -221,7 +221,7 @@ def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, 
     of = spec(over={"physics.timestep": ["1 ms", "3 ms"]}, times="round_up")
     outcome = do(store, engines, of)
     assert (outcome.ran, outcome.invalid_count) == (4, 0)
-    requested = {row.timestep: store.facts(row.key).asked.cell for _, row in outcome.rows()}
+    requested = {row.timestep: store.facts(row.key).request.cell for _, row in outcome.rows()}
     assert "rounded" not in requested[0.001]
     assert requested[0.003]["rounded"] == [["physics.duration", 0.1, 0.102], ["record.every", 0.01, 0.012]]
     made = groups(outcome.plan, outcome.rows())
@@ -367,7 +367,7 @@ def test_groups_take_samples_and_repetitions_together(store):
     )
     outcome = do(store, Engines(), of, names=("mujoco",))
     found = groups(outcome.plan, outcome.rows())
-    assert [(dict(group.values), group.asked, len(group.rows)) for group in found] == [
+    assert [(dict(group.values), group.requested, len(group.rows)) for group in found] == [
         ({"bodies.ball.mass": mass}, 6, 6) for mass in (1, 2, 3)
     ]
     assert found[1].real_time_factor() == pytest.approx(0.1 / 0.02)

@@ -61,7 +61,7 @@ def read(reader, path, language):
         loading = loaded(reader.name, Meaning(path, language), None, 60.0)
         if loading.error is not None and not loading.error.refused:
             raise loading.error
-        return loading.held
+        return loading.read_back
     try:
         return LIBRARIES[reader.name].load(path, language)
     except ValueError:

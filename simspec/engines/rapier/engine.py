@@ -98,7 +98,7 @@ class Rapier(WorldEngine[Simulation]):
             "body stops late: by 7 % where four stand under the corners of a cube of even density, by 25 % where it has half "
             "its inertia and its centre of mass near the floor. The other model, COULOMB, is a pyramid",
             only_balls_slide("friction model SIMPLIFIED"),
-            "a body that slides on several shapes stops late (7 % on corners of a cube, 25 % with half its inertia)",
+            "a body that slides on several shapes stops late (7 % on a cube's corners, 25 % at half its inertia)",
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

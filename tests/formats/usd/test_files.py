@@ -11,7 +11,7 @@ import zipfile
 import pytest
 
 from simspec.cli import main
-from simspec.commands.export import BESIDE
+from simspec.commands.export import SIDECAR_SUFFIX
 from simspec.errors import SpecError
 from simspec.files import find_spec
 from simspec.formats.usd.format import WORLD, Usd
@@ -67,7 +67,7 @@ def test_only_files_that_simspec_wrote_are_replaced(tmp_path, capsys):
     assert main(export) == 2
     assert "simspec did not write it" in capsys.readouterr().err
     assert path.read_bytes() == b"of somebody"
-    other = tmp_path / f"new.usda{BESIDE}"
+    other = tmp_path / f"new.usda{SIDECAR_SUFFIX}"
     other.write_text("{}")
     assert main(["export", SCENARIO, "--format", "usd", "-o", str(tmp_path / "new.usda")]) == 2
     assert not (tmp_path / "new.usda").exists()
