@@ -101,7 +101,7 @@ def _materials(body: Body) -> tuple[str, ...]:
 
 
 def class_name(parts: tuple[Part, ...]) -> str:
-    """What a class of nodes is called in the sidecar."""
+    """The name of a class of nodes in the sidecar."""
     return "+".join(f"{material}.{layer}" for material, layer in parts)
 
 

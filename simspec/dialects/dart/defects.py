@@ -138,7 +138,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **SUMS,
     **PASSIVE,
     **dict.fromkeys(("ball limit", "ball limit dropped"), "DART has no limits of balls"),
-    **dict.fromkeys(FRAMES, "DART is told no frames"),
+    **dict.fromkeys(FRAMES, "DART receives no frames"),
     "free armature": "DART has no armature of free bodies",
     "mass": _text(f"{LOWER}/inertia/mass", scaled),
     "centre of mass": _text(f"{LOWER}/inertia/offset", nudged),

@@ -1,4 +1,4 @@
-"""How a world is told to DART: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
+"""How a world is passed to DART: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
 
 A free root stands at the world's origin at zero configuration, so that DART's coordinates of a free joint are those of the
 world.
@@ -188,7 +188,7 @@ def _joint(body: Body) -> format.SkelJoint:
 
 
 def _weld(node: Node) -> format.SkelJoint:
-    """What holds a further node to the body's own."""
+    """The joint between a further node and the body's node."""
     return format.SkelJoint(node_name(node), "fixed", file_name(node.body), node_name(node))
 
 

@@ -201,7 +201,7 @@ def _fixed(joints: Mapping[str, Joint]) -> set[str]:
 
 
 def _complete_joints(bodies: dict[str, Body], sidecar: DartSidecar) -> None:
-    """What the sidecar says of joints. Raises ValueError where limits of the file are not enforced, or the reverse."""
+    """The joints in the sidecar. Raises ValueError where limits of the file are not enforced, or the reverse."""
 
     def change(name: str, **values: Any) -> None:
         bodies[name] = replace(bodies[name], joint=replace(bodies[name].joint, **values))

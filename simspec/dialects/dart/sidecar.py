@@ -1,4 +1,4 @@
-"""The sidecar of a .skel folder: what DART is told beside the file, and whether its lists fit together."""
+"""The sidecar of a .skel folder: DART's settings that the file lacks, and whether its lists fit together."""
 
 from __future__ import annotations
 

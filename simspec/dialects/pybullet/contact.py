@@ -71,7 +71,7 @@ def restitution_threshold(world: World) -> float:
 
 
 def problems(world: World) -> list[Problem]:
-    """What PyBullet holds once for all pairs, and the world has differently for some."""
+    """Parameters that PyBullet stores once for all pairs, and that differ between pairs of the world."""
     laws = meeting_laws(world)
     found = []
     bouncing = {pair: law for pair, law in laws.items() if law.restitution}

@@ -190,7 +190,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **SUMS,
     **PASSIVE,
     **dict.fromkeys(("ball limit", "ball limit dropped"), "PyBullet has no limits of balls"),
-    **dict.fromkeys(FRAMES, "PyBullet is told no frames"),
+    **dict.fromkeys(FRAMES, "PyBullet receives no frames"),
     "free armature": "PyBullet has no armature of free bodies",
     **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),

@@ -114,7 +114,7 @@ def has_world_link(root: Body) -> bool:
 
 
 def frame_of(body: Body) -> Frame:
-    """A body that PyBullet is not told, and where it is on the body that carries it."""
+    """A body that PyBullet does not receive, and where it is on the body that carries it."""
     parent = body.joint.parent
     if parent is None:
         raise ValueError(f"the frame {body.name!r} is on no body")
@@ -267,7 +267,7 @@ class PybulletDialect(Dialect):
         Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", (*KINDS, *EXTRA_GEOMETRIES, "heightfield")),
         **for_each(exact("PyBullet's extension"), Feature.SHAPE_CAPSULE, Feature.SHAPE_PLANE),
-        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
+        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves in addition to URDF"),
         **for_each(
             via_api(_COPIES),
             *(Feature.MATERIALS_PER_BODY, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.HARDNESS_PAIRS),

@@ -71,7 +71,7 @@ LINK_MARGIN: Final = 1e-3
 MARGINS: Final = ("mesh", "box", "cylinder")
 """Kinds of shapes with that margin."""
 NO_LIMITS: Final = (0.0, -1.0)
-"""What PyBullet takes for limits that a file does not say: lower > upper is unlimited."""
+"""The limits that PyBullet assumes where a file has none: lower > upper is unlimited."""
 
 
 Layers = list[tuple[int, tuple[Shape, ...]]]

@@ -70,7 +70,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A body that PyBullet is not told: a frame at ``pose`` in that of ``parent``, to which its joint fixes it."""
+    """A body that PyBullet does not receive: a frame at ``pose`` in that of ``parent``, to which its joint fixes it."""
 
     name: str
     model: str
@@ -98,7 +98,7 @@ class CollisionFilter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PybulletSidecar(Sidecar):
-    """What PyBullet is told beside its files."""
+    """PyBullet's input in addition to its files."""
 
     gravity: Vector3
     timestep: float

@@ -190,7 +190,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **SUMS,
     **PASSIVE,
     **dict.fromkeys(("ball limit", "ball limit dropped"), "plain URDF has no limits of balls"),
-    **dict.fromkeys(FRAMES, "an engine that reads URDF is told no frames"),
+    **dict.fromkeys(FRAMES, "an engine that reads URDF receives no frames"),
     "free armature": "plain URDF has no armature of free bodies",
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),

@@ -41,7 +41,7 @@ _BY_NAME = (
     *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     *(Feature.GRAVITY, Feature.TIMESTEP),
 )
-"""What stands in the sidecar."""
+"""The contents of the sidecar."""
 _IN_THE_FILE = (
     *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE, Feature.JOINT_SEVERAL),
     *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT, Feature.DAMPING, Feature.DRY_FRICTION),
@@ -71,12 +71,12 @@ class UrdfDialect(Dialect):
             *(Feature.SHAPE_PLANE, Feature.MATERIALS_PER_BODY, *features.FRICTIONS, *features.RESTITUTIONS),
             *(*features.HARDNESSES, Feature.CONE_PYRAMID_INSCRIBED, *features.PHYSICS),
         ),
-        **for_each(never("simspec writes no margins beside URDF"), *features.MARGINS),
-        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
+        **for_each(never("simspec writes no margins in addition to URDF"), *features.MARGINS),
+        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves in addition to URDF"),
         **for_each(
             never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING
         ),
-        Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies beside URDF"),
+        Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies in addition to URDF"),
         Feature.BALL_LIMIT: never("URDF has no ball joints"),
     }
 

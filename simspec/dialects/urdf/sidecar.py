@@ -1,4 +1,4 @@
-"""The sidecar of plain URDF: what an engine must know beside the files, each with its unit, and whether it fits together.
+"""The sidecar of plain URDF: an engine's values that the files lack, each with its unit, and whether it fits together.
 
 An engine's process imports this module; it needs numpy only.
 """

@@ -37,9 +37,7 @@ _TURNED = (
 _MADE = "NSGS ends its sweeps before friction has made the normal force of a clamp that jams"
 _UNEVEN = "NSGS ends its sweeps with uneven pressure over a face, whose friction turns a box between fingers"
 _DEEP = "an overlap is taken back by a share in each step: heavy bodies rest deeper, with the square of the timestep"
-_NEAR = (
-    "what slides with a lighter body below it, or over it, needs friction within 0.1 % of its limit at a ratio of 1000"
-)
+_NEAR = "bodies that slide on or under a lighter one need friction within 0.1 % of its limit at a ratio of 1000"
 _FEW = "steps of some ms are few for what slips, spins or lies on crossing edges"
 
 
@@ -128,8 +126,8 @@ SETTINGS: Mapping[str, Setting] = {
     "iterations": Setting(
         300,
         "Most sweeps of the NSGS solver in a step. Seven cylinders on one another (detector ode, up to 12 contacts for "
-        "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300; what is solved sooner costs "
-        "no more.",
+        "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300. The solver stops as soon as it "
+        "converges.",
         minimum=1,
         needs=("contact_solver", ("auto", "nsgs")),
         group=Group.ACCURACY,
@@ -158,16 +156,16 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_overflow": Setting(
         "error",
-        "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
-        "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
+        "Action when a step has more than 1000 contacts, DART's limit, which dartpy cannot raise. "
+        "simspec checks it after each recorded stretch of steps. log: go on, and say so in the run's log.",
         ("error", "log"),
         group=Group.BOUNDS,
     ),
     "sleeping": Setting(
         False,
-        "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation): what is slower "
-        "than 0.01 m/s, but for the step's fall, and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move "
-        "freely, and what bears them, stay awake (measured).",
+        "Deactivate resting bodies until a disturbance wakes them: bodies slower than 0.01 m/s (less the step's fall) "
+        "and 0.05 rad/s for 0.5 s. Bodies on freely moving bodies, and the bodies that bear them, stay awake "
+        "(measured).",
         only_with="sleeping",
         group=Group.SLEEPING,
     ),

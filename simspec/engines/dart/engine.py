@@ -1,6 +1,6 @@
 """DART: a .skel file in, arrays out.
 
-What .skel does not carry is set through dartpy from the sidecar; what DART has only implicit in time (damping, springs) is
+dartpy sets the features that .skel lacks from the sidecar. Damping and springs, which DART has only implicit in time, are
 applied as an effort computed from DART's own state before every step. Facts marked *measured* were obtained with dartpy 6.20.0.
 """
 
@@ -101,7 +101,7 @@ _BOUNDS = (
 _FRICTIONLESS_BOUNDS = Refinement(
     Level.APPROXIMATE,
     f"DantzigBoxedLcpSolver, as the settings ask for: {_BOUNDS}",
-    short="what leans has 0.4 to 0.8 of its friction, and falls",
+    short="leaning bodies have 0.4 to 0.8 of their friction, and fall",
 )
 _TURNED = Refinement(
     Level.APPROXIMATE,
@@ -113,7 +113,7 @@ _TURNED = Refinement(
 
 
 def _coulomb(world: World) -> Refinement | None:
-    """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid, and something has friction."""
+    """The elliptic cone is exact unless the spec selects the solver that has only the pyramid, and something has friction."""
     if frictionless(world):
         return NO_FRICTION
     if DANTZIG in world.options("dart").settings:
@@ -122,7 +122,7 @@ def _coulomb(world: World) -> Refinement | None:
 
 
 def _pyramid(world: World) -> Refinement | None:
-    """The pyramid is exact unless something has friction, and the spec asks for the solver whose friction has other bounds, or
+    """The pyramid is exact unless something has friction, and the spec selects the solver whose friction has other bounds, or
     two bodies that move may touch."""
     if frictionless(world):
         return None
@@ -133,7 +133,7 @@ def _pyramid(world: World) -> Refinement | None:
 
 
 def _shape(kind: str, how: str = _DETECTORS) -> Support:
-    """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
+    """A shape that some detector has exactly; accepted deviations of the detector in use are stated."""
 
     accepted = Refinement(
         Level.APPROXIMATE,
@@ -184,7 +184,7 @@ class Dart(SteppedEngine[Simulation]):
         Feature.SHAPE_CYLINDER: _shape(
             "cylinder",
             "with detector ode, whose flat faces touch at the corners of the octagon around the circle: a flat disc that spins "
-            "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R beside the "
+            "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R off the "
             "axis tips at 1.00 to 1.08 R, by how it is turned; some contacts of an edge of a box with the rim are "
             f"missed (docs/records/dart-detectors.md, and said where a world has such pairs); {_DETECTORS}",
         ),
@@ -197,12 +197,12 @@ class Dart(SteppedEngine[Simulation]):
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
             "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
-            short="what would leave at less than 0.1 m/s does not bounce; else e is up to 0.009 too large",
+            short="bodies that would leave at less than 0.1 m/s do not bounce; otherwise e is up to 0.009 too large",
         ),
         Feature.RESTITUTION_THRESHOLD: approximate(
             "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
-            "and all else does, whatever threshold is asked for",
-            short="the threshold is DART's own, 0.1 m/s after the impact, whatever is asked for",
+            "and all else does, for any threshold in the spec",
+            short="the threshold is DART's own, 0.1 m/s after the impact, for any value in the spec",
         ),
         Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),

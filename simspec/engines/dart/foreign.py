@@ -33,7 +33,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import EngineValue, Joint, Pose, ReadBack, Shape
 
-# What DART's parsers do to plain files (dartpy 6.20.0), measured by tests/formats/test_readers.py.
+# Changes of DART's parsers to plain files (dartpy 6.20.0), measured by tests/formats/test_readers.py.
 
 MEASURED: Final = "6.20.0"
 LIMITS: Final = Effect(
@@ -92,7 +92,7 @@ FOREIGN_OWN: Final[Mapping[str, Addition]] = {
         None, "default", "joints that follow others: the follower is driven, and pushes nothing back"
     ),
 }
-"""What DART adds to a file."""
+"""DART's additions to a file."""
 MOVES: Final = {
     **JOINT_KINDS,
     "PlanarJoint": "planar",
@@ -108,7 +108,7 @@ class Foreign:
         self._dart, self._log = dartpy, log
 
     def load(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
-        """What DART holds of a file. Raises EngineError where it refuses it."""
+        """A file as DART stores it. Raises EngineError where it refuses it."""
         try:
             with captured(sys.stderr, self._log):
                 world = self._reader(language, packages)(self._dart.common.Uri.createFromPath(str(file)))

@@ -352,7 +352,7 @@ def _parts(sim: Simulation) -> dict[str, EngineValue]:
 
 
 def part_name(body: str, material: str, layer: int) -> str:
-    """What the shapes of one material of a body in one layer are called."""
+    """The name of the shapes of one material of a body in one layer."""
     return f"{body}/{material}/{layer}"
 
 
@@ -399,7 +399,7 @@ def expected(
 
 
 def chosen_solver(world: World, settings: Settings) -> str:
-    """What the setting ``contact_solver`` stands for."""
+    """The solver that the setting ``contact_solver`` selects."""
     chosen = str(settings["contact_solver"])
     if chosen != "auto":
         return chosen

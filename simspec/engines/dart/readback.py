@@ -1,4 +1,4 @@
-"""What DART says it holds, in the world's frames and order."""
+"""DART's read-back, in the world's frames and order."""
 
 from __future__ import annotations
 

@@ -361,7 +361,7 @@ class Simulation:
             turner.joint.setPositions([*vector_of(turner.turn), *turner.joint.getPositions()[3:].tolist()])
 
     def messages(self) -> list[str]:
-        """What DART said while loading, and how its contact solver fared."""
+        """DART's messages while loading, and the failures of its contact solver."""
         found = list(self.log)
         solver = self.solver.getBoxedLcpSolver()
         if isinstance(solver, self.dartpy.constraint.NsgsFrictionSolver):

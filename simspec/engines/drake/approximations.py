@@ -27,7 +27,7 @@ from simspec.world.reach import crossing
 from simspec.world.types import World
 
 _SAP = "contact_approximation=sap"
-_LIFTS = "SAP's contact is convex: what slips is lifted by up to the friction times its slip"
+_LIFTS = "SAP's contact is convex and lifts slipping bodies by up to the friction times their slip"
 _SOFT = (
     "SAP bounds the stiffness of a contact by the lighter mass and the timestep: heavy bodies sink in, with its square"
 )
@@ -187,7 +187,7 @@ def chosen(world: World, settings: Mapping[str, bool | int | float | str]) -> di
     return {**settings, "contact_approximation": approximation(world)}
 
 
-# What Drake's memory grows with: worlds that need too much are refused before they are built.
+# Drake's memory: worlds that need too much are refused before they are built.
 #
 # Drake's collision filter keeps an entry for every two geometries, whether they are filtered or not, in the model and in each
 # context; the steps and the mass matrix are dense in the velocities, of however many bodies that do not act on each other.
@@ -219,7 +219,7 @@ def too_large(geometries: int, velocities: int) -> str | None:
 # Small shapes within a shape, so that faces and edges have several points of contact.
 #
 # Drake has one point of contact for each pair of geometries: a box on a floor stands on one of its corners, and turns about it.
-# What is put in touches the shape's surface from within, and gives a point of its own where it is under the other's: balls in
+# The small shapes touch the shape's surface from within, and each gives a contact point where it overlaps the other: balls in
 # the corners of boxes and along the rims of cylinders, a thin disc at each end of a cylinder, which lies on both, and the two
 # round ends of a capsule, which are its own. In each corner of the hull of a mesh there is a ball for every three faces that
 # meet there, which touches these.
@@ -238,7 +238,7 @@ ROUND_OFF = 1e-13
 """Share of the largest coordinate of a centre below which another is what a rotation left of 0."""
 
 FACED = ("box", "plane")
-"""Kinds of shapes that touch each other by hydroelastic contact, where that is asked for. Cylinders do not: their meshes are
+"""Kinds of shapes that touch each other by hydroelastic contact, where the spec sets it. Cylinders do not: their meshes are
 prisms, on which they roll 10 % short of a circle's way with 64 edges and 12 % with 256, and 40 times slower (measured)."""
 ANY_RESOLUTION = 1.0
 """Drake's resolution hint (m) of boxes and planes, whose meshes do not depend on it."""
@@ -248,7 +248,7 @@ Part = tuple[str, tuple[float, ...], tuple[float, float, float]]
 
 
 def corners(kind: str, size: Sequence[float]) -> list[Part]:
-    """What is put into a shape."""
+    """The small shapes within a shape."""
     if kind == "box":
         radius = min(RADIUS, SHARE * min(size))
         x, y, z = (edge / 2.0 - radius for edge in size)

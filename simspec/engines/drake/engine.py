@@ -61,12 +61,10 @@ _COMPUTED = "given as an effort at every step: Drake's own damping is implicit i
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
 _SINGLE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
-    "SAP's contact is convex: what slides is lifted by up to μ times its slip, so that a push at 1.6 times the limit meets "
+    "SAP's contact is convex and lifts sliding bodies by up to μ times their slip: a push at 1.6 times the limit meets "
     "between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within 1 %)"
 )
-_LIFTS_IMPACT = (
-    "SAP's contact is convex: friction in an impact throws the bodies apart, by 0.3 μ to 0.6 μ times the slip"
-)
+_LIFTS_IMPACT = "SAP's contact is convex: friction in an impact separates the bodies, at 0.3 μ to 0.6 μ times the slip"
 _SLOW_RECOVERY = (
     "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
 )
@@ -84,7 +82,7 @@ def _planes_that_crash(world: World) -> str | None:
     planes = [(body, shape) for body in world.bodies for shape in solid_shapes(body) if shape.kind == "plane"]
     moving = [body.name for body, _ in planes if groups[body.name] != "world"]
     if moving:
-        return f"Drake crashes beside half spaces on bodies that move, as {moving[0]!r}"
+        return f"Drake crashes with half spaces on moving bodies, such as {moving[0]!r}"
     if sum(len(plan.layers(shape.material)) for _, shape in planes) > MOST_PLANES:
         return f"Drake crashes with many half spaces; up to {MOST_PLANES} are given to it, copies included"
     return None
@@ -116,7 +114,7 @@ def inertia_supported(world: World) -> Refinement | None:
         lost = 0.0 < sum(inertial.inertia[:3]) < LOST * inertial.mass * arm
         if (
             lost and body.joint.kind != "free" and static[body.name] != "world"
-        ):  # free bodies are told about their centres
+        ):  # Drake receives free bodies' inertias about their centres
             return unsupported_if(
                 f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"
             )
@@ -176,8 +174,8 @@ class Drake(WorldEngine[Simulation]):
         ),
         Feature.SHAPE_CAPSULE: exact(f"with its two ends as balls: {_SINGLE_POINT}"),
         Feature.SHAPE_HEIGHTFIELD: never(
-            "Drake's point contact takes a mesh for its convex hull: a ball that is free in a valley 1 m deep is told to be "
-            "0.55 m deep in it (measured), and hydroelastic contact of what cannot move never touches what is rigid"
+            "Drake's point contact takes a mesh for its convex hull: a ball that does not touch a valley 1 m deep is "
+            "reported 0.55 m deep in it (measured), and Drake has no hydroelastic contact of static with rigid geometries"
         ),
         Feature.SHAPE_MESH: exact(
             f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_SINGLE_POINT}; hulls touch "
@@ -203,7 +201,7 @@ class Drake(WorldEngine[Simulation]):
         Feature.IMPACT_FRICTION: approximate(
             f"exact by TAMSI, and without friction. {_LIFTS_IMPACT}: up to 62 % too much",
             coulomb,
-            "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
+            "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies separate",
         ),
         Feature.KINEMATIC: via_api(classes.HEAVY, light_enough),
         Feature.CONTROL_NATIVE: exact(NATIVE, refine=pd_controllers_hold),
@@ -263,7 +261,7 @@ class Drake(WorldEngine[Simulation]):
         ),
         "stiction_tolerance": Setting(
             1e-6,
-            "Slip (m/s) below which TAMSI's friction is less than μ N: what is held below the limit creeps slower than that "
+            "Slip (m/s) below which TAMSI's friction is less than μ N: bodies below the friction limit creep more slowly "
             "(6e-7 m/s measured).",
             minimum=1e-12,
             maximum=0.01,
@@ -323,7 +321,7 @@ class Drake(WorldEngine[Simulation]):
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
-        # the gains were given before the plant was finished, which is what Drake asks for; the proof compares them
+        # the gains were given before the plant was finished, as Drake requires; the proof compares them
         return JointServos(self._simulation, v)
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:

@@ -70,7 +70,7 @@ MJCF_EFFECTS: Final = (
     STEP,
     Effect("joint.damping", "damping of a ball joint", "drops the damping of ball joints"),
 )
-"""What Drake does to plain files."""
+"""Drake's changes to plain files."""
 FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads(HOW, (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
     "sdf": Reads(HOW, (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF_EFFECTS),
@@ -80,7 +80,7 @@ FOREIGN_OWN: Final[Mapping[str, Addition]] = {
     "timestep": Addition(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
     "couplings": Addition(None, "default", "joints that follow others, as constraints of the contact solver"),
 }
-"""What Drake adds to a file."""
+"""Drake's additions to a file."""
 TIMESTEP: Final = 1e-3
 MOVES: Final = {**JOINT_KINDS, "planar": "planar", "universal": "universal", "rpy_floating": "free", "screw": "screw"}
 FLOATING: Final = ("quaternion_floating", "rpy_floating")
@@ -96,7 +96,7 @@ def parser_parts() -> tuple[Any, Any, Any]:
 
 
 def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-    """What Drake holds of a file. Raises EngineError where it refuses it."""
+    """A file as Drake stores it. Raises EngineError where it refuses it."""
     Parser, AddMultibodyPlantSceneGraph, DiagramBuilder = parser_parts()
     with warnings_into(log):
         try:

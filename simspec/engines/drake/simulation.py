@@ -136,7 +136,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
     def advance(self, count: int, effort: np.ndarray | None) -> None:
         """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints.
 
-        The loop is as short as the world allows: what is the same in each step is done before it.
+        The loop is as short as the world allows: work common to all steps is done before it.
         """
         coordinates, context = self.coordinates, self.context
         evaluate, set_state = self.plant.EvalUniquePeriodicDiscreteUpdate, context.SetDiscreteState
@@ -251,11 +251,11 @@ class Simulation(WorldSimulation[WorldSidecar]):
         manager.Apply(geometry.CollisionFilterDeclaration().ExcludeWithin(every))
 
     def messages(self) -> list[str]:
-        """What Drake said while loading."""
+        """Drake's messages while loading."""
         return list(self.log)
 
 
-# What Drake says of the contacts of the last step: points of two geometries, and surfaces of hydroelastic contact.
+# Drake's contacts of the last step: points of two geometries, and surfaces of hydroelastic contact.
 
 Vector = NDArray[np.float64]
 

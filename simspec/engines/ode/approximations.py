@@ -101,13 +101,13 @@ def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
 
 
 def cylinders(world: World) -> Refinement | None:
-    """What is approximate of cylinders in a world; None where nothing is."""
+    """The approximations of cylinders in a world; None without any."""
     met = {pair: how for pair, how in APPROXIMATE.items() if pair in meeting_kinds(world)}
     return _refinement(met) if met else None
 
 
 def capsules(world: World) -> Refinement | None:
-    """What there is to say of capsules in a world: points and depths are exact, but a line or a face has one of them."""
+    """A note on capsules in a world: points and depths are exact, but a line or a face has one of them."""
     return Refinement(note=BOX_AND_CAPSULE) if ("box", "capsule") in meeting_kinds(world) else None
 
 
@@ -118,13 +118,13 @@ CASES = (_refinement(APPROXIMATE),)
 
 SWITCH = "native_motion"
 FIRST_ORDER = (
-    "by ODE's own steps in the bodies' coordinates, which are of first order and let joints come apart: after 2,000 steps of "
+    "by ODE's own steps in the bodies' coordinates, which are of first order and let joints drift: after 2,000 steps of "
     "1 ms a tumbling body is 2e-4 rad off, two hinges 0.02, a ball and a hinge 0.15, seven hinges 0.65 (L6, measured)"
 )
 SHORT = {
-    Feature.JOINT_HINGE: "hinges by ODE's own steps, of first order, come apart: L6 says how far from the exact motion",
-    Feature.JOINT_SLIDE: "slides by ODE's own steps, of first order, come apart: L6 says how far from the exact motion",
-    Feature.JOINT_BALL: "balls by ODE's own steps, of first order, come apart: L6 says how far from the exact motion",
+    Feature.JOINT_HINGE: "hinges drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
+    Feature.JOINT_SLIDE: "slides drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
+    Feature.JOINT_BALL: "balls drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
     Feature.JOINT_FREE: "free bodies turn by ODE's own steps, of first order: L6 says how far from the exact motion",
 }
 
@@ -139,4 +139,4 @@ def _by_native_steps(short: str) -> Support:
 
 
 JOINTS = {feature: _by_native_steps(short) for feature, short in SHORT.items()}
-"""Joints: exact, or what they are where a spec asks for ODE's own motion."""
+"""Joints: exact, or approximate where a spec selects ODE's own motion."""

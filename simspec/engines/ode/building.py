@@ -25,7 +25,7 @@ from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint
 
-# ODE and the part in C beside it (``shim/``), which is compiled on first use, by ctypes.
+# ODE and the part in C next to it (``shim/``), which is compiled on first use, by ctypes.
 #
 # Facts marked *measured* in this package: ODE 0.16.2 in double precision.
 
@@ -165,7 +165,7 @@ ODE: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dGeomCapsuleGetParams": (None, (Pointer, Numbers, Numbers)),
     "dGeomPlaneGetParams": (None, Filled),
 }
-"""What is asked of ODE itself."""
+"""The queries of ODE itself."""
 
 
 class Library:

@@ -151,7 +151,7 @@ class Ode(WorldEngine[Simulation]):
         Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
         Feature.CONE_PYRAMID_INSCRIBED: exact(f"ODE's pyramid, turned by 45° and smaller by √2; {_PASSES}"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: exact(f"ODE's pyramid, along the world's x; {_PASSES}"),
-        Feature.CONE_ELLIPTIC: exact(f"{_PASSES}; what slips is solved against its slip alone"),
+        Feature.CONE_ELLIPTIC: exact(f"{_PASSES}; slipping contacts are solved against their slip alone"),
         Feature.BALL_LIMIT: never("world.json has no limits of balls"),
         Feature.CONTROL_NATIVE: never("ODE's motors follow a speed, and simspec does not drive them"),
         **outside_constraints(TITLE),
@@ -178,7 +178,7 @@ class Ode(WorldEngine[Simulation]):
         SWITCH: Setting(
             False,
             "Bodies stay where ODE's own steps leave them, with its own gyroscopic torques, rotations and error reduction "
-            "(0.2), in place of being laid on their joints before every step: what other programs with ODE do. Joints are then "
+            "(0.2), in place of being laid on their joints before every step, as other programs with ODE do. Joints are then "
             "accepted by name; L6 says how far from the exact motion that is, and certificates are not valid.",
             only_with=SWITCH,
             group=Group.ROTATION,

@@ -63,7 +63,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
 
 
 class BodyValues(NamedTuple):
-    """What the part in C stores of a body and its joint."""
+    """The values that the part in C stores of a body and its joint."""
 
     origin: Pose
     axis: Vector3

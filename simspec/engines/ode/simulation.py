@@ -117,7 +117,7 @@ class Simulation(WorldSimulation[LawSidecar]):
             self.library.sim_no_dry_friction(self.sim, row)
 
     def messages(self) -> list[str]:
-        """What ODE said, and steps that had to be solved again."""
+        """ODE's messages, and steps that had to be solved again."""
         counts = (ctypes.c_long * 6)()
         self.library.sim_counts(self.sim, counts)
         retries, unsolved, said, doubtful, unsettled, stepped = counts
@@ -126,7 +126,7 @@ class Simulation(WorldSimulation[LawSidecar]):
             lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
         if retries:
             lines.append(
-                f"{retries} solutions repeated, with contacts nudged apart or softer, since ODE could not solve a step"
+                f"{retries} solutions repeated, with contacts separated slightly or softer, since ODE could not solve a step"
             )
         if unsolved:
             lines.append(

@@ -27,12 +27,12 @@ STRONG = 1e9
 WHOLE = 1.0
 """Share of a violation that is taken back in each step: the law of constraints."""
 AXIS = (1.0, 0.0, 0.0)
-"""PyBullet asks for one and makes no use of it."""
+"""PyBullet requires one and makes no use of it."""
 
 
 @dataclass(frozen=True)
 class StoredConstraint:
-    """A constraint that PyBullet was told, by its number."""
+    """A constraint that PyBullet was given, by its number."""
 
     name: str
     number: int

@@ -51,7 +51,7 @@ def only_balls_and_boxes_are_soft(world: World) -> Refinement | None:
 
 SOFT = "a spring and a damper at each point of contact, implicit in time"
 _HOPS = (
-    "what rests bounces off each step's fall: PyBullet has restitution at any speed unless the world has a "
+    "resting bodies bounce off each step's fall: PyBullet applies restitution at any speed unless the world has a "
     "restitution_threshold"
 )
 _ASIDE = (
@@ -254,7 +254,7 @@ SETTINGS: Mapping[str, Setting] = {
         0.0,
         "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
         "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law "
-        "has it. What is carried slips by a little in every step, and the anchor takes that back: at 16 ms a stack of "
+        "has it. Carried bodies slip a little in every step, and the anchor takes that back: at 16 ms a stack of "
         "cylinders ends 1 mm off, not 10 (measured).",
         minimum=0.0,
         maximum=1.0,
@@ -270,7 +270,7 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_slop": Setting(
         0.0,
-        "Overlap that is tolerated (m); 0: none is left at rest. What rests is as deep as that.",
+        "Overlap that is tolerated (m); 0: none is left at rest. Bodies at rest overlap by as much.",
         minimum=0.0,
         at_most=of_thinnest(SHARE),
         depth=True,
@@ -278,8 +278,8 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_processing_threshold": Setting(
         0.0,
-        "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
-        "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
+        "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact removes restitution: 1 "
+        "yields 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
         "off each other as they should all the same.",
         minimum=0.0,
         maximum=1e30,  # PyBullet's own: no bound
@@ -287,9 +287,9 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_breaking_threshold": Setting(
         0.02,
-        "Contact points are kept up to this gap (m); PyBullet's default. What does not touch is looked at in every step: "
-        "216 spheres, 10 mm apart at first, take 1.04 times as long as with 2 mm (measured). Points that are kept for longer "
-        "are solved at places where nothing touches any more: at 1 m a bounce is 0.8 mm off, at 1 km 1.3 mm (measured).",
+        "Contact points are kept up to this gap (m); PyBullet's default. Separate shapes are tested in every "
+        "step: 216 spheres, 10 mm from each other at first, take 1.04 times as long as with 2 mm (measured). Points that are "
+        "kept for longer are solved at places where nothing touches any more: at 1 m a bounce is 0.8 mm off, at 1 km 1.3 mm (measured).",
         minimum=0.0,
         maximum=1.0,
         frictionless=0.002,

@@ -149,7 +149,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             cases=(THICK["box"],),
         ),
         Feature.SHAPE_CYLINDER: exact(
-            "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
+            "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R off the axis, as it "
             "should",
             refine=lambda world: thick_enough(PyBullet, "cylinder", world),
             cases=(THICK["cylinder"], DULL["cylinder"]),
@@ -157,7 +157,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SHAPE_PLANE: exact("boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"),
         Feature.SHAPE_MESH: exact(
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
-            "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
+            "trees written 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
             refine=lambda world: meshes_supported(PyBullet, world),
             cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),

@@ -32,7 +32,7 @@ from simspec.formats.kit.contract import tensor
 from simspec.world import frames
 from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
-# What PyBullet's loaders do to plain files (pybullet 3.2.7), measured by tests/formats/test_readers.py.
+# Changes of PyBullet's loaders to plain files (pybullet 3.2.7), measured by tests/formats/test_readers.py.
 
 MEASURED: Final = "3.2.7"
 ALWAYS: Final = (
@@ -125,15 +125,15 @@ FOREIGN_OWN: Final[Mapping[str, Addition]] = {
         0.0, "physics", "largest margin (m) that is added around a shape; set collisionMargin to 0"
     ),
 }
-"""What PyBullet adds to a file."""
+"""PyBullet's additions to a file."""
 GEOMETRIES: Final = {**SHAPE_KINDS, 5: MESH}
 TREE_JOINTS: Final = {**JOINT_KINDS, 3: "planar", 5: "point to point", 6: "gear"}
 CRASHING: Final = {"mjcf": "getCollisionShapeData crashes with trees of loadMJCF (measured)"}
-"""Languages whose shapes are not asked for, with the reason."""
+"""Languages whose shapes are not queried, with the reason."""
 MOST_SPEED: Final = 1e4
 """rad/s or m/s given to a joint to see whether its speed is clamped."""
 CLAMP: Final = 100.0
-"""The speed that PyBullet lets no joint exceed, unless told otherwise."""
+"""The speed that PyBullet lets no joint exceed by default."""
 STOPPED: Final = 0.5
 """Share of a small speed below which a joint is said to be held after one step."""
 TRIED: Final = 1e-3
@@ -151,7 +151,7 @@ class Foreign:
         self._p.disconnect()
 
     def load(self, file: Path, language: str) -> ReadBack:
-        """What PyBullet holds of a file. Raises EngineError where it refuses it."""
+        """A file as PyBullet stores it. Raises EngineError where it refuses it."""
         p, self._language = self._p, language
         try:
             with captured(sys.stdout, self._log, (GREETING,)):
@@ -232,7 +232,7 @@ class Foreign:
         return self._p.getCollisionShapeData(uid, link)
 
     def _mesh(self, uid: int, link: int, number: int) -> tuple[float, ...]:
-        """The support function of a collision mesh, in the link's inertial frame: PyBullet tells vertices there (measured)."""
+        """The support function of a collision mesh, in the link's inertial frame: PyBullet has vertices there (measured)."""
         p = self._p
         count, vertices = p.getMeshData(uid, link, collisionShapeIndex=number)
         return support(np.array(vertices, dtype=float).reshape(-1, 3)) if count else ()

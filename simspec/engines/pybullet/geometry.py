@@ -222,7 +222,7 @@ class Alike:
         return self._known[key]
 
 
-# What PyBullet's margin of 1 mm on links that are no bases costs the shapes there (see ``dialects/pybullet/contact.py``).
+# Effects of PyBullet's margin of 1 mm on the shapes of links that are no bases (see ``dialects/pybullet/contact.py``).
 
 HALVES: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
     "box": lambda size: min(size) / 2.0,
@@ -235,7 +235,7 @@ LANDING = Refinement(
     Level.APPROXIMATE,
     f"the convex hull to {KEPT:g} of its extent; while a mesh is on another link than the base of its tree, of the contacts of "
     "each one new point in a step: at rest all are there, but a hull that lands on a face is stopped at one point first, and "
-    "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is top-heavy falls over; measured: boxes do not)",
+    "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; top-heavy bodies fall over; measured: boxes do not)",
     short="a hull that lands on a face is stopped at one point first, and tumbles",
 )
 THICK = {
@@ -344,11 +344,11 @@ def _thick(kind: str, found: Mapping[str, float]) -> Refinement:
     return Refinement(Level.APPROXIMATE, how, short=thick.short)
 
 
-# What PyBullet's contact with height fields does not have, world by world.
+# Limits of PyBullet's contact with height fields, world by world.
 
 HOW: Final = (
-    "a closed surface of triangles, in single precision; PyBullet feels their inner edges: what slides without friction over "
-    "flat ground of 20 cm cells loses 1 % of 1 m/s in 2 m, and drifts 5 mm aside (measured)"
+    "a closed surface of triangles, in single precision; PyBullet collides with inner edges: a body that slides without "
+    "friction over flat ground of 20 cm cells loses 1 % of 1 m/s in 2 m, and drifts 5 mm aside (measured)"
 )
 
 

@@ -1,4 +1,4 @@
-"""What PyBullet says it holds, in the world's frames."""
+"""PyBullet's read-back, in the world's frames."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Simulation:
     def __init__(self, folder: Path, sidecar: PybulletSidecar, anchors: Mapping[str, Vector3] = MappingProxyType({})):
         self.log: list[str] = []
         self.calls: list[Called] = []
-        """What PyBullet was told while loading."""
+        """PyBullet's input while loading."""
         self._anchors = anchors
         self.client = -1
         self.bullet: Any = None
@@ -315,7 +315,7 @@ class Simulation:
 
     def inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of every body's inertial frame: position (n, 3), orientation w x y z (n, 4), linear velocity of the centre
-        of mass and angular velocity (n, 3) in world axes. Asked once per state."""
+        of mass and angular velocity (n, 3) in world axes. Queried once per state."""
         if self._seen is None:
             self._seen = self._ask_inertial_states()
         return self._seen
@@ -359,7 +359,7 @@ class Simulation:
         return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar.gravity))))
 
     def messages(self) -> list[str]:
-        """What PyBullet said while loading."""
+        """PyBullet's messages while loading."""
         return list(self.log)
 
     def close(self) -> None:

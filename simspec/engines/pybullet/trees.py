@@ -17,7 +17,7 @@ from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion
 
-# Rotations as PyBullet tells them.
+# Rotations as PyBullet returns them.
 
 
 def turn_of(q: Sequence[float]) -> Quaternion:
@@ -301,7 +301,7 @@ class Frames:
         }
 
 
-# What PyBullet was told while a world was loaded, for what it does not give back.
+# PyBullet's input while a world was loaded, for values that cannot be read back.
 #
 # PyBullet returns few of its settings, and its dump of the world (``bullet_file.py``) lacks some that act: the thresholds of
 # its solver and of restitution, damping of free flight, velocity clamps, motors, pairs that do not touch. Of these the proof
@@ -347,7 +347,7 @@ It falls asleep after 2 s of that, a time that PyBullet does not let one set."""
 class Sleepers:
     """The bodies of one client that may fall asleep.
 
-    What touches a sleeping body wakes it within the step. Efforts and new velocities do not: PyBullet drops them (measured).
+    Touching a sleeping body wakes it within the step. Efforts and new velocities do not: PyBullet drops them (measured).
     """
 
     def __init__(self, sim: Any, uids: Iterable[int]):

@@ -83,7 +83,7 @@ class Skeleton:
 
 @dataclass(frozen=True, slots=True)
 class SkelWorld:
-    """A whole file. ``collision_detector`` is the name of the program's detector that the file asks for; None: none."""
+    """A whole file. ``collision_detector`` is the name of the program's detector that the file requests; None: none."""
 
     name: str
     timestep: float
@@ -159,7 +159,7 @@ def coordinates(
 
 # --- plain files ---
 
-_SURFACE = ".skel has no numbers of surfaces"
+_SURFACE = ".skel has no surface parameters"
 _FILTER = ".skel does not say what touches what"
 _HARDNESS = ".skel has no hardness of contact"
 

@@ -66,7 +66,7 @@ visual shapes, drops folders of meshes, and takes inertias of shapes. Other read
 LEAST: Final[tuple[tuple[str, str], ...]] = (("boundmass", "1e-9"), ("boundinertia", "1e-12"))
 """The same where a link without mass moves, which that reader refuses."""
 
-_NO_CONTACT = "URDF has no numbers of contact"
+_NO_CONTACT = "URDF has no contact parameters"
 _IN_PLACEMENT = f"in {PLACEMENT}"
 
 
@@ -111,7 +111,7 @@ SUPPORT: Final[Table] = {
     Feature.GRAVITY: never("URDF has no gravity"),
     Feature.TIMESTEP: never("URDF has no timestep"),
 }
-"""What plain URDF carries of each feature."""
+"""Plain URDF's support of each feature."""
 
 
 def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robots, str]:

@@ -182,7 +182,7 @@ class UnknownPart:
 
 def unknown_parts(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[UnknownPart]:
     """All elements and attributes of a file that the language does not have, and elements that stand there once too often.
-    What is inside a strange element is not looked at."""
+    The contents of an unknown element are not read."""
     yield from _unknown_elements(robot.node, robot.node.tag, language)
 
 

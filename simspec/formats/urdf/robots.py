@@ -32,7 +32,7 @@ from simspec.world.types import (
 )
 
 Attributes = tuple[tuple[str, float | tuple[float, ...] | str], ...]
-"""Names and values, in the order of the file; several numbers stand beside each other with spaces."""
+"""Names and values, in the order of the file; several numbers are separated by spaces."""
 
 JOINT_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The language's types of joints."""
