@@ -289,7 +289,8 @@ SETTINGS: Mapping[str, Setting] = {
         0.02,
         "Contact points are kept up to this gap (m); PyBullet's default. Separate shapes are tested in every "
         "step: 216 spheres, 10 mm from each other at first, take 1.04 times as long as with 2 mm (measured). Points that are "
-        "kept for longer are solved at places where nothing touches any more: at 1 m a bounce is 0.8 mm off, at 1 km 1.3 mm (measured).",
+        "kept for longer are solved at places where nothing touches any more: at 1 m a bounce is 0.8 mm off, at 1 km "
+        "1.3 mm (measured).",
         minimum=0.0,
         maximum=1.0,
         frictionless=0.002,
