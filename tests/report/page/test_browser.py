@@ -1,4 +1,4 @@
-"""The page in a browser: it says nothing on the console, asks no network, and what is moved moves."""
+"""The page in a browser: it says nothing on the console, requests nothing from the network, and what is moved moves."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_it_plays_and_pauses_by_the_keyboard(usual):
     assert usual.locator("output").inner_text() == "2.00 s"
 
 
-def test_what_is_shown_is_chosen(usual):
+def test_shown_parts_are_chosen(usual):
     pictures = [usual.locator(".stage canvas").screenshot()]
     assert usual.locator(".tag").all_inner_texts() == ["first 1.0", "second 1.0", "third 1.0"]
     for choice in ("button:text-is('side by side')", "button:text-is('top')", "label:has-text('second')"):
