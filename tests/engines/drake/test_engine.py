@@ -117,11 +117,11 @@ def test_a_file_that_says_such_a_thing_is_refused_by_its_place(load, place, valu
 
 
 def test_planes_are_of_bodies_that_cannot_move_and_few(load):
-    """Beside moving bodies, and in numbers, Drake's half spaces crash the process."""
+    """Half spaces on moving bodies, and many of them, crash Drake's process."""
     moving = boxes(1)
     plane = Shape("b0_1", "plane", (), Pose(), "a")
     body = dataclasses.replace(moving.bodies[1], shapes=(*moving.bodies[1].shapes, plane))
-    with pytest.raises(UnsupportedError, match="half spaces on bodies that move"):
+    with pytest.raises(UnsupportedError, match="half spaces on moving bodies"):
         compile_world(told(dataclasses.replace(moving, bodies=(moving.bodies[0], body))), ["drake"])
     many = tuple(Shape(f"floor_{index}", "plane", (), Pose(), "a") for index in range(MOST_PLANES + 1))
     floor = dataclasses.replace(moving.bodies[0], shapes=many)

@@ -139,7 +139,10 @@ def test_the_matrix_shows_them_with_their_reasons():
         }
         for capability, reason in engine.LACKS.items():
             assert data[name]["lacks"][capability.value] == reason
-            assert f"{name}, `{capability}`: {reason}" in page
+            (note,) = [line for line in page.splitlines() if line.startswith("- [c") and f"] {reason} (" in line]
+            users = note.rsplit(" (", 1)[1].rstrip(")").split("; ")
+            (features,) = [user for user in users if user.startswith(f"{name}: ")]
+            assert f"`{capability}`" in features
 
 
 def test_the_page_about_adding_an_engine_lists_them():
