@@ -6,7 +6,7 @@
 A hop is a call from one module of simspec into another. It climbs back where the called module belongs to a package that comes
 later in the order of imports (``ORDER`` of tests/test_house.py): such calls go through functions that were passed, or
 modules that are imported when they are used. Only the main process is traced, after its imports. ``--modules`` lists
-every module at its first entry, with its caller.
+every module at its first entry, with its caller. ``WALK_ROOT``: the root of another checkout, with its interpreter.
 """
 
 from __future__ import annotations
@@ -25,13 +25,11 @@ sys.path.insert(0, str(HERE))
 
 
 def module_of(frame: FrameType | None) -> str | None:
-    """The path of the module of the nearest simspec frame, inside ``simspec/``."""
+    """The path inside ``simspec/`` of the nearest frame of simspec; None without one, and within an import."""
     while frame is not None:
-        file = frame.f_code.co_filename
-        if file.startswith(str(PACKAGE)) and frame.f_code.co_name != "<module>":
-            return file[len(str(PACKAGE)) + 1 :]
-        if frame.f_code.co_name == "<module>" and file.startswith(str(PACKAGE)):
-            return None
+        code = frame.f_code
+        if code.co_filename.startswith(str(PACKAGE)):
+            return None if code.co_name == "<module>" else code.co_filename[len(str(PACKAGE)) + 1 :]
         frame = frame.f_back
     return None
 
@@ -45,16 +43,17 @@ class Walk:
         self.counts: collections.Counter[str] = collections.Counter()
 
     def __call__(self, frame: FrameType, event: str, _argument: object) -> None:
-        code = frame.f_code
-        if event != "call" or not code.co_filename.startswith(str(PACKAGE)) or code.co_name == "<module>":
+        if event != "call" or not frame.f_code.co_filename.startswith(str(PACKAGE)):
             return
-        module = code.co_filename[len(str(PACKAGE)) + 1 :]
+        module = module_of(frame)
+        if module is None:
+            return
         self.counts[module] += 1
         caller = module_of(frame.f_back)
         if caller is None or caller == module:
             return
         self.calls += 1
-        self.hops.setdefault((caller, module), code.co_name)
+        self.hops.setdefault((caller, module), frame.f_code.co_name)
 
 
 def package(module: str, order: tuple[str, ...]) -> int:

@@ -205,13 +205,6 @@ def world_of(plan: Plan, cell: Cell) -> World:
     return world
 
 
-def spec_of(plan: Plan, cell: Cell) -> Spec:
-    """The spec of a cell, which locates what is wrong with its world. Raises SpecError as :func:`case_of`."""
-    spec = _made(plan, cell).spec
-    assert spec is not None, "what has no problems has a spec"
-    return spec
-
-
 def _made(plan: Plan, cell: Cell) -> _Made:
     kept = _KEPT_CASES.setdefault(plan, OrderedDict())
     name = digest(cell.overrides)

@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import threading
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -183,11 +183,6 @@ def _settings(world: World, label: str) -> str:
     options = world.options(name)
     settings = dict(sorted(resolve_settings(find_engine(name), world).items()))
     return digest([settings, sorted(options.accept), sorted(options.outside)]).hex()
-
-
-def request_hash(spec_sweep: Any, words: Sequence[Any]) -> str:
-    """The hash of what a study requests in a sweep: repetitions and seeds belong to no model."""
-    return digest([spec_sweep, list(words)]).hex()
 
 
 def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:

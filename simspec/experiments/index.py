@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -303,10 +303,3 @@ def _read(store: Store, name: str, schema: pa.Schema, index: Index, repair: bool
         index.changed = True
         return []
     return [dict(zip(schema.names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-
-
-def plain_row(row: Row) -> dict[str, Any]:
-    """A row as plain data, its quantities by name."""
-    plain = asdict(row)
-    plain["summary"] = row.quantities
-    return plain

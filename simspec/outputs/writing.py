@@ -273,11 +273,6 @@ def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | N
         sync(target.parent)
 
 
-def folder_names(folder: Path) -> list[str]:
-    """All files in a folder but its marker."""
-    return [name for name in files_below(folder) if name != MARKER_FILE]
-
-
 # Compiled files: bytes by relative path, with one hash, wherever they are: in memory, in a folder, in a stored run.
 
 

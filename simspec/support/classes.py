@@ -51,9 +51,6 @@ FRAMES_ALONGSIDE = exact("outside the engine: no motion depends on frames, and t
 """Of named frames, for dialects and engines that have none."""
 BETWEEN_JOINTS = exact("bodies without mass and shapes stand between the joints")
 """Of several joints of one body, for dialects and engines that represent such bodies."""
-NO_CONSTRAINTS_YET: Table = for_each(
-    not_yet("simspec writes no constraints outside the tree for it", Attempt.CONSTRAINED_MOTION), *CONSTRAINTS
-)
 LUMPED: Table = for_each(
     exact("the topmost body of the rigid group has the inertia of the whole group"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),

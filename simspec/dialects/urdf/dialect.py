@@ -22,37 +22,13 @@ from simspec.formats.urdf.reading import UrdfDocument
 from simspec.formats.urdf.robots import LANGUAGE_KINDS, UNLIMITED, RobotFiles, standard_robot
 from simspec.support import classes, features
 from simspec.support.declarations import Table, exactly, for_each, never, shape_kinds, via_api
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
 
 _SIDECAR = "in the sidecar, for the engine's own calls"
 _NO_BALL = "URDF has no ball joint"
-_BY_NAME = (
-    *(Feature.ARMATURE, Feature.SPRING, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-    *(Feature(f"shape.{kind}") for kind in SIDECAR_KINDS),
-    Feature.MATERIALS_PER_BODY,
-    *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-    *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-    *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE),
-    *(Feature.HARDNESS_PAIRS, Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
-    Feature.TOUCHING_PAIRS,
-    *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-    *(Feature.GRAVITY, Feature.TIMESTEP),
-)
-"""The contents of the sidecar."""
-_IN_THE_FILE = (
-    *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE, Feature.JOINT_SEVERAL),
-    *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT, Feature.DAMPING, Feature.DRY_FRICTION),
-    *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-    *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
-)
-_NOT_OF_FILES = (
-    *COUPLED_CONTACT,
-    *(Feature.IMPACT_FRICTION, Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
-)
-"""What no file says: what the engine does by itself, and what is given to it while it runs."""
 
 
 class UrdfDialect(Dialect):

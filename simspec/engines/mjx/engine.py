@@ -133,8 +133,6 @@ FACE, FRICTIONAL_ROWS = 4, 3
 """Points of contact of two shapes, neither of which is a sphere, and rows of a point with friction."""
 PYRAMIDAL = 0
 """MuJoCo's number of the cone that frictionless contacts are solved with."""
-SMOOTH = ("ellipsoid", "cylinder")
-"""Kinds that MJX meets others with by searching on distance functions, but planes and spheres."""
 EXACTLY_MET = ("plane", "sphere")
 _NOT_EXACTLY = "MJX has no function for the two, or one that searches on distance functions"
 _HOPS = (

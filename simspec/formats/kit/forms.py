@@ -17,7 +17,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.world.canonical import to_plain
 
 WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
@@ -214,15 +213,6 @@ def _without_none(kind: Any) -> Any:
     """The annotation without its None."""
     kinds = [item for item in typing.get_args(kind) if item is not type(None)]
     return typing.Union[tuple(kinds)] if len(kinds) > 1 else kinds[0]  # noqa: UP007 (made from a list)
-
-
-def check_common(content: Mapping[str, Any]) -> set[str]:
-    """The names of a sidecar's bodies. Raise ValueError where two are alike, or a word of the common fields is not known."""
-    names = [body["name"] for body in content["bodies"]]
-    check_distinct(names, "sidecar.bodies")
-    check_known((body["kind"] for body in content["bodies"]), JOINT_KINDS, "sidecar.bodies")
-    check_known((content["friction_cone"],), FRICTION_CONES, "sidecar.friction_cone")
-    return set(names)
 
 
 def check_known(names: Iterable[str], known: Collection[str], at: str) -> None:
