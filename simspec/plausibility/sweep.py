@@ -44,9 +44,8 @@ SHARE: Final = 0.05
 DEEPER: Final = 0.1
 """Share of a body's size by which it may go deeper into what carries it than it is initially."""
 ROUNDS: Final = 6
-"""Rounds of search around the best direction, each in 0.5 of the reach of the last: from 14° to 0.4°."""
-AROUND: Final = 4
-"""Every so many of the spread directions is looked at in such a round."""
+"""Rounds of search around the best direction, in all spread directions, each in 0.6 of the reach of the last: from 14° to 1.1°.
+Fewer directions, or a faster decrease, miss the best one: an overlap of 16 mm was found where there was a gap."""
 MOST_BODIES: Final = 200
 """Bodies of one model that are moved; a larger one is left out."""
 
@@ -397,11 +396,11 @@ class Tree:
         if len(left):
             reach = 0.25
             for _ in range(ROUNDS):
-                around = best[left][:, None] + reach * SPREAD[None, ::AROUND]
+                around = best[left][:, None] + reach * SPREAD
                 around /= np.linalg.norm(around, axis=2, keepdims=True)
                 self._improve(lump, other, centre, axes, depth, best, left, around)
                 left = left[depth[left] > limit]
-                reach *= 0.5
+                reach *= 0.6
         return np.where(depth > limit, depth, 0.0)
 
     def _improve(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from simspec.plausibility import sweep as module
@@ -138,6 +138,8 @@ def test_planted_self_collision(tmp_path, language):
     place=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
     kinds=st.tuples(*[st.sampled_from(["box", "cylinder", "capsule", "sphere", "ellipsoid"])] * 2),
 )
+@example(turn=(0.125, 2.5, 0.625), place=(0.125, 0.0, 0.0), kinds=("cylinder", "cylinder"))
+@example(turn=(-2.875, 0.99380919, 0.0), place=(-0.25, 0.25, -0.05144734), kinds=("box", "capsule"))  # a gap
 @settings(max_examples=60, deadline=None)
 def test_depths_equal_those_of_the_search_of_the_world(turn, place, kinds):
     """The depths of many positions at once agree with the search for single pairs."""
@@ -157,5 +159,6 @@ def test_depths_equal_those_of_the_search_of_the_world(turn, place, kinds):
     tree = module.Tree(world, bodies, {})
     depth = tree._depths(lump, other, other.centre[None] - lump.centre, other.axes[None], 0.0)
     expected = max(-separation(lump, other), 0.0)
-    # both searches give upper bounds of the depth, and stop within a degree or so of the best direction
-    assert depth[0] == pytest.approx(expected, abs=2e-3)
+    # both searches give upper bounds of the depth; the coarser one stops within 1.1° of the best direction, and was at most
+    # 0.2 mm off in 2,500 random cases
+    assert depth[0] == pytest.approx(expected, abs=1e-3)
