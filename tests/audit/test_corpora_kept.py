@@ -22,8 +22,8 @@ def tools(monkeypatch, tmp_path):
 
     monkeypatch.setattr(kept, "KEPT", tmp_path / "corpora.json.gz")
     yield kept, models, run
-    for name in ("kept", "models", "run"):
-        del sys.modules[name]
+    for name in ("kept", "models", "run", "stages"):
+        sys.modules.pop(name, None)
 
 
 def test_answers_are_restored_where_the_content_is_the_same(tools, tmp_path):
@@ -92,3 +92,14 @@ def test_stale_answers_are_requested_again(tools, tmp_path, monkeypatch, again, 
         "fails": ["one"],
         "lacks": ["two"],
     }
+
+
+@pytest.mark.parametrize(("end", "repaired"), [("</robot>", True), ("</robot", False)])
+def test_a_refused_file_is_tried_with_all_rules_of_repair(tools, tmp_path, end, repaired):
+    """Its moments break the triangle inequality, which a rule repairs; a file that is not XML has no repair."""
+    import stages
+
+    file = tmp_path / "robot.urdf"
+    inertia = '<inertia ixx="1" iyy="1" izz="3" ixy="0" ixz="0" iyz="0"/>'
+    file.write_text(f'<robot name="r"><link name="a"><inertial><mass value="1"/>{inertia}</inertial></link>{end}')
+    assert stages._repaired(file, stages.ImportOptions()) is repaired

@@ -75,7 +75,7 @@ def _told(error: SpecError) -> list[dict[str, str]]:
 
 def _repaired(path: Path, options: ImportOptions) -> bool:
     """Whether a refused file is imported with all rules of repair."""
-    importer = next((one for one in importers().good.values() if path.name.lower().endswith(one.SUFFIXES)), None)
+    importer = next((one for one in importers().values() if path.name.lower().endswith(one.SUFFIXES)), None)
     rules = tuple(importer.rules()) if importer is not None and hasattr(importer, "rules") else ()
     if not rules:
         return False
