@@ -72,8 +72,10 @@ def in_module(path: Path) -> list[Finding]:
     """Findings in names, comments, docstrings and texts of several words of a Python file."""
     source = path.read_text(encoding="utf-8")
     found: list[Finding] = []
+    before = ("", "")
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.NAME:
+        of_numpy, before = before == ("np", "."), (before[1], token.string)
+        if token.type == tokenize.NAME and not of_numpy:
             found += [Finding(token.start[0], word, token.string) for word in in_name(token.string)]
         elif token.type == tokenize.COMMENT:
             found += in_prose(token.string.lstrip("# "), token.start[0])

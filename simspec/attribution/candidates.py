@@ -1,4 +1,4 @@
-"""What a difference may come from: changes of the two sides, each of which takes one thing that may differ away."""
+"""Candidate causes of a difference: changes of the two sides, each of which removes one possible difference."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Pair = tuple[Configuration, Configuration]
 
 
 class Kind(StrEnum):
-    """What a candidate is."""
+    """Kinds of candidates."""
 
     DIFFERENCE = "difference"
     """The second side takes the first side's value of what differs between them."""
@@ -35,7 +35,7 @@ class Kind(StrEnum):
 
 
 CAUSES = (Kind.DIFFERENCE, Kind.DEFAULT)
-"""What was set differently by somebody; the others ask about the engines."""
+"""Kinds of differences that a user set; the other kinds are properties of the engines."""
 SILENT = (Group.SLEEPING, Group.ORDER, Group.BOUNDS)
 """Groups whose settings are no alternatives: they do not say how a step is computed."""
 WHOLE_RUN = (Group.SLEEPING.value, INITIAL_STATE)
@@ -44,8 +44,8 @@ WHOLE_RUN = (Group.SLEEPING.value, INITIAL_STATE)
 
 @dataclass(frozen=True)
 class Candidate:
-    """One change of the two sides. ``values``: before and after it, or in the first and in the second side; ``about``: what is
-    changed, once in a combination."""
+    """One change of the two sides. ``values``: before and after it, or in the first and in the second side; ``about``: the
+    changed quantities, each once in a combination."""
 
     name: str
     kind: Kind
@@ -61,8 +61,8 @@ class Candidate:
 
 
 def causes(first: Configuration, second: Configuration) -> list[Candidate]:
-    """What was set differently on the two sides: their worlds' values, their settings, their versions. Raises SpecError where
-    they are of different scenes."""
+    """Differences in the two sides' worlds, settings and versions. Raises SpecError where the worlds are of different
+    scenes."""
     found = [_of_world(first, difference) for difference in differences(first.world, second.world)]
     if not any(candidate.group == INITIAL_STATE for candidate in found) and _starts_differ(first, second):
         found.append(_of_world(first, Difference(INITIAL_STATE, "", (), ())))
@@ -97,7 +97,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
     ours, theirs = (resolve_settings(side.kind, side.world) for side in (first, second))
     at_work = first.settings, second.settings
     for setting, declared in first.kind.SETTINGS.items():
-        # what engines choose by themselves may be what the other side was told to take
+        # a value that one engine chooses by default may be set explicitly on the other side
         if ours[setting] == theirs[setting] or at_work[0][setting] == at_work[1][setting]:
             continue
         value = ours[setting]
@@ -115,7 +115,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
         here, there = (", ".join(getattr(option, word)) or "nothing" for option in options)
         if word == "outside" and here != there:
             yield Candidate(
-                f"what is computed outside {title}",
+                f"features computed outside {title}",
                 Kind.DIFFERENCE,
                 "computed outside the engine",
                 (here, there),
@@ -135,8 +135,8 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
 
 def _stated_otherwise(configuration: Configuration, other: Configuration, side: int) -> Iterator[Candidate]:
     """Settings, also of pairs of materials, that a side's world states of its engine, and that the other side's world, of
-    another engine, has otherwise: both are of one scene, in which somebody changed them. A world that states nothing about the
-    engine says nothing."""
+    another engine, has otherwise: both are of one scene, in which a user changed them. A world without options of the engine
+    adds nothing."""
     name, at_work = configuration.kind.NAME, configuration.settings
     if not any(options.engine == name for options in other.world.engines):
         return
@@ -249,8 +249,8 @@ def _away_from_default(configuration: Configuration, side: int) -> Iterator[Cand
 
 
 def probes(pair: Pair) -> Iterator[Candidate]:
-    """What can be asked about two different engines: their choices, their accuracy, what they have in common, and where the
-    difference is."""
+    """Candidates for two different engines: their choices, their accuracy, settings in common, and the place of the
+    difference."""
     for side, configuration in enumerate(pair):
         yield from _alternatives(configuration, side)
     yield from _refinements(pair)
@@ -298,7 +298,7 @@ def _refinements(pair: Pair) -> Iterator[Candidate]:
             tuple(f"{side.kind.NAME}.{setting}" for side in pair for setting in _finer(side)),
             lambda sides: (sides[0].with_settings(_finer(sides[0])), sides[1].with_settings(_finer(sides[1]))),
         )
-    if any(_rubs(side.world) for side in pair):
+    if any(_has_friction(side.world) for side in pair):
         for cone in FRICTION_CONES:
             if any(side.world.contact.friction_cone != cone for side in pair):
                 yield Candidate(
@@ -338,7 +338,7 @@ def _with_pairs(world: World, change: Callable[[PairContact], PairContact]) -> W
     contact = world.contact
     materials = tuple(
         dataclasses.replace(
-            material, **{name: getattr(change(_own(world, material.name)), name) for name in COMBINED_QUANTITIES}
+            material, **{name: getattr(change(_self_pair(world, material.name)), name) for name in COMBINED_QUANTITIES}
         )
         for material in contact.materials
     )
@@ -346,7 +346,7 @@ def _with_pairs(world: World, change: Callable[[PairContact], PairContact]) -> W
     return dataclasses.replace(world, contact=dataclasses.replace(contact, materials=materials, pairs=pairs))
 
 
-def _own(world: World, material: str) -> PairContact:
+def _self_pair(world: World, material: str) -> PairContact:
     return next(pair for pair in world.contact.pairs if pair.first == pair.second == material)
 
 
@@ -354,7 +354,7 @@ def _with_bodies(world: World, change: Callable[[Body], Body]) -> World:
     return dataclasses.replace(world, bodies=tuple(map(change, world.bodies)))
 
 
-def _rubs(world: World) -> bool:
+def _has_friction(world: World) -> bool:
     return any(pair.friction or pair.torsional_friction or pair.rolling_friction for pair in world.contact.pairs)
 
 
@@ -407,11 +407,11 @@ def _oiled(world: World) -> World:
 
 REMOVALS: dict[str, tuple[Callable[[World], bool], Callable[[World], World]]] = {
     "contact": (lambda world: any(s.collision for body in world.bodies for s in body.shapes), _untouched),
-    "friction": (_rubs, _smooth),
+    "friction": (_has_friction, _smooth),
     "restitution": (lambda world: any(pair.restitution for pair in world.contact.pairs), _dead),
     "controllers": (lambda world: bool(world.controllers), _undriven),
     "forces on bodies": (lambda world: bool(world.forces), _left_alone),
     "joint limits": (_limited, _unlimited),
     "dry friction of joints": (lambda world: any(body.joint.dry_friction for body in world.bodies), _oiled),
 }
-"""What can be taken away from a world: whether it is there, and the world without it."""
+"""Removable parts of a world: a test for presence, and a function that returns the world without it."""

@@ -26,7 +26,7 @@ from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state
 from simspec.world.types import EngineOptions, Pair, PairSettings, World
 
-# A world in an engine, as one of the two sides that are compared, and what is asked of it: runs, and windows.
+# A world in an engine, as one of the two sides that are compared, and the requests to it: runs, and windows.
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Configuration:
 
     @property
     def key(self) -> tuple[str, str, str | None]:
-        """What its windows depend on."""
+        """The parts that its windows depend on."""
         return sha256(self.world), self.engine, self.python
 
     @property
@@ -145,7 +145,7 @@ def windows_operation(
 
 @dataclass(frozen=True)
 class Asking:
-    """How engines are asked: each question in a process of its own, under a ``deadline`` (s), forked from ``warm`` ones."""
+    """How engines are queried: each request in a separate process, under a ``deadline`` (s), forked from ``warm`` ones."""
 
     warm: WarmProcesses | None = None
     deadline: float = DEADLINE
@@ -180,21 +180,21 @@ MOTION = ("L6",)
 MEASURED = "L5"
 """The level of measured contact."""
 CHEAP = tuple(level for level in LEVELS if level != MEASURED)
-"""Levels that are proven when somebody asks for a proof here: all but the measured contact, which takes longest."""
+"""Levels that a requested proof covers here: all but the measured contact, which takes longest."""
 MOST_FAULTS = 3
-"""Faults that are told of a side; the others are counted."""
+"""Faults of a side that are listed; the others are counted."""
 
 
 @dataclass(frozen=True)
 class ModelProof:
-    """What is proven of one side.
+    """The proof of one side's model.
 
     engine    by label
     source    where the proof stands ("" where there is none)
     missing   why there is none ("" where there is one)
     levels    by level the number of checks, and the largest deviation of those that compare numbers
     faults    what did not hold, or was not compared though it should be, a line each; with none the proof is valid
-    contact   what must be said of contact beside the verdict (:attr:`EngineProof.contact_words`), a line each
+    contact   statements on contact in addition to the verdict (:attr:`EngineProof.contact_words`), a line each
     """
 
     engine: str
@@ -216,9 +216,9 @@ class ModelProof:
 
 
 def proof_of(side: Configuration, certificate: Certificate | None, source: str, version: str | None) -> ModelProof:
-    """What a certificate proves of a side whose engine is of ``version`` (None: not known)."""
+    """The proof in a certificate for a side whose engine is of ``version`` (None: unknown)."""
     if certificate is None:
-        return ModelProof(side.engine, missing=f"{source} has no certificate" if source else "no proof was asked for")
+        return ModelProof(side.engine, missing=f"{source} has no certificate" if source else "no proof was requested")
     if certificate.world_sha256 != sha256(side.world):
         return ModelProof(side.engine, missing=f"{source} is of another world")
     proof = certificate.engines.get(side.engine)
@@ -229,7 +229,7 @@ def proof_of(side: Configuration, certificate: Certificate | None, source: str, 
     faults = judge_proof(side.engine, proof, side.world)
     if (
         MEASURED in proof.not_compared
-    ):  # no question of models: what is measured of contact is left out by --verify, too
+    ):  # not a property of models: --verify leaves out measured contact, too
         faults = [line for line in faults if not line.startswith(f"{MEASURED} ")]
     return ModelProof(side.engine, source, "", _levels(proof), tuple(faults), tuple(proof.contact_words))
 
@@ -261,7 +261,7 @@ def model_lines(proofs: Sequence[ModelProof], same_values: bool, hint: str = "")
         return []
     faulty = [proof for proof in proofs if proof.faults]
     if faulty:
-        return [f"models: NOT proven equal: {told_faults(proof)}" for proof in faulty]
+        return [f"models: NOT proven equal: {listed_faults(proof)}" for proof in faulty]
     missing = list(dict.fromkeys(proof.missing for proof in proofs if proof.missing))
     if missing:
         return [f"models: not proven to be equal ({'; '.join(missing)}){hint}"]
@@ -280,7 +280,7 @@ def model_lines(proofs: Sequence[ModelProof], same_values: bool, hint: str = "")
     return lines + [f"contact in {proof.engine}: {words}" for proof in proofs for words in proof.contact]
 
 
-def told_faults(proof: ModelProof) -> str:
+def listed_faults(proof: ModelProof) -> str:
     """The faults of a proof, the first few."""
     more = f" (and {len(proof.faults) - MOST_FAULTS} more)" if len(proof.faults) > MOST_FAULTS else ""
     return f"{proof.engine}: {'; '.join(proof.faults[:MOST_FAULTS])}{more}"

@@ -2,8 +2,8 @@
 
 *Recovery of overlaps.* Engines declare how fast they take an overlap back. From the overlaps of a window's contacts follows how
 far each side moves by that, and so what part of the gap it makes: the second side's ends are moved by the difference of the two
-declared laws, and the gap is measured again. Bodies that lie on others move with them. Nothing else is predicted: what the
-prediction does not meet stays in the gap.
+declared laws, and the gap is measured again. Bodies that lie on others move with them. Nothing else is predicted: the rest
+stays in the gap.
 
 *Friction and restitution.* Deviations that are declared by probe (``Engine.CONTACT_DEVIATIONS``) or accepted as approximations
 have no law to predict from. They fit where they count for what touches, and where the gap closes once friction, or restitution,
@@ -222,7 +222,7 @@ def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterato
 def _with_swaps(
     pair: Pair, touching: set[tuple[str, str]], tried: Tried
 ) -> Iterator[tuple[Swap, list[list[tuple[str, str]]]]]:
-    """What both sides declare with each swap that was tried, where something stays to touch."""
+    """Declarations of both sides with each swap that was tried, where contact remains."""
     for candidate, swap in tried:
         if swap.failed is None and candidate.kind is not Kind.REMOVAL:
             yield swap, [_declared(side, touching) for side in candidate.apply(pair)]
@@ -236,7 +236,7 @@ def _more(before: Sequence[Iterable[tuple[str, str]]], after: Sequence[Iterable[
 
 
 def _declared(side: Configuration, touching: set[tuple[str, str]]) -> list[tuple[str, str]]:
-    """What a side declares that counts for what touches, each once: what, and what it acts on."""
+    """Declarations of a side that apply to the touching bodies, each once: the statement, and the quantity that it acts on."""
     return list(dict.fromkeys((*_approximated(side, touching), *_deviating(side, touching))))
 
 

@@ -1,4 +1,4 @@
-"""What differs between two worlds, each difference by itself, in words of physics; a world with some of another's values."""
+"""Differences between two worlds, each by itself, in terms of physics; a world with some of another's values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ IGNORED: tuple[Keys, ...] = (
     ("bodies", "*", "shapes", "*", "colour"),
     ("bodies", "*", "shapes", "*", "visual"),
 )
-"""What no motion depends on, and what is said to engines, which is told with their settings."""
+"""Parts that no motion depends on, and options of engines, which are reported with their settings."""
 GROUPS: Mapping[Keys, str] = {
     ("physics", "gravity"): "gravity",
     ("physics", "timestep"): "timestep",
@@ -42,10 +42,10 @@ GROUPS: Mapping[Keys, str] = {
     ("contact", "pairs", "*", "restitution"): "restitution",
     ("contact", "pairs", "*", "restitution_threshold"): "restitution",
     ("contact", "pairs", "*", "hardness"): "hardness",
-    ("contact", "pairs", "*", "collide"): "what may touch",
-    ("contact", "ignored_groups"): "what may touch",
-    ("contact", "excluded_bodies"): "what may touch",
-    ("bodies", "*", "collision_group"): "what may touch",
+    ("contact", "pairs", "*", "collide"): "collision filter",
+    ("contact", "ignored_groups"): "collision filter",
+    ("contact", "excluded_bodies"): "collision filter",
+    ("bodies", "*", "collision_group"): "collision filter",
     ("bodies", "*", "inertial"): "mass and inertia",
     ("bodies", "*", "shapes", "*", "material"): MATERIALS,
     ("bodies", "*", "shapes"): "shapes",
@@ -74,7 +74,7 @@ GROUPS: Mapping[Keys, str] = {
 }
 """Of values by their place in the tree of a world, the first that fits; ``*`` stands for any name."""
 MOST_THINGS = 6
-"""Differences of a group are told apart up to this many; more are one."""
+"""Up to this many differences of a group are listed separately; more are combined into one."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def named_tree(world: World) -> dict[str, Any]:
 
 
 def differences(a: World, b: World) -> list[Difference]:
-    """What differs from ``a`` to ``b``, those of a group together where they are many; without what no motion depends on.
+    """Differences from ``a`` to ``b``, those of a group combined where they are many; without parts that no motion depends on.
 
     Raises SpecError where the worlds are of different scenes: other bodies, or joints of other kinds or other parents.
     """
@@ -197,8 +197,8 @@ def _fits(pattern: Keys, keys: Keys) -> bool:
 
 
 def _thing(keys: Keys, group: str) -> str:
-    """Whose a value is, as people say it."""
-    if group in (MATERIALS, OTHER, "what may touch"):
+    """The owner of a value, as a user would name it."""
+    if group in (MATERIALS, OTHER, "collision filter"):
         return ""
     if keys[:2] == ("contact", "materials"):
         return f"{keys[2]} and {keys[2]}"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from simspec.attribution.candidates import Candidate, Kind, Pair, causes, probes
-from simspec.attribution.configuration import Asking, Configuration, ModelProof, told_faults
+from simspec.attribution.configuration import Asking, Configuration, ModelProof, listed_faults
 from simspec.attribution.declared import Declared, RecoveryShift, located, recoveries, touching_names
 from simspec.attribution.differences import differences
 from simspec.attribution.measure import (
@@ -30,21 +30,21 @@ from simspec.errors import EngineError, clipped
 
 COLD = Asking()
 MUCH = 0.5
-"""Unexplained share of a class from which the same is asked from the second side's states, too."""
+"""Unexplained share of a class from which the analysis is repeated from the second side's states."""
 SIDES = ("A", "B")
-"""What the two sides are called."""
+"""Names of the two sides."""
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What ``simspec explain`` found.
+    """Result of ``simspec explain``.
 
     first, second  the two sides, in words
     same_engine    whether both are the same engine
     same_world     whether both were given the same world
-    models         whether each side's engine holds its world, where that was asked
-    length         of a window (s); ``counts``: windows of the run by class, ``looked_at``: of which these many, ``hidden``: of
-                   which these many do not count, because the first side's own noise hides the gap in them
+    models         whether each side's engine model equals its world, where requested
+    length         of a window (s); ``counts``: windows of the run by class, ``looked_at``: evaluated windows, ``hidden``:
+                   windows that do not count, because the first side's own noise hides the gap in them
     gap, floor     by class: mean gap (m) of the windows between the sides, and of the first side with itself, its states moved
                    in the last bits
     contact        the first contact
@@ -53,7 +53,7 @@ class Explanation:
                    together, with shares of what was left
     unexplained    share of the gap, by class, that neither causes nor probes close
     restart        of two engines, of A and B by class (m): how far each is from its own run, where it begins windows in that
-                   run's states; what they remember beside their state
+                   run's states; their memory in addition to their state
     exchanged      the same from B's states, where much is unexplained from A's; there A is B, and B is A
     notes          what was not looked at, and why
     declared       declared deviations of the two engines that fit: those with a law, by the share that it predicts of what the
@@ -101,11 +101,11 @@ def explain_sides(
     proofs: Sequence[ModelProof] = (),
     progress: Callable[..., None] = lambda text, share=None: None,
 ) -> Explanation:
-    """Where the difference of two sides comes from. ``names``: what they are called; ``most``: windows that are looked at;
-    ``proofs``: what is known of each side's model.
+    """Where the difference of two sides comes from. ``names``: names of the sides; ``most``: maximum number of evaluated
+    windows; ``proofs``: proofs of each side's model.
 
     Raises SpecError where they are of different scenes or have no common window, UnsupportedError and EngineError where one of
-    the two as they are cannot be asked; a swap that cannot is told as such.
+    the unchanged sides cannot run; a swap that cannot run is reported as failed.
     """
     explanation = _from_first(first, second, names, most=most, asking=asking, proofs=proofs, progress=progress)
     if explanation.same_engine or not any(
@@ -117,7 +117,7 @@ def explain_sides(
     try:
         other = _from_first(second, first, names[::-1], most=most, asking=asking, proofs=(), progress=progress)
     except EngineError as error:
-        notes = (*explanation.notes, f"not asked from the second side's states: {error}")
+        notes = (*explanation.notes, f"not evaluated from the second side's states: {error}")
         return dataclasses.replace(explanation, notes=notes)
     return dataclasses.replace(explanation, exchanged=other)
 
@@ -132,7 +132,7 @@ def _from_first(
     proofs: Sequence[ModelProof],
     progress: Callable[..., None],
 ) -> Explanation:
-    """What :func:`explain_sides` gives, from states of the first side."""
+    """The result of :func:`explain_sides` from states of the first side."""
     differing = causes(first, second)
     progress("running the first side")
     windows, run = take_windows(first, second, asking, most)
@@ -218,8 +218,8 @@ def _recovered(
 def _in_whole_runs(
     judge: Judge, candidates: Sequence[Candidate], swaps: Sequence[Swap]
 ) -> tuple[Judge, list[Swap], list[str]]:
-    """What acts in no window that is looked at is looked for in whole runs: it may act in others, in states that the first side
-    does not come into, or over longer times."""
+    """Swaps that act in no evaluated window are tried in whole runs: they may act in other windows, in states that the first
+    side does not reach, or over longer times."""
     idle = [index for index, swap in enumerate(swaps) if swap.failed is None and not swap.acts]
     if RUN in judge.gap or not idle:
         return judge, list(swaps), []
@@ -244,23 +244,23 @@ WORDS: Mapping[str, str] = {
 }
 """The classes, as sentences say them."""
 MOST = 3
-"""Probes that are told in sentences; the table has all."""
+"""Probes that are reported in sentences; the table has all."""
 REMEMBERED = 0.05
-"""What a side remembers beside its state is told from this part of the gap on."""
+"""Memory of a side in addition to its state is reported from this part of the gap on."""
 NARROW = 0.01
-"""Intervals that are narrower are not told."""
+"""Narrower intervals are not reported."""
 LONGEST = 120
 """Characters of a declaration that a sentence quotes."""
 LIKE = 0.005
-"""Shares that differ by less are told once."""
+"""Shares that differ by less are reported once."""
 
 
 def verdict(explanation: Explanation) -> tuple[str, ...]:
-    """What accounts for the difference, in sentences."""
+    """The causes of the difference, in sentences."""
     telling = explanation.telling
     active = acting(explanation.causes)
     faults = [
-        f"The models are not proven to be equal: {told_faults(proof)}." for proof in explanation.models if proof.faults
+        f"The models are not proven to be equal: {listed_faults(proof)}." for proof in explanation.models if proof.faults
     ]
     if not telling:
         return (*faults, *_nothing(explanation))
@@ -369,7 +369,7 @@ def _begun(explanation: Explanation) -> bool:
 
 def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
     """A sentence on the part that declared laws account for."""
-    of = "what is left" if rest else "the difference"
+    of = "the rest" if rest else "the difference"
     for declared in explanation.declared:
         if declared.predicted:
             closed = {name: share for name, share in declared.share.items() if share > 0.0}
@@ -378,7 +378,7 @@ def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
 
 
 def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
-    of = "what is left" if rest else "the difference"
+    of = "the rest" if rest else "the difference"
     ways = [
         swap
         for swap in useful(explanation.probes)
@@ -433,18 +433,18 @@ def _left(explanation: Explanation) -> Iterable[str]:
     else:
         yield f"Unexplained: {_in_classes(left)}."
     if any(share > 1.0 + SMALLEST_SHARE for share in left.values()):
-        yield "More than 100 %: what differs hides a part of the engines' own difference, which shows once it is made equal."
+        yield "More than 100 %: the changes hide a part of the engines' own difference, which shows once they are made equal."
 
 
 def _located(
     explanation: Explanation, acts: str, some: Sequence[Declared], parts: Mapping[str, float], left: Mapping[str, float]
 ) -> Iterable[str]:
-    """What is declared of ``acts``, where ``parts`` of what is ``left`` are, and how much of these it accounts for: no more
-    than a swap closes that takes it away, and nothing where that swap is among those that were made already."""
+    """Declarations on ``acts``, where ``parts`` of the rest ``left`` are, and how much of these they account for: at most the
+    share that a swap closes by removing the deviation, and nothing where that swap was made already."""
     engines = {declared.engine: clipped(declared.what, LONGEST) for declared in reversed(some)}
     yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
     given = {name: part for name, part in parts.items() if name != ALL} or parts
-    yield f"Of what is left, {_in_classes(given)} is gone without {acts}: the cause is there, and need not be what is declared."
+    yield f"Of the rest, {_in_classes(given)} is gone without {acts}: the cause is there, and need not be what is declared."
     swaps = {declared.swap: declared for declared in some if declared.swap}
     claimed = dict.fromkeys(parts, 0.0)
     for name, swap in swaps.items():

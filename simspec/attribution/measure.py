@@ -40,14 +40,14 @@ AT_ONCE = 2
 
 
 def negligible(floor: float) -> float:
-    """The gap (m) up to which nothing is told apart from round-off."""
+    """The gap (m) up to which differences are indistinguishable from round-off."""
     return max(FLOOR_FACTOR * floor, NEGLIGIBLE)
 
 
 @dataclass(frozen=True)
 class Gap:
     """A gap (m): of each window and body (k, bodies), and the mean of whole runs (rows) by body (bodies); None where that was
-    not asked for."""
+    not requested."""
 
     windows: ConfigurationFloats
     run: ConfigurationFloats | None = None
@@ -60,7 +60,7 @@ class Gap:
 
 
 class Gaps:
-    """The gaps of pairs of configurations, each configuration asked once."""
+    """The gaps of pairs of configurations, each configuration evaluated once."""
 
     def __init__(self, windows: Windows, asking: Asking):
         self.windows, self._asking = windows, asking
@@ -249,8 +249,9 @@ def above(interval: Interval | None) -> bool:
 SMALLEST_SHARE = 0.01
 """A smaller share is not claimed."""
 SMALLEST_EFFECT = 1e-6
-"""What moves a side by less than this part of the gap is not said to act. So small, since the engines' own differences may be
-thousands of times what a setting does; above it, and above the noise, a side with another value does move otherwise."""
+"""A swap that moves a side by less than this part of the gap does not count as acting. So small, since the engines' own
+differences may be thousands of times what a setting does; above it, and above the noise, a side with another value does move
+otherwise."""
 ENOUGH = 0.99
 """Share from which nothing more is looked for."""
 
@@ -297,25 +298,25 @@ class Joint:
 
 
 class Judge:
-    """What swaps close of the gap of a pair. ``floor``: by class the noise (m)."""
+    """Shares of a pair's gap that swaps close. ``floor``: by class the noise (m)."""
 
-    def __init__(self, asked: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], progress: Callable[..., None]):
-        self._asked, self._pair, self._whole, self._floor, self._progress = asked, pair, gap, floor, progress
+    def __init__(self, gaps: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], progress: Callable[..., None]):
+        self._gaps, self._pair, self._whole, self._floor, self._progress = gaps, pair, gap, floor, progress
         self._runs = gap.run is not None
-        self._draws = Draws(asked.windows, asked.quiet)
+        self._draws = Draws(gaps.windows, gaps.quiet)
         self.gap = self.means(gap)
 
     def means(self, gap: Gap) -> dict[str, float]:
         """By class the mean gap (m)."""
         means = {
-            name: float(value) for name, value in self._asked.windows.means(gap.of_windows, self._asked.quiet).items()
+            name: float(value) for name, value in self._gaps.windows.means(gap.of_windows, self._gaps.quiet).items()
         }
         return means if gap.run is None else {**means, RUN: float(gap.run.sum())}
 
     def with_runs(self) -> Judge:
         """The same, of whole runs, too. Raises EngineError."""
-        gap = self._asked.of(self._pair, runs=True)
-        return Judge(self._asked, self._pair, gap, self._floor, self._progress)
+        gap = self._gaps.of(self._pair, runs=True)
+        return Judge(self._gaps, self._pair, gap, self._floor, self._progress)
 
     @property
     def telling(self) -> tuple[str, ...]:
@@ -351,19 +352,19 @@ class Judge:
     def each(self, candidates: Sequence[Candidate]) -> list[Swap]:
         """Each candidate by itself, in their order."""
         with side_by_side(AT_ONCE) as pool:
-            jobs = [pool.submit(self._one, candidate) for candidate in candidates]
+            jobs = [pool.submit(self._evaluate, candidate) for candidate in candidates]
             swaps: list[Swap] = []
             for job, candidate in zip(jobs, candidates, strict=True):
                 self._progress(f"swapping {candidate.name}", len(swaps) / len(candidates))
                 swaps.append(job.result())
         return swaps
 
-    def _one(self, candidate: Candidate) -> Swap:
+    def _evaluate(self, candidate: Candidate) -> Swap:
         facts = candidate.name, candidate.kind.value, candidate.group, candidate.values
         try:
             changed = candidate.apply(self._pair)
-            gap = self._asked.of(changed, self._runs)
-            moved = self._asked.moved(self._pair, changed, self._runs) if candidate.kind in CAUSES else None
+            gap = self._gaps.of(changed, self._runs)
+            moved = self._gaps.moved(self._pair, changed, self._runs) if candidate.kind in CAUSES else None
         except (SpecError, EngineError) as error:
             return Swap(*facts, failed=str(error).splitlines()[0])
         left, intervals = self.means(gap), self.intervals(gap)
@@ -404,7 +405,7 @@ class Judge:
         share of this one stays in what is left."""
         try:
             changed = candidate.apply(pair)
-            return changed, self._asked.of(changed, self._runs)
+            return changed, self._gaps.of(changed, self._runs)
         except (SpecError, EngineError):
             return None
 

@@ -20,7 +20,7 @@ ROUND_OFF = 1e-12
 
 
 def side_of_run(run: Run, pythons: Mapping[str, str] | None = None, name: str = "") -> Configuration:
-    """What a run was made with, its initial state included. Raises SpecError where the run has no rows."""
+    """The configuration of a run, its initial state included. Raises SpecError where the run has no rows."""
     if not run.recorded:
         why = f": {run.failed}" if run.failed is not None else ""
         message = f"{name or repr(run)} has no rows{why}"
@@ -52,14 +52,14 @@ def explain(
     pythons  interpreters of engines, by label
     deadline seconds that one engine process may take
     proofs   whether each side's engine holds its world (``configuration.proof_of``); ``verify``: prove it here
-    progress told what is being done
+    progress receives the current action
 
     Both begin short windows in states of the first side's run, and the gap at the windows' ends is measured; then one thing
     that differs, or may, is taken away at a time (docs/guide/explain.md). Raises SpecError where the two are of
-    different scenes or a run has no rows, UnsupportedError and EngineError where one of the two cannot be asked.
+    different scenes or a run has no rows, UnsupportedError and EngineError where one of the two cannot run.
     """
     sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
-    given = names or (_told(sides[0]), _told(sides[1]))
+    given = names or (_name_of(sides[0]), _name_of(sides[1]))
     if verify:
         progress("proving that the engines hold their models")
         proofs = prove(sides, deadline)
@@ -68,5 +68,5 @@ def explain(
         return explain_sides(sides[0], sides[1], given, most=windows, asking=asking, proofs=proofs, progress=progress)
 
 
-def _told(side: Configuration) -> str:
+def _name_of(side: Configuration) -> str:
     return f"{side.world.name} in {side.engine}"

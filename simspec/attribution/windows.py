@@ -3,7 +3,7 @@ end has no chaos and no history in it.
 
 The gap of a body in a window is √(Δx² + (ρ Δα)²): Δx the distance of the two positions of the body frame (m), Δα the angle
 between the two orientations (rad), ρ the body's radius of gyration (m). The gap of a window is the sum over the bodies, so that
-what moves one body by little shows beside what moves another by much.
+what moves one body by little shows next to one that moves another by much.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MOST_WINDOWS = 240
 MOST_ROWS = 4_000_000
 """Rows times bodies of the recording that windows are taken from; beyond, contacts are looked at less often than each step."""
 CLASSES = ("free", "impact", "contact")
-"""free: nothing touches in it; impact: bodies touch that did not touch in the window before; contact: what touches touched
+"""free: no contact in it; impact: bodies touch that did not touch in the window before; contact: all touching bodies touched
 before."""
 ALL = "all"
 
@@ -221,7 +221,7 @@ def ordered_poses(world: World, target: World, pose: Floats) -> Floats:
 
 
 def question(configuration: Configuration, windows: Windows, states: tuple[Floats, Floats] | None = None) -> Operation:
-    """The windows, as they are asked of a configuration. ``states``: others to begin in."""
+    """The windows, as a request to a configuration. ``states``: others to begin in."""
     q, v = map_states(windows.world, configuration.world, *(states or (windows.q, windows.v)))
     steps = windows.steps(configuration.world)
     before = map_states(windows.world, configuration.world, *windows.before)
@@ -259,9 +259,9 @@ def _radius(world: World, index: int) -> float:
 # First contact of a run, from the same state in both engines: its bodies, and the first quantity that differs.
 
 SAME = 1e-6
-"""Relative difference from which quantities are told to differ."""
+"""Relative difference from which quantities are reported as different."""
 QUANTITIES: Mapping[str, str] = {"points": "", "depth": "m", "normal force": "N"}
-"""What is compared of a contact, in this order, with units."""
+"""Compared quantities of a contact, in this order, with units."""
 
 
 @dataclass(frozen=True)
@@ -275,8 +275,8 @@ class FirstContact:
 
 
 def contact_questions(first: Configuration, second: Configuration, run: Answer) -> list[Operation]:
-    """What is asked of each side about the first contact of ``run``, which is the first side's: a window up to the row in which
-    something touches. Empty where nothing does, or where the second side's steps do not fit between two rows."""
+    """Queries to each side about the first contact of ``run``, which is the first side's: a window up to the row in which
+    bodies touch. Empty where none touch, or where the second side's steps do not fit between two rows."""
     row, _ = touching_pairs(run.arrays)
     if not len(row):
         return []
