@@ -54,9 +54,9 @@ def gripper() -> World:
     return dataclasses.replace(shipped.gripper(), engines=ROUGH)
 
 
-def one_law(**law: object) -> World:
+def ball_with_law(**law: object) -> World:
     """As shipped."""
-    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO, GAZEBO, PHYSX))
+    return dataclasses.replace(shipped.ball_with_law(**law), engines=(MUJOCO, GAZEBO, PHYSX))
 
 
 def table(friction: dict[tuple[str, str], float], **law: object) -> World:

@@ -47,7 +47,7 @@ class Conservation:
     energy      the largest change of the total energy while nothing acts, relative to the run's energy scale
     integrator  ½ M g² dt T of that time T (J): the loss of semi-implicit Euler, the integrator of every engine here, in
                 free fall by itself
-    gained      the largest gain of energy over a time of contact; what is lost there is no fault
+    gained      the largest gain of energy over a time of contact; a loss there is no fault
     linear      the largest change of a free tree's linear momentum, less M g t
     angular     the same of its angular momentum about its own centre of mass, on which gravity has no torque
     """

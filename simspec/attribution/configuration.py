@@ -227,9 +227,7 @@ def proof_of(side: Configuration, certificate: Certificate | None, source: str, 
     if version is not None and proof.version != version:
         return ModelProof(side.engine, missing=f"{source} is of {side.engine} {proof.version}, not {version}")
     faults = judge_proof(side.engine, proof, side.world)
-    if (
-        MEASURED in proof.not_compared
-    ):  # not a property of models: --verify leaves out measured contact, too
+    if MEASURED in proof.not_compared:  # not a property of models: --verify leaves out measured contact, too
         faults = [line for line in faults if not line.startswith(f"{MEASURED} ")]
     return ModelProof(side.engine, source, "", _levels(proof), tuple(faults), tuple(proof.contact_words))
 

@@ -260,7 +260,9 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
     telling = explanation.telling
     active = acting(explanation.causes)
     faults = [
-        f"The models are not proven to be equal: {listed_faults(proof)}." for proof in explanation.models if proof.faults
+        f"The models are not proven to be equal: {listed_faults(proof)}."
+        for proof in explanation.models
+        if proof.faults
     ]
     if not telling:
         return (*faults, *_nothing(explanation))

@@ -117,7 +117,7 @@ class Loaded:
     @property
     def read_back(self) -> ReadBack | None:
         """The model in the engine."""
-        return self.reply.answers[0].held if self.reply is not None else None
+        return self.reply.answers[0].read_back if self.reply is not None else None
 
 
 def readable(meaning: Meaning, options: ImportOptions, allow_outside: bool) -> list[str]:
@@ -170,7 +170,7 @@ def _defined(meaning: Meaning, actual: Mapping[str, Loaded], readers: Mapping[st
 
 def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) -> EngineAudit:
     reply, error = loading.reply, loading.error
-    if error is not None or reply is None or reply.answers[0].held is None:
+    if error is not None or reply is None or reply.answers[0].read_back is None:
         refused = error is not None and error.refused
         text = str(error).removeprefix(f"{name}: ")
         what = What.REFUSED if refused else What.DIED
@@ -178,8 +178,8 @@ def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) ->
         finding = Finding(name, what, Severity.PHYSICS, "the file", "file", "", given, why=given)
         return EngineAudit(name, reads.how, False, (finding,), seconds=loading.seconds)
     answer = reply.answers[0]
-    read_back = reply.answers[0].held
-    findings, compared = compare(name, meaning, read_back, find_engine(name).FOREIGN_OWN)
+    read_back = reply.answers[0].read_back
+    findings, compared = compare(name, meaning, read_back, find_engine(name).FOREIGN_ADDITIONS)
     log = tuple(dict.fromkeys(clipped(line) for line in answer.log))
     version = reply.versions["engine_version"]
     return EngineAudit(name, reads.how, True, tuple(findings), compared, version, loading.seconds, log)

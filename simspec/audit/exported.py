@@ -164,7 +164,7 @@ def differences(reader: Reader, exported: Exported, back: ReadBack, losses: Iter
     gravity = world.physics.gravity if support[Feature.GRAVITY].level is Level.EXACT else None
     bodies = tuple(_as_said(exported))
     meaning = Meaning(Path(), exported.language, bodies=bodies, gravity=gravity)
-    extras = engines()[reader.name].FOREIGN_OWN if reader.engine else {}
+    extras = engines()[reader.name].FOREIGN_ADDITIONS if reader.engine else {}
     comparison = Comparison(reader.name, meaning, back, extras).run()
     found = {difference for finding in comparison.findings if (difference := _difference(finding)) is not None}
     carried = support[Feature.TIMESTEP].level is Level.EXACT

@@ -46,8 +46,8 @@ class Common:
             self._floors.append((floor, 0.5 * run.world.physics.timestep, self._columns(run)))
 
     def shared(self) -> str:
-        """What there is to say of recorded times that the other run did not record, though it went on: records at rounded
-        intervals of two timesteps meet now and then only. Empty where all of one run's are common."""
+        """Notes on recorded times that the other run did not record, though it went on: records at rounded intervals of two
+        timesteps coincide only now and then. Empty where all of one run's are common."""
         end = min(float(run.time[-1]) for run in self._runs) + 0.5 * min(
             run.world.physics.timestep for run in self._runs
         )
@@ -248,7 +248,7 @@ def _notes(run: Run, array: str) -> list[str]:
         return [why] if given and len(run.arrays.get("contact.row", ())) else []
     grouped = {shape for group in labels_of(run.provenance).groups or () for shape in group}
     bodies = ", ".join(dict.fromkeys(body for body, shape in shapes_of(run.world) if shape in grouped))
-    why = f"{run.label} does not tell some shapes of {bodies} apart in contact: they are matched together"
+    why = f"{run.label} does not distinguish some shapes of {bodies} in contact: they are matched together"
     return [why] if grouped else []
 
 
@@ -309,7 +309,7 @@ def first_difference(common: Common, a: Run, b: Run, by: str = "shape") -> First
     known = common_sides((a, b), by)
     count = len(known.names)
     sides = sides_of((a, b), (common.rows_a, common.rows_b), known)
-    first, arrays = 0, [values for side in sides for values in (side.row, side.own, side.rows)]
+    first, arrays = 0, [values for side in sides for values in (side.row, side.labels, side.rows)]
     while first < common.rows:
         last = min(common.rows, *(side.until(first) for side in sides))
         values, other = (side.pairs(first, last, count) for side in sides)
@@ -347,7 +347,7 @@ class Side:
     numbers."""
 
     def __init__(self, run: Run, rows: np.ndarray, array: str, index: np.ndarray):
-        self.row, self.own = run.arrays["contact.row"], run.arrays[array]
+        self.row, self.labels = run.arrays["contact.row"], run.arrays[array]
         self.rows, self._index, self._force = rows, index, run.arrays["contact.normal_force"]
 
     def until(self, first: int) -> int:
@@ -358,7 +358,7 @@ class Side:
         return max(first + 1, int(np.searchsorted(self.rows, self.row[last])))
 
     def pairs(self, first: int, last: int, count: int) -> np.ndarray:
-        """What touches at the common rows ``first`` … ``last − 1``: each pair once for each row, as the number
+        """Touching pairs at the common rows ``first`` … ``last − 1``: each pair once for each row, as the number
         (row · count + one) · count + other; ``count``: how many sides there are."""
         at, pair, _ = self._contacts(first, last, count)
         return np.unique(at * count**2 + pair)
@@ -375,5 +375,5 @@ class Side:
         row = self.row[begin:end]
         at = first + np.searchsorted(self.rows[first:last], row)
         common = self.rows[at] == row
-        pair = np.sort(self._index[self.own[begin:end].astype(np.int64)], axis=1)
+        pair = np.sort(self._index[self.labels[begin:end].astype(np.int64)], axis=1)
         return at[common], (pair[:, 0] * count + pair[:, 1])[common], begin + np.flatnonzero(common)

@@ -1,8 +1,8 @@
-"""How far an engine repeats itself: the floor below which two engines cannot be told apart.
+"""How far an engine repeats itself: the floor below which two engines are indistinguishable.
 
-An engine is run again unchanged, and once more with its initial state moved in the last bits (1e-15, of doubles). What these
-runs differ by is not about physics or models: in a chaotic scenario it grows without bound, and a difference between two
-engines that is of its size says nothing.
+An engine is run again unchanged, and once more with its initial state moved in the last bits (1e-15, of doubles). The
+difference of these runs is unrelated to physics or models: in a chaotic scenario it grows without bound, and a difference of
+that size between two engines has no meaning.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ OF_SINGLES = 5e-7
 """The same of numbers in single precision."""
 
 FLOOR_FACTOR = 3.0
-"""Differences up to this many times the floor are not told apart from round-off. A floor comes from one perturbed run,
+"""Differences up to this many times the floor are indistinguishable from round-off. A floor comes from one perturbed run,
 in one direction, once, whereas two engines round differently at every step: their difference is of the floor's size, not
 below it. Where a floor grows, it grows exponentially, and a factor of 3 moves the horizon by a fraction of one e-folding."""
 
@@ -248,11 +248,12 @@ FEWEST_ROWS = 5
 """Records that must show it: fewer show nothing."""
 SATURATED = 0.02
 """Share of the scene's size (and of half a turn) from which noise that has stopped growing is chaos that has run its course,
-not a level that anything can be told above. Noise of contact (an impact one step earlier or later) is some v dt: 1e-3 of it."""
+not a level above which a difference has a meaning. Noise of contact (an impact one step earlier or later) is some v dt: 1e-3 of
+it."""
 
 
 class Noise(Protocol):
-    """The noise of two runs at their common times, looked at where it is asked for: there may be very many rows."""
+    """The noise of two runs at their common times, evaluated where it is requested: there may be very many rows."""
 
     rows: int
     bodies: int
@@ -270,7 +271,7 @@ class Noise(Protocol):
 
 def first_row(holds: Callable[[np.ndarray], np.ndarray], rows: int, bodies: int) -> np.ndarray:
     """For each body the first row (bodies,) at which something holds that holds at all later rows too; ``rows`` where it
-    never does. ``holds`` is asked for each body at a row of its own."""
+    never does. ``holds`` is called with a separate row for each body."""
     low, high = np.zeros(bodies, dtype=np.int64), np.full(bodies, rows)
     while (searching := low < high).any():
         middle = (low + high) // 2

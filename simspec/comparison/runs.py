@@ -35,7 +35,7 @@ WITHIN, OUT, INCONCLUSIVE = "within", "out", "inconclusive"
 """Verdicts of a comparison."""
 
 PARTS = ("position", "angle")
-"""What of a body has a tolerance."""
+"""Quantities of a body that have a tolerance."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ class BodyDiff:
 @dataclass(frozen=True)
 class JointDiff:
     """How the coordinate of one joint differs: the largest deviation up to the horizon, ``unit`` rad (of a ball joint the angle
-    between its orientations) or m, and its time (s). Joints have no tolerance: those of the bodies hold. But turns that a hinge
-    is apart are seen here alone."""
+    between its orientations) or m, and its time (s). Joints have no tolerance: those of the bodies hold. But whole turns
+    between two hinge angles are visible only here."""
 
     joint: str
     unit: str
@@ -181,7 +181,7 @@ class Diff:
 
     @property
     def worst_angle(self) -> BodyDiff | None:
-        """The body with the largest angle deviation; what is not finite is the largest of all."""
+        """The body with the largest angle deviation; a value that is not finite is the largest."""
         return max(
             self.bodies,
             key=lambda body: (body.angle_largest if math.isfinite(body.angle_largest) else math.inf),
@@ -217,13 +217,13 @@ def diff(
 
     tolerance        position tolerance (m)
     angle_tolerance  angle tolerance (rad); the same number as ``tolerance`` when None
-    floor            the noise floor of one or both engines (``simspec.floor``); without it chaos cannot be told from
-                     disagreement, and a note says so
+    floor            the noise floor of one or both engines (``simspec.floor``); without it chaos is indistinguishable from
+    disagreement, and a note says so
 
     A body is out of tolerance at time t when it deviates by more than max(tolerance, FLOOR_FACTOR × floor(t)). Where it never
     is, but deviates by more than the tolerance, or the floor itself is above the tolerance, whether it stayed within cannot be
-    told; nor can it where the horizon, or the shorter run, leaves the initial state alone, which is alike by construction.
-    Raises SpecError when there is nothing to compare: no common body, or no common time.
+    distinguished; nor can it where the horizon, or the shorter run, leaves the initial state alone, which is alike by
+    construction. Raises SpecError when there is nothing to compare: no common body, or no common time.
     """
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
     angle_tolerance = tolerance if angle_tolerance is None else angle_tolerance
@@ -255,7 +255,7 @@ def diff(
             )
             for k, body in enumerate(bodies)
         ]
-    # what is not finite is the worst of all
+    # a value that is not finite is the worst
     bodies.sort(key=lambda body: -body.position_largest if np.isfinite(body.position_largest) else -np.inf)
     first = first_difference(common, a, b)
     ends = departures.time(last) if last < common.rows else None
@@ -414,7 +414,7 @@ def _body_diff(departures: Departures, body: int, name: str, touched: float | No
 
 
 def out_words(body: BodyDiff) -> str:
-    """What was out of tolerance when a body first was, with its value: ``1.2 mm``, ``angle 0.002 rad``, or both."""
+    """Quantities out of tolerance when a body first was, with their values: ``1.2 mm``, ``angle 0.002 rad``, or both."""
     turned = "–" if body.angle_out is None else f"{body.angle_out:.3g} rad"
     values = {"position": length(body.position_out), "angle": f"angle {turned}"}
     return " and ".join(values[name] for name in body.exceeded)
@@ -440,10 +440,10 @@ QUANTITIES = (
     ("largest error of a driven slide", "m"),
     ("efforts clipped, most steps of a joint", ""),
 )
-"""What runs are summarised by: name and unit."""
+"""The summary of runs: name and unit."""
 
 
-@np.errstate(over="ignore")  # a state that grows without bound is finite up to 1e308, its energy is not: inf is told
+@np.errstate(over="ignore")  # a state that grows without bound is finite up to 1e308, its energy is not: inf is shown
 def _values(run: Run, last: int) -> dict[str, float]:
     ends = {name: run.arrays[name][[0, last]] for name in ("q", "v", "pose", "velocity")}
     kinetic, potential = metrics.energy(run.world, ends)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 class Study:
     """One world in several engines.
 
-    ``certificate``: the proof that all hold the same model, None when it was not asked for. ``runs``, ``floors`` (each
+    ``certificate``: the proof that all hold the same model, None when it was not requested. ``runs``, ``floors`` (each
     engine's own noise), ``repeats`` (the runs that the noise was measured from) and ``outcomes`` (of the world's
     expectations) by engine; ``diffs`` one per pair of engines.
     """
@@ -50,7 +50,7 @@ class Study:
 
     @property
     def exit_code(self) -> int:
-        """What the command line ends with: 3 when an engine failed, 1 when a proof or an expectation did, else 0."""
+        """The exit code of the command line: 3 when an engine failed, 1 when a proof or an expectation did, else 0."""
         if any(run.failed is not None for run in self.runs.values()):
             return EXIT_ENGINE
         if self.certificate is not None and not self.certificate.valid:
@@ -60,9 +60,9 @@ class Study:
 
 
 class Arrivals:
-    """What is told of a study as it goes, each part as soon as it is there; by default nothing is done with it.
+    """Receives the parts of a study as it goes, each as soon as it exists; by default nothing is done with them.
 
-    Results are saved here: whatever comes after, an error or the end of the process, they are not lost.
+    Results are saved here, so that a later error or the end of the process loses none.
     """
 
     def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
@@ -120,13 +120,13 @@ def study(
     """Compile ``world``, prove that the engines hold it, run it in each, and compare the runs pair by pair.
 
     compiled   what compiling ``world`` for these engines gave (default: compiled here)
-    arrivals   is told of artifacts, certificate, runs and floors as they come
+    arrivals   receives artifacts, certificate, runs and floors as they come
     prove      whether to verify first
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
     keep_going whether the others go on when an engine is missing or fails
     tolerance  position (m) and angle (rad) tolerance of the comparison
     source     where the world came from, for the runs' provenance
-    progress   told what is being done, and of a run the share that is done
+    progress   receives the current action, and of a run the completed share
 
     Runs are timed one after the other, each in a new process; only repeats, whose timing does not count, go two at a time, and
     are forked from warm processes, as proofs are. Raises EngineError

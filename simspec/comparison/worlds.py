@@ -1,4 +1,4 @@
-"""What changed between two worlds: in the meaning, not in the text."""
+"""Changes between two worlds: in the meaning, not in the text."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _text(value: Any) -> str:
 
 def diff_worlds(a: World, b: World) -> list[Change]:
     """The changes from ``a`` to ``b``, each the leaf that changed: a number, a word, or a short vector (a position, a
-    quaternion, a tensor) as a whole. Whatever has a name is matched by it (bodies, shapes, materials, pairs, controllers,
+    quaternion, a tensor) as a whole. Named items are matched by name (bodies, shapes, materials, pairs, controllers,
     constraints, frames), other items of lists by their index.
 
     Empty exactly when the two worlds are equal up to the order of their bodies.

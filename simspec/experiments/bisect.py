@@ -198,7 +198,7 @@ class Versions:
         return Reading(version, value, figures[0].unit, noise, half, stored)
 
     def _runs(self, label: str, pythons: Mapping[str, str]) -> tuple[list[Run], bool]:
-        """The run of a version and its repeats, and whether all were stored before; what was not is now."""
+        """The run of a version and its repeats, and whether all were stored before; the others are stored now."""
         versions = versions_of([label], pythons)[label]
         plain = Case(self.world, label)
         moved = Case(self.world, label, perturb=perturbation_of(label))

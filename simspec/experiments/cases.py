@@ -142,8 +142,8 @@ def rounded_data(rounded: Sequence[Rounded]) -> list[list[Any]]:
 
 
 def rounding_sets(plan: Plan) -> dict[str, tuple[Rounded, ...]]:
-    """What is rounded, by the values that times depend on (the scenario's name where the sweep changes none); only those where
-    something is."""
+    """Rounded times, by the values that they depend on (the scenario's name where the sweep changes none); only where there are
+    some."""
     sets: dict[str, tuple[Rounded, ...]] = {}
     for cell in plan if plan.sweep.times == ROUND_UP else ():
         if rounded := roundings(plan, cell):
@@ -182,7 +182,7 @@ the library takes up to 10 MB."""
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """What came of a set of values: a spec and its world, or the problems."""
+    """The result of a set of values: a spec and its world, or the problems."""
 
     spec: Spec | None
     world: World | None
@@ -201,7 +201,7 @@ def case_of(plan: Plan, cell: Cell) -> Case:
 def world_of(plan: Plan, cell: Cell) -> World:
     """The world of a cell; cells with the same values share it while it is kept. Raises SpecError as :func:`case_of`."""
     world = _made(plan, cell).world
-    assert world is not None, "what has no problems has a world"
+    assert world is not None, "a case without problems has a world"
     return world
 
 

@@ -148,7 +148,7 @@ class Model:
 
 
 def models_of(plan: Plan) -> Iterator[Model]:
-    """Every model of a plan once. What makes the scenario invalid has empty hashes."""
+    """Every model of a plan once. Values that make the scenario invalid have empty hashes."""
     known: set[str] = set()
     for cell in plan:
         place = Model(cell.engine, cell.case, cell.overrides, "", "", "", "").place
@@ -201,8 +201,8 @@ def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
             first = first or f"{entry} ({f'{old.version}, now {entry.version}' if old and why == 'version' else why})"
     gone = [model for place, model in before.items() if place not in after]
     if gone:
-        counts["no longer asked for"] = len(gone)
-        first = first or f"{gone[0]} (no longer asked for)"
+        counts["no longer requested"] = len(gone)
+        first = first or f"{gone[0]} (no longer requested)"
     if not counts:
         return None
     text = ", ".join(f"{part}: {count}" for part, count in counts.items())

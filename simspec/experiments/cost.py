@@ -1,4 +1,4 @@
-"""What runs will cost, from what runs in the store took: for each engine a time to start and end, and a time for each step."""
+"""Predicted costs of runs, from the costs of stored runs: for each engine a time to start and end, and a time for each step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from simspec.stored import StoredCertificate, read_as
 USUAL_START = 0.5
 """s that a run is taken to need besides its steps where nothing was measured: a process that imports an engine."""
 USUAL_STEP = 2e-5
-"""s for each step there: a small world. Both weigh the progress shown, and are told to nobody."""
+"""s for each step there: a small world. Both weigh the progress shown, and are not printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Cost:
     runs: int
 
     def seconds(self, steps: int) -> float:
-        """What a run of so many steps takes."""
+        """Predicted time (s) of a run of ``steps`` steps."""
         return self.start + self.step * steps
 
 
@@ -54,7 +54,7 @@ USUAL = Cost(USUAL_START, USUAL_STEP, 0)
 
 
 class Steps:
-    """How many steps the cells of a plan take, told from their values without resolving them."""
+    """Numbers of steps of the cells of a plan, from their values without resolving them."""
 
     def __init__(self, plan: Plan):
         physics, trajectory = plan.spec.data.physics, plan.spec.data.trajectory
@@ -84,8 +84,8 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What is left to do: runs, steps, and seconds of wall time one after the other, by engine. Seconds are None for an
-    engine of which nothing was measured."""
+    """Remaining work: runs, steps, and seconds of wall time one after the other, by engine. Seconds are None for an engine
+    without measurements."""
 
     runs: Mapping[str, int]
     steps: Mapping[str, int]
@@ -99,7 +99,7 @@ class Estimate:
 
 
 def estimate(plan: Plan, to_do: Iterable[Cell], measured: Mapping[str, Cost]) -> Estimate:
-    """What the cells ``to_do`` will take."""
+    """Predicted cost of the cells ``to_do``."""
     steps_of = Steps(plan)
     runs, steps = dict.fromkeys(plan.engines, 0), dict.fromkeys(plan.engines, 0)
     for cell in to_do:
@@ -112,7 +112,7 @@ def estimate(plan: Plan, to_do: Iterable[Cell], measured: Mapping[str, Cost]) ->
     return Estimate(runs, steps, seconds)
 
 
-# What the proofs of a sweep will cost, from what proofs in the store took.
+# Predicted costs of the proofs of a sweep, from the costs of stored proofs.
 
 MOST_READ = 200
 """Certificates of a store that are read for it, the last ones by name."""

@@ -1,8 +1,7 @@
 """A second pass of a sweep: runs moved by the size of the engines' first gap, which is known when the first runs are done.
 
-What a scene makes of a difference grows with its size, so that repeats moved in the last bits do not show it. The size is
-rounded
-to a power of ten, and follows from stored runs alone: the same store gives the same second pass.
+The growth of a difference in a scene depends on its size, so that repeats moved in the last bits do not show it. The size is
+rounded to a power of ten, and follows from stored runs alone: the same store gives the same second pass.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ Overrides = tuple[tuple[str, object], ...]
 
 @dataclass(frozen=True)
 class SecondPass:
-    """Runs of one world (``overrides`` of the sweep), all engines, moved by ``amount``: what is to be run."""
+    """Runs of one world (``overrides`` of the sweep), all engines, moved by ``amount``, that are to be run."""
 
     overrides: Overrides
     amount: float
@@ -66,7 +65,7 @@ def floors_of(pair: Sequence[Run], overrides: Overrides, repeats: Repeats, store
 
 
 def moved_by_round_off(outcome: Outcome) -> list[tuple[Cell, Row]]:
-    """The runs of a sweep that show noise: whose initial state is moved in the last bits."""
+    """The runs of a sweep that show noise, with an initial state moved in the last bits."""
     return [
         (cell, row)
         for cell, row in outcome.rows()

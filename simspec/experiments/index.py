@@ -114,7 +114,7 @@ def _seconds(value: Any) -> float | None:
 
 
 def expectations_hash(plain: Any) -> str:
-    """What tells one list of expectations, as plain data, from another."""
+    """A hash that distinguishes lists of expectations, as plain data."""
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -122,8 +122,7 @@ def expectations_hash(plain: Any) -> str:
 class Index:
     """The rows of a store's runs by key, the case of each cell by the cell's key, and the certificate of its model.
 
-    ``notes``: what there is to say of what was found; ``lost_worlds``: worlds that are missing or were damaged, whose runs are
-    otherwise whole.
+    ``notes``: remarks on the rows; ``lost_worlds``: worlds that are missing or were damaged, although their runs are whole.
     """
 
     rows: dict[str, Row] = field(default_factory=dict)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hashlib import _Hash as Hash
 
 
-# What a cell of a sweep asks for, hashed: a spec's data and the files that it uses, the values put in, the engine, versions.
+# The request of a cell of a sweep, hashed: a spec's data and the files that it uses, the values put in, the engine, versions.
 #
 # It is cheap, since nothing is resolved for it; so values that are written otherwise and mean the same (``1 ms``, 0.001) have
 # different keys, and are recognised as one only by the key of the case (:meth:`simspec.runner.run.Case.key`). It is never equal
@@ -45,7 +45,7 @@ LARGEST_TABLE = 64_000_000
 
 
 class Requests:
-    """What is hashed of a spec, for engines of these ``names``. Files are read once, when they are first hashed."""
+    """The hashed parts of a spec, for engines of these ``names``. Files are read once, when they are first hashed."""
 
     def __init__(self, spec: Spec, names: Sequence[str]):
         self._spec, self._names = spec, tuple(names)
@@ -163,8 +163,8 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """One value of an axis: a case's name, what it puts in, and the digests of that by the engine's name; what concerns another
-    engine alone has none."""
+    """One value of an axis: a case's name, its values, and their digests by the engine's name; values for another engine alone
+    have none."""
 
     case: str | None
     overrides: OverrideList
@@ -221,7 +221,7 @@ class Plan:
         return self.sweep.measure
 
     def describe(self) -> dict[str, Any]:
-        """What the plan is made of, as plain data: counts, engines, axes."""
+        """Contents of the plan, as plain data: counts, engines, axes."""
         sweep = self.sweep
         return {
             "spec": self.spec.name,

@@ -1,4 +1,5 @@
-"""The models of a published study: kept beside its figures, and held against what the code makes of the study today."""
+"""The models of a published study: kept next to its figures, and compared to the models that the present code makes of the
+study."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ def outdated_runs(outcome: Outcome, store: Store) -> Iterator[str]:
 
 
 def read_models(folder: Path) -> StudyModels:
-    """What a published study is of. Raises SpecError where it is missing or damaged."""
+    """The models of a published study. Raises SpecError where it is missing or damaged."""
     marker = read_marker(folder) if folder.is_dir() else None
     path = folder / MODELS_FILE
     hint = "simspec study STUDY --publish DIR writes it"
@@ -83,7 +84,7 @@ def older_sweeps(kept: StudyModels, now: Mapping[str, Mapping[str, Any]]) -> dic
             before = [read_model(model.model_dump()) for model in kept.sweeps[name].models]
             why = changed(before, [read_model(model) for model in now[name]["models"]])
             if why is None and kept.sweeps[name].request != now[name]["asked"]:
-                why = "the study asks for something else (repetitions, seeds, what is shown, or figures from elsewhere)"
+                why = "the study requests something else (repetitions, seeds, what is shown, or figures from elsewhere)"
             if why is not None:
                 given[name] = why
     return given

@@ -3,10 +3,10 @@
     STORE/store.json                      version of the store's form
     STORE/lock                            held by the one sweep that writes
     STORE/worlds/SHA256.json.gz           each world once
-    STORE/runs/KK/KEY/                    run.json and Parquet tables; what is there is done
-    STORE/certificates/SHA256.json        proofs, by what was proven
+    STORE/runs/KK/KEY/                    run.json and Parquet tables; an existing run is done
+    STORE/certificates/SHA256.json        proofs, by the hash of the proven model
     STORE/index.parquet, cells.parquet    derived from the rest (``index.py``)
-    STORE/tmp/, STORE/damaged/            what is being written; what was not what its name said
+    STORE/tmp/, STORE/damaged/            unfinished files; files that did not match their names
 
 A run is there, whole, or it is not: there is no state between. See :mod:`simspec.outputs.collection`.
 """
@@ -50,7 +50,7 @@ CIRCUMSTANCES = ("started", "seconds", "usage", "timed", "warnings", "python_ver
 """Parts of a run's provenance that are not the same when it is repeated (warnings: an engine's own output)."""
 CIRCUMSTANCE_TABLES = ("seconds",)
 """Tables that are not the same when a run is repeated."""
-ASKED = ("spec", "world_sha256", "artifacts_sha256")
+REQUEST_KEYS = ("spec", "world_sha256", "artifacts_sha256")
 """Parts that are of the sweep that requested the run first: another one may request the same run."""
 LEFT_OUT = ("schema", "case", "engine")
 """Parts that are stored elsewhere: the key of the case is the run's name."""
@@ -63,12 +63,12 @@ Write = Callable[[BinaryIO], int]
 
 @dataclass(frozen=True)
 class TaskResult:
-    """One run to be stored under ``key``. ``result``: what a repetition gives to the bit; ``asked``: the request of the sweep;
-    ``circumstances``: when, how long, on what machine; ``tables``: what writes each, by name."""
+    """One run to be stored under ``key``. ``result``: the part that a repetition gives to the bit; ``request``: that of the
+    sweep; ``circumstances``: when, how long, on which machine; ``tables``: the writer of each, by name."""
 
     key: str
     result: Mapping[str, Any]
-    asked: Mapping[str, Any]
+    request: Mapping[str, Any]
     circumstances: Mapping[str, Any]
     tables: Mapping[str, Write]
 
@@ -83,11 +83,11 @@ def whole_world(shared: World, requested: Mapping[str, Any]) -> World:
 def result_of(
     run: Run, key: str, *, repeat: int = 0, cell: Mapping[str, Any] | None = None, more: Mapping[str, Any] | None = None
 ) -> TaskResult:
-    """What is stored of ``run`` under ``key``, the repetition ``repeat`` of its case; ``cell``: who asked for it (its key, and
-    what it changes in the spec); ``more``: further circumstances."""
+    """The stored result of ``run`` under ``key``, the repetition ``repeat`` of its case; ``cell``: the requesting cell (its
+    key, and its changes of the spec); ``more``: further circumstances."""
     given = {**run.provenance, "repeat": repeat}
     circumstances = {name: given.pop(name) for name in CIRCUMSTANCES if name in given} | dict(more or {})
-    requested = {name: given.pop(name) for name in ASKED if name in given}
+    requested = {name: given.pop(name) for name in REQUEST_KEYS if name in given}
     for name in LEFT_OUT:
         given.pop(name, None)
     failed = run.failed
@@ -143,7 +143,7 @@ def place_of(key: str) -> str:
 
 
 class Store:
-    """A store that is there. Reading takes no lock; whoever writes holds :meth:`writing`."""
+    """A store that is there. Reading takes no lock; writers hold :meth:`writing`."""
 
     def __init__(self, collection: Collection):
         self.path = collection.path
@@ -244,7 +244,7 @@ class Store:
         return facts
 
     def fingerprint(self, key: str) -> str:
-        """What changes when a file of a run is touched: names, sizes and times of its files. Cheap: nothing is read."""
+        """A stamp that changes when a file of a run is touched: names, sizes and times of its files. Cheap: nothing is read."""
         with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.path / place_of(key)) as found:
             lines = sorted(f"{entry.name} {_stamp(entry.stat(follow_symlinks=False))}" for entry in found)
             return hashlib.sha256("\n".join(lines).encode()).hexdigest()
@@ -371,7 +371,7 @@ def _write(result: TaskResult, fresh: Path) -> None:
         "schema": SCHEMA,
         "key": result.key,
         "result": stored,
-        "asked": dict(result.asked),
+        "asked": dict(result.request),
         "circumstances": dict(result.circumstances),
         "circumstance_tables": measured,
         "result_sha256": sha256(stored),

@@ -1,5 +1,5 @@
-"""The driver of a sweep: what is in the store is skipped, the rest is compiled, proven, run and stored, each as soon as it is
-there. It may be ended at any moment: the next call does what is left."""
+"""The driver of a sweep: stored runs are skipped, the others are compiled, proven, run and stored, each as soon as it is
+complete. It may be ended at any moment: the next call does the rest."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from simspec.world.types import World
 MOST_DEATHS = 5
 """Runs of an engine that gave no result, and none that did, after which it is stopped: the others go on."""
 SAVE_EVERY = 500
-"""Runs after which the index is written, or a tenth of those in the store: what a killed sweep has not written is found
-again, but not for nothing."""
+"""Runs after which the index is written, or a tenth of those in the store: runs missing from the index of a killed sweep are
+found again, which takes time."""
 REFUSED = "does not support this world"
 """How the reason of a run begins whose engine was not started."""
 MOST_INVALID = 20
@@ -50,7 +50,7 @@ Start = Callable[[LocalSupplies], Executor]
 
 @dataclass
 class Outcome:
-    """What a call of :func:`sweep` came to.
+    """Result of a call of :func:`sweep`.
 
     ``done``: cells that were there before; ``ran``: runs that were made now; ``skipped``: cells of an engine that was stopped;
     ``stopped``: why, by engine; ``invalid``: problems of cells whose values make the spec invalid, and ``invalid_count`` of
@@ -78,7 +78,7 @@ class Outcome:
             yield cell, self.index.done(cell.key)
 
     def exit_code(self, failed: int, unfulfilled: int) -> int:
-        """What the command ends with; ``failed``: runs that did, ``unfulfilled``: expectations that are not."""
+        """The exit code of the command; ``failed``: failed runs, ``unfulfilled``: unfulfilled expectations."""
         if self.invalid_count:
             return EXIT_WRONG
         if self.stopped or failed:
@@ -129,7 +129,7 @@ def sweep(
     source        where the spec came from
     wait          whether to wait for another sweep that writes to the store
 
-    Raises SpecError when another sweep writes to the store, OSError when the disk is full: what is stored then is whole.
+    Raises SpecError when another sweep writes to the store, OSError when the disk is full: all stored runs are whole then.
     """
     with store.writing(wait):
         index = refresh(store, repair=True, tell=progress)

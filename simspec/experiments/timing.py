@@ -1,7 +1,7 @@
 """Runs that are timed: each alone, in a process of its own, on one processor; the engines take turns.
 
-What changes slowly, a processor's temperature or another user's work, then meets all engines alike, and a figure's spread is
-over processes, which includes what differs from start to start (addresses, the layout of memory).
+Slow changes, a processor's temperature or another user's work, then affect all engines alike, and a figure's spread is over
+processes, which includes differences from start to start (addresses, the layout of memory).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from simspec.experiments.executors.local import DoRun, Task
 from simspec.runner.execution import failed_run, start_case
 from simspec.runner.run import Case, Run
 
-# What machine this is, as far as speed depends on it, and whether anything else is at work on it.
+# The description of this machine, as far as speed depends on it, and whether anything else is at work on it.
 
 UNKNOWN = "unknown"
 CPUS = Path("/sys/devices/system/cpu")
@@ -46,7 +46,7 @@ WINDOW = 0.5
 """s over which the machine is watched."""
 
 HARDWARE = ("cpu", "architecture", "cores", "threads", "governor")
-"""What must be the same for speeds to be comparable; and memory, nearly."""
+"""Properties that must be equal for speeds to be comparable; and memory, nearly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class Clocks:
 
     wall: float
     busy: float
-    own: float
+    process: float
     stolen: float
 
     @classmethod
@@ -151,15 +151,15 @@ class Clocks:
         return cls(time.perf_counter(), busy, spent, getattr(times, "steal", 0.0))
 
     def others_since(self, earlier: Clocks) -> Others:
-        """What others took since ``earlier``."""
+        """The load by others since ``earlier``."""
         wall = max(self.wall - earlier.wall, 1e-9)
-        others = (self.busy - earlier.busy) - (self.own - earlier.own)
+        others = (self.busy - earlier.busy) - (self.process - earlier.process)
         return Others(max(0.0, others / wall), max(0.0, (self.stolen - earlier.stolen) / wall))
 
 
 @dataclass(frozen=True, slots=True)
 class Others:
-    """What was not this process's own: ``cores``' worth of work beside it, and of time that the host kept (``stolen``)."""
+    """Load that was not this process's: ``cores``' worth of other work, and of time that the host kept (``stolen``)."""
 
     cores: float
     stolen: float
@@ -328,15 +328,15 @@ def disturbed(run: Run) -> list[str]:
     return Others(facts["others"], facts["stolen"]).words() if facts else []
 
 
-# What is at work in each engine of a sweep: parts of the key under which its runs are stored.
+# Versions in use by each engine of a sweep: parts of the key under which its runs are stored.
 
 UNKNOWN_VERSIONS = "not queried"
 
 
 def versions_of(labels: Iterable[str], pythons: Mapping[str, str] = MappingProxyType({})) -> dict[str, dict[str, str]]:
-    """By label: the versions of simspec, of the engine, and of the numpy beside it, by the names that a run's provenance gives
-    them. An engine whose interpreter is not to be started (``pythons`` contains it, without a value) has the version
-    ``UNKNOWN``, under which nothing is stored. Raises EngineError for an engine that is not there."""
+    """By label: the versions of simspec, of the engine, and of the numpy installed with it, by the names that a run's
+    provenance gives them. An engine whose interpreter is not to be started (``pythons`` contains it, without a value) has the
+    version ``UNKNOWN``, under which nothing is stored. Raises EngineError for an engine that is not there."""
     labels = list(labels)
     used = {label: python for label in labels if (python := pythons.get(label)) is not None}
     closed = [label for label in labels if label in pythons and label not in used]

@@ -101,7 +101,7 @@ def _no_parts(kind: Any, step: str, path: str, override: Override) -> Problem | 
         return None
     whole = f"[{', '.join(['…'] * below.length)}]" if isinstance(below, Vector) else "…"
     return Problem(
-        f"the spec has no {path!r} of which a part could be changed",
+        f"the spec has no {path!r}, so that no part of it can be changed",
         override.path,
         override.place,
         hint=f"{path}={whole}",

@@ -84,7 +84,13 @@ class StudySweep(Strict):
         if data.get("unequal") and "unequal" not in shown:
             yield Fault(("unequal",), "unequal models are not shown", None, "show: [unequal]")
         if data.get("gap_seeds") and "divergence" not in shown:
-            yield Fault(("gap_seeds",), "what the second pass is for is not shown", None, None, "show: [divergence]")
+            yield Fault(
+                ("gap_seeds",),
+                "the second pass is for a chart of divergence",
+                None,
+                None,
+                "show: [divergence]",
+            )
         if "determinism" in shown and sweeps.get("repeat", 1) == 1:
             yield Fault(("show",), "determinism is shown by repeated runs", None, None, "sweep: {repeat: 2}")
 

@@ -25,7 +25,7 @@ STAGE: Final = re.compile(r"tmp-[0-9a-f]{16}")
 OURS: Final = re.compile(r"[0-9a-f]{64}(\.[a-z]+)?")
 """Names of files: a SHA-256, and what says their kind."""
 KEPT: Final = 8
-"""Files that a folder keeps, where nobody says how many: those that were used last. Each is of another version of something."""
+"""Files that a folder keeps by default: those that were used last. Each is of another version of a program or library."""
 LOOK_EVERY: Final = 0.05
 """s between two tries for a lock."""
 
@@ -54,8 +54,8 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
 
 def written_by_others(folder: Path) -> str | None:
     """Why other users may have written into a folder, or put another in its place: a part of its path that is another user's
-    (but root's), or that everybody can write (but a parent with the sticky bit, as /tmp). Both the path as it is given and the
-    one without links count: a link in a folder that everybody can write leads where its last writer wants. None where no other
+    (but root's), or that all users can write (but a parent with the sticky bit, as /tmp). Both the path as it is given and the
+    one without links count: a link in a folder that all users can write leads where its last writer wants. None where no other
     user can."""
     given, place = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
     for part in dict.fromkeys((place, *place.parents, *given.parents)):
@@ -66,12 +66,12 @@ def written_by_others(folder: Path) -> str | None:
         if status.st_uid not in (0, os.geteuid()):
             return f"{part} is another user's (uid {status.st_uid})"
         if status.st_mode & stat.S_IWOTH and (part == place or not status.st_mode & stat.S_ISVTX):
-            return f"everybody can write {part}"
+            return f"all users can write {part}"
     return None
 
 
 def demand_private(folder: Path) -> None:
-    """Raise PermissionError where others may have written into a folder: what stands there is run."""
+    """Raise PermissionError where others may have written into a folder: its files are executed."""
     if (why := written_by_others(folder)) is not None:
         raise PermissionError(f"the folder {folder} is not used: {why}")
 
@@ -81,8 +81,8 @@ def built(place: Path, build: Callable[[Path], None], patience: float, anew: boo
     there, or ``anew``, ``build`` makes it: under another name, in a folder of its own on the same disk, from where it is
     moved in one step.
 
-    One process makes files in the folder at a time; who comes second waits, up to ``patience`` (s), and finds what the first
-    made. What a killed process left is removed by the next that makes something. Raises TimeoutError where another process
+    One process makes files in the folder at a time; a second process waits, up to ``patience`` (s), and finds the files of the
+    first. Remains of a killed process are removed by the next that makes a file. Raises TimeoutError where another process
     takes longer, PermissionError where the file is another user's or others may write it, OSError, and what ``build`` raises.
     """
     if not OURS.fullmatch(place.name):
@@ -177,7 +177,7 @@ def is_complete(place: Path) -> bool | None:
     try:
         with (place / BEGUN).open("rb") as stream:
             if os.fstat(stream.fileno()).st_uid not in (os.geteuid(), 0):
-                return None  # a program of somebody else is not started unasked
+                return None  # a program of another user is not started without a request
             content = json.loads(stream.read(MOST))
     except (OSError, ValueError, RecursionError):
         return None
@@ -206,7 +206,7 @@ def _mark(place: Path, whole: bool) -> None:
     (place / BEGUN).write_text(json.dumps({"name": place.name, "whole": whole}) + "\n", encoding="utf-8")
 
 
-# The processor that a program runs on: what it was compiled for, and by whose instructions libraries choose.
+# The processor that a program runs on: the target of compilation, and the instructions by which libraries choose.
 
 
 def processor() -> list[str]:
@@ -225,14 +225,14 @@ def processor() -> list[str]:
 
 LOCK_FILLED = "lock"
 
-_held: list[int] = []
+_locks: list[int] = []
 """The lock of this process, which the system lets go when it and those that were forked from it have ended."""
 
 
 def hold_folder(folder: Path, made: re.Pattern[str], most: int) -> None:
     """Say that this process uses what is kept in a folder. Where no other does, what is more than ``most`` is removed before:
     the library reads files that it has seen to be there. Those stay that were made last, since a library leaves no mark of use;
-    what has no name as in ``made`` is nobody's here, and stays. Raises OSError where the folder cannot be written, and
+    files with other names than in ``made`` stay. Raises OSError where the folder cannot be written, and
     PermissionError where others than this user can write it, since the library runs what it finds there."""
     demand_private(folder)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -240,7 +240,7 @@ def hold_folder(folder: Path, made: re.Pattern[str], most: int) -> None:
     if status.st_uid != os.geteuid() or status.st_mode & 0o022:
         raise PermissionError(f"{folder} is not a folder that this user alone can write: remove it")
     lock = os.open(folder / LOCK_FILLED, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    _held.append(lock)
+    _locks.append(lock)
     with contextlib.suppress(BlockingIOError):  # another uses it: the next that is alone removes what is too much
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         found = [

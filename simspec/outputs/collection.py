@@ -1,6 +1,6 @@
 """Folders that grow: finished folders and files are placed in a marked folder one by one, under names that say what they are.
 
-What has a name is whole. It is written below ``tmp/`` on the same disk, synced, and renamed; a name that is taken is not
+A named entry is whole. It is written below ``tmp/`` on the same disk, synced, and renamed; a name that is taken is not
 written again. So a process may end at any moment: all that it leaves is below ``tmp/``, and the next one that holds the lock
 removes that. The lock is the system's, on an open file: it ends with the process, however the process ends.
 """
@@ -30,7 +30,7 @@ from simspec.outputs.targets import check_folder, check_names
 from simspec.outputs.writing import Content, named_errors, put, sync, update_folder, write_file
 
 TEMPORARY = "tmp"
-"""What is being written, below the collection: the rename stays on one disk."""
+"""Unfinished files, below the collection: the rename stays on one disk."""
 LOCK_FILE = "lock"
 ASIDE = "damaged"
 """Where what is not what its name says is moved to: it may still be of use."""
@@ -61,8 +61,8 @@ class Collection:
     def alone(self, holder: str, wait: bool = False) -> Iterator[None]:
         """Hold the lock, and remove what dead holders left below ``tmp/``.
 
-        ``holder``: who holds it, for the message of the next one. Raises SpecError when another process has it, unless
-        ``wait``.
+        ``holder``: a description of the lock's holder, for the message of the next process. Raises SpecError when another
+        process has it, unless ``wait``.
         """
         lock = self._locked(wait)
         try:
@@ -224,7 +224,7 @@ def _sync_all(path: Path) -> None:
 
 
 # Entries that are kept in the user's cache folder: each a file of its own, whole or not at all, and all together of bounded
-# size. What an entry says, and whether it is to be believed, is its user's matter.
+# size. The caller interprets the content of an entry, and decides whether to trust it.
 
 NAME: Final = re.compile(r"[0-9a-f]{64}\.json")
 """Names of entries: a SHA-256."""
@@ -236,8 +236,8 @@ LEFT: Final = 0.75
 class Entries:
     """The entries in the folder ``simspec/NAME`` of the user's cache folder (XDG_CACHE_HOME or ~/.cache).
 
-    ``head``: how every entry begins; what begins otherwise is not simspec's, and is left alone. ``largest``: bytes of one that
-    is read. ``bound``: bytes of all; beyond it those leave that were not read or written for the longest time.
+    ``head``: how every entry begins; a file that begins otherwise is not simspec's, and is left alone. ``largest``: bytes of
+    one that is read. ``bound``: bytes of all; beyond it those leave that were not read or written for the longest time.
     """
 
     name: str
@@ -275,7 +275,7 @@ class Entries:
         if place is None or self.refused():
             return False
         try:
-            # not synced: what a power cut leaves half is no entry
+            # not synced: a file that a power cut truncates is no entry
             write_file(place / f"{key}.json", content, self._is_ours, lasting=False)
             if key.startswith("0"):
                 self._shrink(place)

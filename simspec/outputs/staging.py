@@ -1,7 +1,7 @@
 """How a target is written: next to it, synced, then put in its place by one rename; whole or not at all.
 
-A *stage* is a folder ``.simspec-<16 digits>`` beside the target, with a marker of its own that its writer keeps locked. When
-the lock is free, the writer is dead: whoever writes next in the same folder completes or removes what it left.
+A *stage* is a folder ``.simspec-<16 digits>`` next to the target, with a marker file that its writer keeps locked. When the
+lock is free, the writer is dead: the next writer in the same folder completes or removes its remains.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Stage:
         self._lock = lock
 
     def note(self) -> None:
-        """Write down which inode the new content is: whoever finds the stage then knows on which side of the rename it is."""
+        """Write down the inode of the new content: it shows to the next process on which side of the rename the stage is."""
         status = os.lstat(self.fresh)
         self.write({"simspec_staging": VERSION, "target": self._target, "fresh": [status.st_dev, status.st_ino]})
 
@@ -184,7 +184,7 @@ def clean(folder: Path) -> None:
 
 
 def _abandoned(stage: Path) -> bool:
-    """Whether a folder is a stage, by its marker (or so young that it has none yet), and nobody holds its lock."""
+    """Whether a folder is a stage, by its marker (or so young that it has none yet), and its lock is free."""
     try:
         handle = os.open(stage / STAGE_FILE, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -271,7 +271,7 @@ def dispose(old: Path, target: Path) -> None:
 
 
 def _give_back(path: Path, place: Path) -> None:
-    """Put a file that is not simspec's where it was; beside it, under a name of its own, if something else is there now."""
+    """Put a file that is not simspec's where it was; next to it, under a new name, if another file is there now."""
     os.makedirs(place.parent, exist_ok=True)
     count = 0
     while os.path.lexists(place):
@@ -284,7 +284,7 @@ def _give_back(path: Path, place: Path) -> None:
 
 
 def publish(stage: Stage, target: Path, exists: bool) -> None:
-    """Put the new content in the target's place. The parent must be locked; what was there is in the stage afterwards."""
+    """Put the new content in the target's place. The parent must be locked; the previous content is in the stage afterwards."""
     stage.note()
     if not exists:
         os.rename(stage.fresh, target)

@@ -34,7 +34,7 @@ COMPILED = "compiled"
 PLAIN = "plain"
 """Plain files of one world in one format, for any tool, and the list of what they do not carry."""
 RUN = "run"
-"""What one engine made of one world: tables, world.json, provenance.json."""
+"""The result of an engine for a world: tables, world.json, provenance.json."""
 STUDY = "study"
 """Holds folders of runs and of compiled artifacts, each with its own marker, and what was found by comparing them."""
 
@@ -46,7 +46,7 @@ STORE = "store"
 
 @dataclass(frozen=True)
 class Marker:
-    """What a folder is (``kind``), and the relative paths of the files that simspec wrote."""
+    """The kind of a folder, and the relative paths of the files that simspec wrote."""
 
     kind: str
     files: frozenset[str] = frozenset()
@@ -130,7 +130,8 @@ def folder_problem(folder: Path, kind: str, holds: Iterable[Path] = ()) -> Probl
 
 
 def existing_name_problem(folder: Path, name: str) -> Problem | None:
-    """Why the file ``name`` cannot be written into a folder that may be: somebody else's has its name; None when it can."""
+    """Why the file ``name`` cannot be written into a folder that may be: a file of another program has its name; None when it
+    can."""
     marker = read_marker(folder)
     if not os.path.lexists(folder / name) or (marker is not None and marker.owns(name)):
         return None
@@ -138,7 +139,7 @@ def existing_name_problem(folder: Path, name: str) -> Problem | None:
 
 
 def not_ours(path: Path) -> Problem:
-    """That a file of somebody else's has a name that simspec writes."""
+    """A file of another program has a name that simspec writes."""
     return Problem(f"{str(path)!r} exists, and simspec did not write it", hint=MOVE)
 
 
@@ -273,7 +274,7 @@ def _refuse_protected(folder: Path, real: Path, holds: Iterable[Path]) -> None:
     try:
         home = Path.home().resolve()
     except (RuntimeError, OSError):
-        home = None  # nobody's home
+        home = None  # there is no home folder
     if home is not None and (real == home or real in home.parents):
         raise _error(folder, "is the home folder, or contains it", ELSEWHERE)
     for spec in holds:

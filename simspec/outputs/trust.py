@@ -44,7 +44,7 @@ class StoredTrust(Stored):
 
 @dataclass(frozen=True)
 class Record:
-    """What the store says of one file. ``file``: its resolved path, None where the record is damaged."""
+    """The entry of the store on one file. ``file``: its resolved path, None where the record is damaged."""
 
     place: Path
     file: Path | None

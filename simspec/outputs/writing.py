@@ -19,7 +19,7 @@ from simspec.outputs.files import files_below, read_bytes
 from simspec.outputs.targets import MARKER_FILE, MOVE, Marker, check_file, check_folder, check_names, not_ours
 
 Content = str | bytes | Callable[[BinaryIO], None]
-"""What a file is to hold: text, bytes, or what writes it, for what is too large to have in memory."""
+"""The content of a file: text, bytes, or a function that writes it, for content that is too large to have in memory."""
 _NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
 
 
@@ -262,7 +262,7 @@ def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], last
 
 
 def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | None = None) -> None:
-    """Write a file beside, and rename it over ``target``, which is simspec's, or not there."""
+    """Write a temporary file, and rename it over ``target``, which is simspec's, or not there."""
     put(stage.fresh, content)
     if mode is not None:
         os.chmod(stage.fresh, mode)
@@ -277,7 +277,7 @@ def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | N
 
 
 class Artifacts(Mapping[str, bytes]):
-    """What one engine, or one tool, is given of a world; immutable.
+    """Files of a world for one engine or one tool; immutable.
 
     Names are relative paths with ``/``. ``sha256`` covers names and contents.
     """
@@ -296,7 +296,7 @@ class Artifacts(Mapping[str, bytes]):
     def write(self, folder: Path) -> None:
         """Write all files into a folder of the caller's own, in a temporary place: it must not exist yet, or be empty.
 
-        What a user named is written by :mod:`simspec.outputs`. Raises SpecError where a name would leave the folder.
+        Folders that a user names are written by :mod:`simspec.outputs`. Raises SpecError where a name would leave the folder.
         """
         write_private(self, folder)
 

@@ -69,7 +69,7 @@ class EngineProof:
 
     @property
     def unchecked(self) -> dict[str, str]:
-        """The parts of the proof that the engine cannot be asked for, by title, with the reason that it declares."""
+        """The parts of the proof that the engine does not offer, by title, with the reason that it declares."""
         from simspec.proof.expected import TITLES
 
         return {name: why for name, why in self.not_checked.items() if name in TITLES}

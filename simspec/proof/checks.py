@@ -141,7 +141,7 @@ def failed(level: str, name: str, detail: str) -> Check:
 # Values that are read back are as near as numbers of that length are. Motion is as near as a world's own floor: the oracle
 # run again, disturbed as such numbers disturb it. Of doubles the beginning alone is, by the last bits, and the tolerance is
 # 100 times what that makes. In single precision each step's rounding counts, so that the oracle's state is rounded after
-# every step: what an engine does beside it (its rotations, its sums) is then a few times that floor and not a hundred. Of 14
+# every step: the error of other operations (rotations, sums) is then a few times that floor and not a hundred. Of 14
 # free bodies with random tensors that turn at 0.5 and 2.8 rad/s for 2,000 steps of 1 ms, an engine of single precision was
 # off by 0.9 to 3.5 times the floor (measured), which is 4e-6 to 2e-5.
 
@@ -235,8 +235,8 @@ Array = NDArray[np.float64]
 KEPT = 64
 """Height fields, and hulls, whose samples and directions are cached."""
 SMALL_SHARE = 1e-6
-"""Share of the largest number of a list below which another is held to that share, not to itself: what is zero but for
-round-off must not fail, what is small must not hide."""
+"""Share of the largest number of a list below which another is held to that share, not to itself: a zero with round-off must
+not fail, a small number must not hide."""
 HALF_TURNS: tuple[Quaternion, ...] = ((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 """By half a turn about its x, y and z axis; all leave a box and an ellipsoid as they are."""
 

@@ -3,8 +3,8 @@
 Each mutation (``dialects/kit/mutations.py``) is tried in stages, and leaves at the first that notices it. One that the engine
 refuses needs no proof. Then what the engine says it holds (levels L1, L2 and L4). One that its format declares inert must now
 move every body as the unchanged files do, with contact, without and under control, within 1e-12. All else goes on to what the
-engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact probes (L5); what that does not notice is
-*missed*. Level L0 does not count: the text alone says nothing of the engine.
+engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact probes (L5); a mutation that the proof does not
+notice is *missed*. Level L0 does not count: the text alone says nothing of the engine.
 
 Whole motions take most of the time. So what is declared inert is seen twice: alone in glimpses (the beginnings of all motions,
 and windows along the course of the unchanged files; an engine that hashes all that its numbers follow from,
@@ -27,7 +27,7 @@ from itertools import islice
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.mutating import Together, mutations
-from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable
+from simspec.dialects.kit.mutations import KINDS, SAME_MOTION, Inert, Mutation, MutationTable
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import version_of
@@ -257,7 +257,7 @@ class _Bench:
             glimpses = glimpses_of(world, scenes, course.arrays)
             looked = Seen.of(glimpses, requested([*glimpses, *glimpses]).answers)
             read_back = _stored_model(requested([Operation("read_back")]).answers)
-        if max(whole.unsteady, looked.unsteady) > STILL:
+        if max(whole.unsteady, looked.unsteady) > SAME_MOTION:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
         table = table_of(compiled.dialect)
         return cls(name, find_engine(engine), world, compiled, probes, table, whole, looked, read_back.made_of, python)
@@ -379,12 +379,12 @@ class _Bench:
         row = self.table.inertness(mutation) or NOTHING
         return self._verdict(mutation, "inert", why=row.why, row=row.name)
 
-    def _note(self, mutation: Mutation, apart: float, found: _Found) -> bool:
+    def _note(self, mutation: Mutation, difference: float, found: _Found) -> bool:
         """Whether a mutation moves otherwise than its row allows; then it is noted."""
         row = self.table.inertness(mutation) or NOTHING
-        acts = apart > max(row.within, STILL * ROUNDING[self.engine.PRECISION] / ROUNDING[DOUBLE])
+        acts = difference > max(row.within, SAME_MOTION * ROUNDING[self.engine.PRECISION] / ROUNDING[DOUBLE])
         if acts:
-            found.acting[mutation.name] = f"declared inert, but the motion differs by {apart:.1e}: {row.why}"
+            found.acting[mutation.name] = f"declared inert, but the motion differs by {difference:.1e}: {row.why}"
         return acts
 
     # --- judging --------------------------------------------------------------------------------------------------

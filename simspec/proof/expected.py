@@ -106,7 +106,7 @@ def chaotic(world: World, precision: str = DOUBLE) -> str:
     return motion.plan(world, oracle_of(world), PRECISIONS[precision]).chaos
 
 
-NOT_REQUESTED = "not asked for"
+NOT_REQUESTED = "not requested"
 """The reason of a part that the caller of ``verify`` left out."""
 MATRIX = "collision matrix"
 OPTIONAL = (("L4", MATRIX), ("L5", ""), ("L6", ""), ("L7", ""))
@@ -301,7 +301,7 @@ def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
     return {level: why for level in ENGINE_LEVELS if level not in not_compared}
 
 
-UNTOLD = "the engine is told none"
+NO_FRAMES = "simspec passes no frames to the engine"
 """Why frames are not readable back."""
 
 
@@ -310,7 +310,7 @@ def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
     where the world has some."""
     left = unreadable(world, read_back.unreadable)
     if world.frames and read_back.frames is None:
-        left["frames"] = UNTOLD
+        left["frames"] = NO_FRAMES
     return dict(sorted(left.items()))
 
 

@@ -20,7 +20,7 @@ from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import contact_checks, figure_faults
 from simspec.proof.contact.scope import scope
-from simspec.proof.expected import TITLES, UNTOLD, not_checked_parts, of_files_alone, realised, title, unreadable
+from simspec.proof.expected import NO_FRAMES, TITLES, not_checked_parts, of_files_alone, realised, title, unreadable
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
@@ -124,7 +124,7 @@ def _declarations(engine: str, known: type[Engine], proof: EngineProof, world: W
     fields = {name: why for name, why in proof.not_checked.items() if name not in TITLES}
     wanted = {} if proof.files_alone else unreadable(world, known.UNREADABLE)
     if "frames" in fields and world.frames:
-        wanted["frames"] = UNTOLD  # whether an engine has some is seen by reading it back
+        wanted["frames"] = NO_FRAMES  # whether an engine has some is seen by reading it back
     yield from _compared("the field that is not readable back", fields, wanted)
 
 

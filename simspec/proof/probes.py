@@ -48,8 +48,8 @@ def kinematics_checks(
     precision: Precision = PRECISIONS[DOUBLE],
     has_frames: bool = False,
 ) -> list[Check]:
-    """Poses and velocities of all bodies at states (k, nq), (k, nv), poses of named frames where the engine is told,
-    and whether the engine gives a state back."""
+    """Poses and velocities of all bodies at states (k, nq), (k, nv), poses of named frames where the engine receives them, and
+    whether the engine gives a state back."""
     tally = Tally()
     names = [body.name for body in world.bodies]
     for row in range(len(q)):

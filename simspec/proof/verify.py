@@ -374,7 +374,7 @@ def engine_checks(
     oracle, q, v, numbers = probes.oracle, probes.q, probes.v, probes.precision
     requested = [operation.op for operation in probes.operations(engine)]
     by_operation = dict(zip(requested, answers, strict=True))
-    read_back = by_operation["read_back"].held
+    read_back = by_operation["read_back"].read_back
     if read_back is None:
         raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}

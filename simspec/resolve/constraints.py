@@ -37,7 +37,7 @@ AGREE = 1e-9
 and 1 (rad, m, and per second): round-off of a spec's arithmetic. The first step removes the deviation, at φ/dt."""
 MEET = 1e-6
 """The same for the two points of a connect and the two frames of a weld (m, rad), whose places follow from positions that are
-written with as many digits as somebody cares to: at 1 ms it is taken back at 1 mm/s."""
+written with any number of digits: at 1 ms it is taken back at 1 mm/s."""
 MOST_NAMED = 8
 
 
@@ -274,7 +274,7 @@ class _Draft:
     # --- initial state ------------------------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Put followers where their leaders want them, each after its leader; what is stated must agree."""
+        """Put followers where their leaders want them, each after its leader; stated positions must agree."""
         done: set[str] = set()
         for start in self.follows:
             chain: list[str] = []
@@ -364,7 +364,7 @@ class _Draft:
                 )
 
     def close(self) -> None:
-        """Fill in points and poses that follow from the initial positions; what is stated must agree with them."""
+        """Fill in points and poses that follow from the initial positions; stated values must agree with them."""
         actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
         if not actual:
             return
@@ -408,7 +408,7 @@ class _Draft:
                 self.written[constraint.name],
                 ("connect", "second_at"),
                 f"the points of {constraint.first} and {constraint.second} do not meet initially",
-                found=f"{away:.3g} m apart",
+                found=f"a distance of {away:.3g} m",
                 allowed=f"second_at: [{shown}]",
                 hint="leave out second_at: it follows from the initial positions; or change those",
             )

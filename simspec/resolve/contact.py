@@ -182,13 +182,13 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
     return tuple(sorted(excluded | (together - touching))), problems
 
 
-def _untouchable(source: Source, expansion: Expansion, apart: set[Names], together: set[Names]) -> list[Problem]:
+def _untouchable(source: Source, expansion: Expansion, excluded: set[Names], together: set[Names]) -> list[Problem]:
     """Pairs of ``touch`` that cannot touch, or would without it."""
     problems = []
     groups = rigid_groups(World("", expansion.bodies))
     for index, (first, second) in enumerate(source.content.contact.touch):
         pair, path = sorted_pair(first, second), ("contact", "touch", index)
-        if pair in apart:
+        if pair in excluded:
             message, hint = f"{first} and {second} are excluded from contact", "remove one of the two"
         elif groups[first] == groups[second]:
             message, hint = f"{first} and {second} are joined rigidly, and never touch", "remove the pair"

@@ -82,7 +82,7 @@ def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, 
 
 
 def unstable(source: Source, world: World) -> list[Problem]:
-    """Controllers whose explicit law grows without end at the world's timestep; nothing is asked where none is driven."""
+    """Controllers whose explicit law grows without end at the world's timestep; without controllers nothing is evaluated."""
     if not world.controllers:
         return []
     lawless = _without_dynamics(source, world)
@@ -192,8 +192,8 @@ class _ControllerDraft:
         self._source, self._path, self._followers = source, path, followers
         self._types = {body.joint.name: body.joint.kind for body in bodies}
         chosen_joints = self._joints(taken)
-        self._own = {body.joint.name: body.joint for body in bodies if body.joint.name in chosen_joints}
-        self.joints = tuple(self._own)  # in the order of the bodies
+        self._chosen = {body.joint.name: body.joint for body in bodies if body.joint.name in chosen_joints}
+        self.joints = tuple(self._chosen)  # in the order of the bodies
         self._gear = self._numbers("gear", 1.0)
 
     # --- which joints ---
@@ -318,7 +318,7 @@ class _ControllerDraft:
             damping_ratio=0.0 if gains else written.damping_ratio,
             gravity_compensation=written.gravity_compensation,
             effort_limits=tuple(
-                _smaller(value, self._own[joint].effort_limit)
+                _smaller(value, self._chosen[joint].effort_limit)
                 for joint, value in self._geared("effort_limit", 1).items()
             ),
             every_steps=self._every(),
@@ -335,7 +335,7 @@ class _ControllerDraft:
     def velocity_limits(self) -> dict[str, float]:
         """The limits of those joints that have one, on the joint's side."""
         both = {
-            name: _smaller(value, self._own[name].velocity_limit)
+            name: _smaller(value, self._chosen[name].velocity_limit)
             for name, value in self._geared("velocity_limit", -1).items()
         }
         return {name: limit for name, limit in both.items() if limit is not None}
@@ -343,7 +343,7 @@ class _ControllerDraft:
     def armature(self) -> dict[str, float]:
         """The armature of those joints that have a rotor."""
         rotors = self._geared("rotor_inertia", 2)
-        return {name: self._own[name].armature + value for name, value in rotors.items() if value is not None}
+        return {name: self._chosen[name].armature + value for name, value in rotors.items() if value is not None}
 
     def _problem(self, place: tuple[Key, ...], message: str, **more: Any) -> None:
         self.problems.append(self._source.document.problem(place, message, **more))

@@ -300,7 +300,7 @@ class Program:
 
     def _do_move(self, rows: Rows, index: int, step: Step, times: np.ndarray, shares: np.ndarray) -> None:
         before, pressed = rows.positions[-1], rows.efforts[-1]
-        assert step.move is not None, "what neither waits nor grips moves"
+        assert step.move is not None, "a step that neither waits nor grips moves"
         begun, turning = rows.times[-1], not step.move.free_orientation
         target = self._target(step.move)
         if not step.straight:
@@ -414,8 +414,8 @@ _SOLVED: dict[str, Rows] = {}
 
 
 def solve(source: Source, world: World, known: Mapping[str, Grasp]) -> tuple[Rows | None, list[Problem]]:
-    """The points of a spec's program in its world (nobody changes them), or None with what is wrong. ``known``: the grasps of
-    the models."""
+    """The points of a spec's program in its world (no caller changes them), or None with what is wrong. ``known``: the grasps
+    of the models."""
     key = hash_of(source, world, known)
     rows = _SOLVED.pop(key, None)
     if rows is None:

@@ -279,7 +279,7 @@ def _not_recorded(at: float, time: Physics, recorded: Record) -> tuple[str, str]
     nearest = round(step)
     if nearest > time.steps:
         return "this time is after the end of the run", f"0 to {end:g} s"
-    # half a step: what a run is asked for is the record nearest to the time
+    # half a step: the requested record is the one nearest to the time
     every = recorded.every_steps
     if nearest == time.steps or (abs(step - nearest) < 0.5 and nearest % every == 0):
         return None
@@ -338,7 +338,7 @@ def forces(
     return tuple(resolved), problems
 
 
-# Kinematic bodies of the world: their masses beside all that moves, what does not touch them, and how they move.
+# Kinematic bodies of the world: their masses compared to all that moves, bodies that do not touch them, and how they move.
 
 LEAST = 1.0
 """kg of all that moves that a kinematic body is heavier than at least, where nothing or a feather moves."""
@@ -349,7 +349,7 @@ class Kinematic(NamedTuple):
 
     motions   one for each kinematic body, in the order of the world's bodies
     bodies    the world's bodies, kinematic ones with their mass, and where they begin
-    separated pairs of bodies that nothing pushes apart: both are where `motion` says
+    separated pairs of bodies that nothing separates: both are where `motion` says
     problems  what is wrong
     """
 
@@ -409,8 +409,8 @@ def _motion(body: Body, written: SpecMotion | None) -> Motion:
 
 
 def _placed(motion: Motion, mass: float) -> Callable[[Body], Body]:
-    """What makes a body one of this mass, where its motion begins, at rest: round, about its frame's origin, as far out as its
-    shapes."""
+    """The changes that give a body this mass, at rest where its motion begins: round, about its frame's origin, as far out as
+    its shapes."""
 
     def placed(body: Body) -> Body:
         reach = max(

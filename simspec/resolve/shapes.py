@@ -296,7 +296,8 @@ class Fill:
 @dataclass(frozen=True)
 class Resolved:
     """A shape of the spec as shapes of the world (several where a mesh is taken as pieces), and what it fills: nothing for a
-    plane or a height field. ``fill`` is asked only of what has mass, since a mesh need not be closed where it has none."""
+    plane or a height field. ``fill`` is evaluated only for bodies with mass, since a mesh need not be closed where it has
+    none."""
 
     written: SpecShape
     shapes: tuple[Shape, ...]

@@ -136,8 +136,8 @@ def without_inertia(source: Source, bodies: Sequence[Body]) -> list[Problem]:
 
 
 def unlike_weights(source: Source, bodies: Sequence[Body], kinematic: Container[str]) -> list[Problem]:
-    """The problems of rigid groups that are told as one and whose bodies have unlike parts of their weights, and of kinematic
-    bodies, whose weight counts for nothing, with a part of it."""
+    """The problems of rigid groups that engines receive as a single body and in which bodies have unlike parts of their
+    weights, and of kinematic bodies, whose weight counts for nothing, with a part of it."""
     problems = []
     gathers = lumped(World("", tuple(bodies)))
     for top, members in rigid_members(bodies).items():
@@ -164,8 +164,8 @@ DEPENDENT = 1e-9
 
 
 def dependent_joints(source: Source, bodies: Sequence[Body]) -> list[Problem]:
-    """The problems of bodies with several joints that begin where these move them in fewer ways than they are many: what is
-    between such joints has no mass, and could not be accelerated."""
+    """The problems of bodies with several joints that begin where these move them in fewer directions than there are joints:
+    links between such joints have no mass, and could not be accelerated."""
     known = {body.name: body for body in bodies}
     groups = rigid_members(bodies)
     problems = []

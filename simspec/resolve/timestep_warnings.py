@@ -175,7 +175,7 @@ def _first(world: World, way: _Way, obstacles: list[_Solid]) -> Passage | None:
 
 def _enters(way: _Way, other: _Solid) -> int | None:
     """The first step in which the largest ball inside a shape meets the box about another; None where it never does, or begins
-    there: what it lies on is not in its way."""
+    there: a body that it lies on is not in its way."""
     local = (way.places - other.centre) @ other.axes
     begin, end = local[:-1], local[1:]
     if other.shape.kind == FLAT:

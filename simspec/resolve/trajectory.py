@@ -275,7 +275,7 @@ class _Check:
         if len(close):
             row = int(close[0]) + 1
             gap = f"{self._times[row] - self._times[row - 1]:.3g} s before {self._times[row]:g} s"
-            allowed = f"at least {SHORTEST:g} s apart"
+            allowed = f"at intervals of at least {SHORTEST:g} s"
             problems.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed))
         beyond = np.maximum(self._low - self._values, self._values - self._high)
         for column in np.flatnonzero(beyond.max(axis=0) > EDGE)[:MOST_REPORTED]:

@@ -1,4 +1,4 @@
-"""What a spec expects of its runs, and whether a run fulfils it.
+"""Expectations of a spec on its runs, and whether a run fulfils them.
 
 Each expectation is measured and compared with one bound. A run that failed, or has no record of the quantities that an
 expectation needs, does not fulfil it. A bound on a distance that is finer than the engine repeats its own run is the
@@ -52,7 +52,7 @@ Measure = Callable[[Run, Parameters], Measured]
 
 
 class Largest:
-    """The largest of numbers that come block by block, and where the first of that size is; what is no number is larger."""
+    """The largest of numbers that come block by block, and where the first of that size is; NaN is larger."""
 
     def __init__(self) -> None:
         self.value, self.row, self.column = -math.inf, 0, 0
@@ -375,9 +375,9 @@ MEASURES: Mapping[str, Measure] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """One expectation held against one run: what was measured (None when it could not be), the bound that it must not
-    pass, their unit, and where or when the measured value occurred. ``hint``: what can be done where the engine's numbers are
-    too coarse for the bound."""
+    """An expectation evaluated on a run: the measured value (None when it could not be), the bound that it must not pass, their
+    unit, and where or when the measured value occurred. ``hint``: a remedy where the engine's numbers are too coarse for the
+    bound."""
 
     kind: str
     passed: bool

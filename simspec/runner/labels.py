@@ -1,7 +1,7 @@
-"""What the columns of a run's tables are named by: joints with controllers, and the shapes that touch.
+"""Names of the columns of a run's tables: joints with controllers, and the shapes that touch.
 
-A contact's side is a shape of the world, by its number, or, where an engine tells several shapes of a body not apart, a group
-of them: numbers from the count of the world's shapes on.
+A contact's side is a shape of the world, by its number, or, where an engine does not distinguish several shapes of a body, a
+group of them: numbers from the count of the world's shapes on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ GROUPS = "contact_groups"
 @dataclass(frozen=True)
 class Labels:
     """``joints``: those with controllers, in the order of their columns; ``groups``: the groups of shapes that contacts are of
-    beside single shapes, None where shapes were not recorded."""
+    in addition to single shapes, None where shapes were not recorded."""
 
     joints: tuple[str, ...] = ()
     groups: tuple[tuple[str, ...], ...] | None = None
@@ -66,7 +66,7 @@ def contact_sides(
     world: World, units: Sequence[Mapping[str, Any]], values: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], list[list[str]]]:
     """The sides (contacts, 2) of contacts, and the groups that they refer to, from the collision units (``body``, ``shapes``)
-    that an engine tells and its indices ``told`` (contacts, 2)."""
+    that an engine reports and its indices ``reported`` (contacts, 2)."""
     order = {name: number for number, (_, name) in enumerate(shapes_of(world))}
     number: dict[tuple[str, ...], int] = {(name,): place for name, place in order.items()}
     groups: list[list[str]] = []

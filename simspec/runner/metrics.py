@@ -1,4 +1,4 @@
-"""What a run amounts to: energy, momentum, penetration, contacts, speed, spread.
+"""Summary quantities of a run: energy, momentum, penetration, contacts, speed, spread.
 
 Computed from the recorded poses and velocities and the *world's* masses, in one place for all engines, so that a
 difference between engines cannot come from a difference in how something was computed. Arrays have one row per recorded
@@ -81,7 +81,7 @@ TEMPORARY = 24
 def by_blocks(arrays: Arrays, first: int = 0) -> Iterator[tuple[slice, Arrays]]:
     """Blocks of rows of q, v, pose and velocity, from row ``first`` on: of a long recording, more does not fit into memory.
 
-    What the functions of this module give for each row of a block is what they give for that row of the whole.
+    The functions of this module give the same for each row of a block as for that row of the whole.
     """
     needed = {name: arrays[name] for name in ("q", "v", "pose", "velocity") if name in arrays}
     rows, size = len(arrays["pose"]), TEMPORARY * arrays["pose"][:1].nbytes
@@ -92,7 +92,7 @@ def by_blocks(arrays: Arrays, first: int = 0) -> Iterator[tuple[slice, Arrays]]:
 def _each(
     world: World, arrays: Arrays, make: Callable[[World, Arrays], tuple[np.ndarray, ...]]
 ) -> tuple[np.ndarray, ...]:
-    """What ``make`` gives for each row, made block by block."""
+    """The values of ``make`` for each row, made block by block."""
     results: tuple[np.ndarray, ...] = ()
     for part, block in by_blocks(arrays):
         made = make(world, block)
@@ -160,7 +160,7 @@ def _momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
 
 
 def momentum_scale(world: World, arrays: Arrays) -> tuple[float, float]:
-    """What momentum tolerances are relative to: the largest sums over the bodies of |m v|, and of |c × m v| + |R I Rᵀ ω|
+    """The scales of momentum tolerances: the largest sums over the bodies of |m v|, and of |c × m v| + |R I Rᵀ ω|
     (so that opposite motions do not make the scale vanish)."""
     linear, angular = _each(world, arrays, _momentum_scales)
     return float(linear.max()), float(angular.max())
@@ -189,7 +189,7 @@ def deepest_penetration(world: World, arrays: Arrays) -> Penetration:
     for part in parts(len(distance), 8, distance):
         if part.stop > part.start:
             place = part.start + int(distance[part].argmin())
-            if not distance[place] >= deepest:  # what is no number is the deepest of all
+            if not distance[place] >= deepest:  # NaN is the deepest of all
                 deepest, worst = float(distance[place]), place
         if math.isnan(deepest):
             break

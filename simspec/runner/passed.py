@@ -138,7 +138,7 @@ def _through(centres: Floats, speeds: Floats, time: Floats, other: _Static) -> i
     if kind == "plane":
         return _first(local[:, 2] < 0.0)
     if kind == "heightfield":
-        return None  # its surface is not convex; what is below all of it has left the world
+        return None  # its surface is not convex; a body below all of it has left the world
     inside: NDArray[np.bool_]
     if kind == "box":
         half = np.array(other.shape.size) / 2.0

@@ -35,17 +35,17 @@ SCHEMA = 3
 
 @dataclass(frozen=True)
 class Run:
-    """What one engine made of one world.
+    """The result of an engine for a world.
 
     ``arrays``: step, time (s), q, v, pose, velocity, and as recorded energy (kinetic, potential; by the engine) and
-    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs; ``contact.shape`` is there where the engine tells
-    shapes, see :mod:`simspec.runner.labels`) and, where joints are driven, ``control.target``
-    (q*) and ``control.effort`` (of the step before the row; columns: ``provenance["control"]["joints"]``); one row per recorded
-    time, the initial state first; units and frames as in :mod:`simspec.engines.kit.contract`. Empty when the engine gave none.
-    ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
-    ``failed``: None, or why there is no (whole) result: a crash, a hang, a state that stopped being finite.
-    ``seconds``: no result, as a repetition gives others: for each recorded row the wall and processor time (s) spent until then
-    (rows, columns :data:`simspec.engines.kit.arrays.SECONDS`); None where the engine's program does not say.
+    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs; ``contact.shape`` is there where the engine reports
+    shapes, see :mod:`simspec.runner.labels`) and, where joints are driven, ``control.target`` (q*) and ``control.effort`` (of
+    the step before the row; columns: ``provenance["control"]["joints"]``); one row per recorded time, the initial state first;
+    units and frames as in :mod:`simspec.engines.kit.contract`. Empty when the engine gave none. ``provenance``: the data needed
+    to repeat it: hashes, versions, settings, accepted approximations, seconds. ``failed``: None, or why there is no (whole)
+    result: a crash, a hang, a state that stopped being finite. ``seconds``: no result, as a repetition gives others: for each
+    recorded row the wall and processor time (s) spent until then (rows, columns :data:`simspec.engines.kit.arrays.SECONDS`);
+    None where the engine's program does not say.
     """
 
     world: World
@@ -60,7 +60,7 @@ class Run:
         return f"<Run of {self.world.name!r} in {self.label}: {rows}{', failed' if self.failed is not None else ''}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: what ran where, how far and how fast."""
+        """For notebooks: the engine, the world, the simulated time and the speed."""
         rows: list[tuple[str, object]] = [("engine", self.label), ("bodies", len(self.world.bodies))]
         rows += [("timestep, s", f"{self.world.physics.timestep:g}"), ("steps", self.provenance.get("steps", "–"))]
         rows.append(("records", f"{len(self.time)}, to {self.time[-1]:.4g} s" if self.recorded else "none"))
@@ -93,7 +93,7 @@ class Run:
 
     @cached_property
     def unphysical(self) -> Unphysical:
-        """What the run shows that no mechanism does (:mod:`simspec.runner.unphysical`)."""
+        """Motions of the run that are impossible for a mechanism (:mod:`simspec.runner.unphysical`)."""
         from simspec.runner.unphysical import unphysical
 
         return unphysical(self)
@@ -198,7 +198,7 @@ KEY_SCHEMA = 1
 
 @derived
 def shared_world(world: World) -> World:
-    """What the runs of several engines, settings and specs have in common: the world without its name, its expectations and its
+    """The common part of the runs of several engines, settings and specs: the world without its name, its expectations and its
     options of engines."""
     return dataclasses.replace(world, name="", expectations=(), engines=())
 
@@ -210,7 +210,7 @@ def _shared_json(world: World) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """A world in an engine: what is run, repeated and stored.
+    """A world in an engine, to be run, repeated and stored.
 
     ``engine`` is a label. ``settings`` replace solver settings of the spec, (name, value), for this engine. ``perturb`` moves
     the initial state by this relative change (see :func:`perturbed_state`), with ``seed`` in directions drawn from it.
@@ -248,7 +248,7 @@ class Case:
         return perturbed_state(self.world, self.perturb, self.seed)
 
     def key(self, versions: Mapping[str, str]) -> str:
-        """What tells this case from every other that would run differently (SHA-256).
+        """A hash that distinguishes this case from every other that would run differently (SHA-256).
 
         Left out is what no run depends on: the world's name, its expectations, and what the spec says to other engines.
         ``versions``: of all that is at work (simspec, the engine, numpy, …), by name.

@@ -1,5 +1,4 @@
-"""The tables of a saved run: what columns they have, writing and reading them block by block, with
-nothing believed.
+"""The tables of a saved run: their columns, writing them, and reading them as untrusted data, block by block.
 
 ``bodies`` and ``contacts`` are long tables with the names of bodies, and of shapes that touch; ``states`` has a column for each
 generalised coordinate, by its name (``q.elbow``, ``v.base.wx``), ``control`` one for each driven joint's target and effort
@@ -34,8 +33,8 @@ POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 AXES = ("x", "y", "z")
 MOST_COLUMNS = 256
-"""Columns of q and v by name: each costs 1 kB in the file, 15 kB of memory, 60 µs of processor time beside its values. Beyond
-that (19 free bodies) q and v are two columns of lists, and the names stand in the table's metadata under
+"""Columns of q and v by name: each costs 1 kB in the file, 15 kB of memory, 60 µs of processor time in addition to its values.
+Beyond that (19 free bodies) q and v are two columns of lists, and the names stand in the table's metadata under
 ``simspec.coordinates``: 216 spheres then take 10 ms instead of 180 to write, and a quarter less room. Tables with more columns,
 which simspec wrote before, are read as they are."""
 COORDINATES = b"simspec.coordinates"
@@ -176,7 +175,7 @@ def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World, label
 
 
 def _parts(arrays: Mapping[str, np.ndarray], *names: str, more: int = 0) -> Iterator[list[np.ndarray]]:
-    """Blocks of rows of some arrays, whose memory is given back after each; ``more``: bytes that a row costs beside them."""
+    """Blocks of rows of some arrays, whose memory is given back after each; ``more``: further bytes that a row costs."""
     named = [arrays[name] for name in names]
     for part in parts(
         len(named[0]), more + sum(array[:1].nbytes for array in named), *named, arrays["step"], arrays["time"]

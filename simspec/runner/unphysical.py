@@ -1,5 +1,5 @@
-"""What a run shows that no mechanism does, whatever engine made it: energy from nothing, bodies that leave the world, pass
-through what cannot move, or sink without end.
+"""Motions that are impossible for a mechanism in any engine: energy from nothing, bodies that leave the world, pass through
+immovable bodies, or sink without end.
 
 Engines that are given one law agree on such a motion, so that no comparison of runs shows it. All is computed from the recorded
 arrays and the world alone. Each criterion is one that a sound motion does not meet; where it cannot be applied, that is said.
@@ -51,9 +51,10 @@ REACH = 10.0
 SUNK = 0.01
 """Share of the inner radius of the thinner shape by which a resting body sinks in the second half of a run."""
 STEADY = 0.5
-"""Least ratio of the last quarter's sinking to that of the quarter before: what settles slows down."""
+"""Least ratio of the last quarter's sinking to that of the quarter before: a settling body slows down."""
 RESTING = 3.0
-"""Times the speed of sinking that a body may have at its surface to be one that rests: what slides or falls over is deeper."""
+"""Times the speed of sinking that a body may have at its surface to be one that rests: a body that slides or falls over is
+deeper."""
 ROW_BYTES = 300
 """Bytes of temporary arrays for each row of energies."""
 MOST_BINS = 1000
@@ -66,8 +67,8 @@ FEWEST = 16
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is not physical. ``body``: "" for the whole world; ``time`` (s): when it first shows; ``text``: what, with
-    its figures."""
+    """One thing that is not physical. ``body``: "" for the whole world; ``time`` (s): when it first shows; ``text``: the
+    description, with its figures."""
 
     kind: str
     body: str
@@ -82,7 +83,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Unphysical:
-    """What a run shows that is not physical, and by kind why something was not looked for."""
+    """Findings that are not physical, and by kind the reason why a check was left out."""
 
     findings: tuple[Finding, ...]
     not_judged: dict[str, str]
@@ -127,7 +128,7 @@ def unphysical(run: Run) -> Unphysical:
 
 
 def _driven(world: World) -> str:
-    """What drives a world, or gives its bodies energy that is not that of their motion; "" where nothing does."""
+    """The drive of a world, or another source of energy that is not that of its motion; "" where there is none."""
     joints = [body.joint for body in world.bodies]
     outside = any(
         joint.position_limits is not None

@@ -1,4 +1,4 @@
-"""Tests for engines, shipped: whoever adds an engine runs them against it, from a repository of their own.
+"""Tests for engines, shipped: authors of an engine run them against it, from their repository.
 
     from simspec.testing import EngineSuite
 
@@ -26,7 +26,7 @@ SUITES = {
     "SleepingSuite": "simspec.testing.suite",
     "SelfTestSuite": "simspec.testing.suite",
 }
-"""Where each suite is: imported when it is asked for, since only suites need pytest."""
+"""Where each suite is: imported at first use, since only suites need pytest."""
 
 __all__ = ["SUITES", "complete_self_test", "self_test"]
 

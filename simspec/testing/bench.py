@@ -36,8 +36,8 @@ from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 OF_SINGLES = PRECISIONS[SINGLE].model
-"""What numbers of single precision are compared to where doubles are to some last bits."""
-OWN = (Level.EXACT, Level.VIA_API)
+"""The tolerance for numbers of single precision, where doubles are compared to some last bits."""
+DIRECT = (Level.EXACT, Level.VIA_API)
 """Levels of support for which a spec has to say nothing."""
 
 
@@ -64,11 +64,11 @@ class Bench:
 
     @property
     def support(self) -> Mapping[Feature, Support]:
-        """What engine and dialect declare together."""
+        """The combined declarations of engine and dialect."""
         return combine(dialects()[self.kind.DIALECT].SUPPORT, self.kind.SUPPORT)
 
     def refusals(self, world: World) -> tuple[Problem, ...]:
-        """The features of ``world`` that the engine declares not to support, each as the problem that a user is told."""
+        """The features of ``world`` that the engine declares not to support, each as the problem that a user gets."""
         every = tuple(feature.value for feature in Feature)
         try:
             needed_decisions(
@@ -127,7 +127,7 @@ class Bench:
         return answer.arrays
 
     def proof(self, world: World, *levels: str) -> EngineProof:
-        """What is proven of ``world`` in the engine, of these levels (none: all)."""
+        """The proof of ``world`` in the engine, of these levels (none: all)."""
         return verify(world, [self.engine], pythons=self.pythons, levels=levels or LEVELS).engines[self.engine]
 
 
@@ -189,7 +189,7 @@ def failures(checks: Sequence[Any]) -> list[Any]:
     return [check for check in checks if not check.passed]
 
 
-# What all suites share: the engine's name, the interpreter it lives in, and a bench to ask it on.
+# Parts common to all suites: the engine's name, its interpreter, and a bench to query it on.
 
 
 class Suite:

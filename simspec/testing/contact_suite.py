@@ -1,4 +1,4 @@
-"""What the contact law means, the same for every engine: pair tables, several materials on a body, what passes through what."""
+"""The contact law, the same for every engine: pair tables, several materials on a body, pairs that pass through each other."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def six_materials(seed: int = 0) -> World:
     return worlds.table(dict(zip(pairs, values, strict=True)))
 
 
-def two_materials_on_one_body(first: str, second: str) -> World:
+def two_materials_on_a_body(first: str, second: str) -> World:
     """A long box of two shapes, one of each material, each resting on a tile of its own."""
     world = worlds.table({("a", "a"): 0.1, ("a", "b"): 0.8, ("b", "b"): 0.4})
     tiles = tuple(body for body in world.bodies if body.name.startswith("tile"))
@@ -107,7 +107,7 @@ def plain_surfaces() -> World:
 
 
 def declared_size(bench: Bench, world: World, law: PairContact, probes: Collection[str] = SLIDING_PROBES) -> float:
-    """What the engine declares of the friction of what slides on a face under this law, relative; 0: nothing."""
+    """The declared relative deviation of the engine in the friction of a body that slides on a face under this law; 0: none."""
     settings = bench.kind.chosen_settings(world, resolve_settings(bench.kind, world))
     cone, timestep = world.contact.friction_cone, world.physics.timestep
     declared = [
@@ -125,22 +125,22 @@ def lifts(bench: Bench, world: World) -> bool:
     return any(declared_size(bench, world, law) >= LIFTED for law in world.contact.pairs)
 
 
-def assert_held(bench: Bench, world: World) -> None:
+def assert_read_back(bench: Bench, world: World) -> None:
     """The engine says that it holds ``world``."""
     (answer,) = bench.ask(world, Operation("read_back", world=world))
-    assert answer.held is not None
-    assert failures(read_back_checks(world, bench.kind, answer.held)) == []
+    assert answer.read_back is not None
+    assert failures(read_back_checks(world, bench.kind, answer.read_back)) == []
 
 
 class ContactSuite(Suite):
     """See the module."""
 
-    def test_a_table_of_six_materials_is_held_and_measured(self, bench: Bench) -> None:
+    def test_a_table_of_six_materials_is_stored_and_measured(self, bench: Bench) -> None:
         """Boxes slide at 1 m/s on tiles: the deceleration of each is its own pair's μ g."""
         world = bench.allowed(six_materials())
         if world is None:
             return
-        assert_held(bench, world)
+        assert_read_back(bench, world)
         if lifts(bench, world):
             return
         law = {(pair.first, pair.second): pair for pair in world.contact.pairs}
@@ -159,12 +159,12 @@ class ContactSuite(Suite):
         assert wrong == {}
 
     @pytest.mark.parametrize(("first", "second"), [("a", "b"), ("b", "a")])
-    def test_shapes_of_one_body_have_materials_of_their_own(self, bench: Bench, first: str, second: str) -> None:
+    def test_shapes_of_a_body_have_separate_materials(self, bench: Bench, first: str, second: str) -> None:
         """Each end carries half the weight on its own tile: the deceleration is the mean of both pairs' μ g."""
-        world = bench.allowed(two_materials_on_one_body(first, second))
+        world = bench.allowed(two_materials_on_a_body(first, second))
         if world is None:
             return
-        assert_held(bench, world)
+        assert_read_back(bench, world)
         if lifts(bench, world):
             return
         velocity = bench.drive(world, (20, None), (60, None))["velocity"]
@@ -179,8 +179,9 @@ class ContactSuite(Suite):
 
     @pytest.mark.parametrize(("first", "second"), [("a", "b"), ("a", "a")])
     def test_contacts_name_the_shapes_that_touch(self, bench: Bench, first: str, second: str) -> None:
-        """Where an engine tells the units of contacts, each has the shape that is there; several where it tells no more."""
-        world = bench.allowed(two_materials_on_one_body(first, second))
+        """Where an engine reports the units of contacts, each names the touching shape; several where it cannot distinguish
+        them."""
+        world = bench.allowed(two_materials_on_a_body(first, second))
         if world is None:
             return
         answer = bench.run(world, 100, 20, "contacts")
@@ -218,7 +219,7 @@ class ContactSuite(Suite):
         world = bench.allowed(plain_surfaces())
         if world is None:
             return
-        assert_held(bench, world)
+        assert_read_back(bench, world)
         names = [body.name for body in world.bodies]
         rule = CollisionFilter(world)
         q, _ = initial_state(world)
@@ -247,12 +248,12 @@ class ContactSuite(Suite):
         assert height["rubber_cube"] == pytest.approx(0.05, abs=2e-3)
 
     @pytest.mark.parametrize("feature", list(worlds.CONTACT_GAPS), ids=str)
-    def test_each_part_of_a_law_is_held_or_refused_as_declared(self, bench: Bench, feature: Feature) -> None:
-        world = bench.allowed(worlds.one_law(**worlds.CONTACT_GAPS[feature]))
+    def test_each_part_of_a_law_is_stored_or_refused_as_declared(self, bench: Bench, feature: Feature) -> None:
+        world = bench.allowed(worlds.ball_with_law(**worlds.CONTACT_GAPS[feature]))
         if world is not None:
-            assert_held(bench, world)
+            assert_read_back(bench, world)
 
-    def test_pairs_with_different_hardness_are_held_or_refused_by_name(self, bench: Bench) -> None:
+    def test_pairs_with_different_hardness_are_stored_or_refused_by_name(self, bench: Bench) -> None:
         world = worlds.table({("a", "a"): 0.0, ("a", "b"): 0.0, ("b", "b"): 0.0})
         soft = Hardness("stiffness", stiffness=1e5, damping=100.0)
         pairs = tuple(
@@ -267,12 +268,12 @@ class ContactSuite(Suite):
             return
         allowed = bench.allowed(world)
         if allowed is not None:
-            assert_held(bench, allowed)
+            assert_read_back(bench, allowed)
 
     def test_a_threshold_that_is_approximate_is_a_declared_deviation(self, bench: Bench) -> None:
         """Below the threshold nothing may bounce: an engine has that, or says by how much it has not."""
         law = {"restitution": 0.8, "restitution_threshold": 0.4, "friction": 0.0}
-        world = bench.allowed(worlds.one_law(**law))
+        world = bench.allowed(worlds.ball_with_law(**law))
         if world is None:
             return
         with measure(world, bench.engine, bench.artifacts(world), bench.python, 60.0, False) as measuring:
@@ -291,7 +292,7 @@ class ContactSuite(Suite):
         for name in ("q", "v"):
             assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
-    def test_windows_from_the_rows_of_a_run_end_in_the_next_ones(self, bench: Bench) -> None:
+    def test_windows_from_the_rows_of_a_run_end_in_the_next_rows(self, bench: Bench) -> None:
         """Warm starts and contact caches change no motion: 1e-9 is 1000 times what iterative solvers leave here, and below any
         difference between engines in contact. Solvers are as accurate as they can be made: where one stops, a warm start
         shows as much as its own tolerance allows (1.7e-5 m/s at 1e-6 in one step of this scene, 3e-23 at 1e-7, measured)."""

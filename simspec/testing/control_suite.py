@@ -41,12 +41,12 @@ from simspec.world.types import Physics, Record, World
 
 STEPS = 250
 EFFORT = 1e-3
-"""N m: what an engine in single precision may be off by in an effort, of a gain times what it is off in position and speed."""
+"""N m: tolerance of an effort in single precision: a gain times the errors in position and speed."""
 HINGES = ("hinge", "hinge", "hinge")
 
 
 def with_load(damping: float = 0.0) -> World:
-    """A driven chain of hinges beside a falling free body with a hinge, and another chain that nobody drives."""
+    """A driven chain of hinges, a falling free body with a hinge, and another chain that no controller drives."""
     first = chain(HINGES, damping=damping) if damping else chain(HINGES)
     more = worlds.tree(["free", "hinge"], 11, prefix="free-") + worlds.tree(["fixed", "hinge"], 12, prefix="idle-")
     joints = tuple(body.joint.name for body in first.bodies)
@@ -60,7 +60,7 @@ HOLDS = (4, 3)
 GAINS = (8.0, 0.3)
 
 
-def held_wheels(discretisation: str) -> World:
+def wheels_with_hold(discretisation: str) -> World:
     """Two wheels under pd towards 0.5 rad, whose controllers act every 4 and every 3 steps."""
     bodies = tuple(
         dataclasses.replace(
@@ -87,7 +87,7 @@ def held_wheels(discretisation: str) -> World:
     return with_targets(world, np.array([0.5, 0.5]), tuple(body.joint.name for body in bodies))
 
 
-def held_rows(discretisation: str, steps: int) -> list[tuple[list[float], list[float]]]:
+def rows_with_hold(discretisation: str, steps: int) -> list[tuple[list[float], list[float]]]:
     """Of each wheel its positions, the first one included, and the efforts of the steps."""
     dt, inertia, (kp, kd) = 0.002, 0.02, GAINS
     found = []
@@ -133,12 +133,12 @@ class ControlSuite(Suite):
         np.testing.assert_allclose(q[control.q_places], oracle.q[control.q_places], atol=bench.near(1e-12))
 
     @pytest.mark.parametrize("discretisation", ["explicit", "implicit"])
-    def test_efforts_are_held_between_two_looks_of_a_controller(self, bench: Bench, discretisation: str) -> None:
+    def test_efforts_are_constant_between_controller_updates(self, bench: Bench, discretisation: str) -> None:
         """One wheel looks every 4 steps, one every 3, recorded every 5: q and τ by a recursion of their own."""
-        world = bench.allowed(held_wheels(discretisation))
+        world = bench.allowed(wheels_with_hold(discretisation))
         if world is None:
             return
-        steps, rows = 120, held_rows(discretisation, 120)
+        steps, rows = 120, rows_with_hold(discretisation, 120)
         answer = bench.run(world, steps, 5)
         q, effort = answer.arrays["q"], answer.arrays["control.effort"]
         for column, (positions, efforts) in enumerate(rows):
@@ -147,7 +147,7 @@ class ControlSuite(Suite):
         (windows,) = bench.ask(world, windows_operation(world, bench.run(world, steps, 12)))
         np.testing.assert_allclose(windows.arrays["q"][:, 0], rows[0][0][12::12], rtol=0.0, atol=bench.near(1e-13))
 
-    def test_a_run_records_what_was_asked_and_given(self, bench: Bench) -> None:
+    def test_a_run_records_targets_and_efforts(self, bench: Bench) -> None:
         channels = () if bench.lacks("energy") else ("energy",)
         world = bench.allowed(dataclasses.replace(with_load(), record=Record(50, channels)))
         if world is None:
@@ -174,7 +174,7 @@ class ControlSuite(Suite):
         for name in ("q", "control.effort"):
             assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
-    def test_windows_from_the_rows_of_a_run_end_in_the_next_ones(self, bench: Bench) -> None:
+    def test_windows_from_the_rows_of_a_run_end_in_the_next_rows(self, bench: Bench) -> None:
         """Under controllers, whose references begin in the middle, and without contact: nothing is remembered but the state."""
         world = bench.allowed(with_load())
         if world is None:
@@ -251,7 +251,7 @@ class ControlSuite(Suite):
             return
         declared = bench.kind.NATIVE_LAW
         assert declared is not None
-        # what is left of the way after 6 s is below 1e-9 of it; beyond that, the declared accuracy
+        # the remaining error after 6 s is below 1e-9 of it; beyond that, the declared accuracy
         assert bench.run(world, 6000).arrays["q"][-1, 0] == pytest.approx(0.5, abs=max(1e-9, declared.accuracy))
 
     def test_a_native_controller_acts_only_while_it_tracks(self, bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""Forces and torques on bodies in every engine: against closed forms, against the oracle, and beside controllers."""
+"""Forces and torques on bodies in every engine: against closed forms, against the oracle, and together with controllers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ForcesSuite(Suite):
         assert level is not Level.UNSUPPORTED or bench.allowed(brick((Force("brick", (1.0, 0.0, 0.0)),))) is None
 
     @pytest.mark.parametrize("timestep", [0.001, 0.004])
-    def test_a_push_gives_its_impulse_whatever_the_timestep(self, bench: Bench, timestep: float) -> None:
+    def test_a_push_gives_its_impulse_at_any_timestep(self, bench: Bench, timestep: float) -> None:
         """A push from 10.4 ms to 31.7 ms, on no bounds of steps: v = F t/m. A torque: ω = T t/I of a body that is round."""
         push = Force("brick", (3.0, -2.0, 5.0), (0.0, 0.0, 0.0), (0.05, 0.0, 0.1), 0.0104, 0.0317)
         twist = Force("brick", torque=(0.02, 0.05, -0.03), start=0.002, until=0.0317)
@@ -62,7 +62,7 @@ class ForcesSuite(Suite):
         turn = bench.run(world, round(0.048 / timestep)).arrays["velocity"][-1, 0, 3:]
         np.testing.assert_allclose(turn, np.array(twist.torque) * 0.0297 / 0.02, rtol=bench.near(1e-12, 1e-5))
 
-    def test_a_push_beside_the_centre_of_mass_turns_the_body(self, bench: Bench) -> None:
+    def test_a_push_off_the_centre_of_mass_turns_the_body(self, bench: Bench) -> None:
         """In the first step the lever is exactly known: Δω = r × F dt/I, Δv = F dt/m."""
         force = Force("brick", (0.0, 6.0, 0.0), at=(0.05, 0.0, 0.4), until=0.001)
         world = bench.allowed(brick((force,), turned=False))
@@ -91,8 +91,8 @@ class ForcesSuite(Suite):
         assert state_error(world, answer.arrays["q"][-1], q) < bench.near(1e-10, 1e-4)
         np.testing.assert_allclose(answer.arrays["v"][-1], v, atol=bench.near(1e-9, 1e-3))
 
-    def test_forces_act_beside_controllers_and_leave_nothing_behind(self, bench: Bench) -> None:
-        """On a driven tree and on one that nobody drives, with pauses, recorded at moments that are no bounds of forces."""
+    def test_forces_act_together_with_controllers_and_leave_nothing_behind(self, bench: Bench) -> None:
+        """On a driven tree and on an undriven one, with pauses, recorded at moments that are no bounds of forces."""
         bodies = worlds.tree(["hinge", "hinge"], 5) + worlds.tree(["free", "hinge"], 6, prefix="loose-")
         joints = tuple(body.joint.name for body in bodies[:2])
         forces = (
@@ -115,8 +115,8 @@ class ForcesSuite(Suite):
                 windows.arrays[name], whole.arrays[name][1:], rtol=0.0, atol=bench.near(1e-12, 1e-4)
             )
 
-    def test_a_kinematic_body_is_where_it_is_told_and_carries_what_hangs_on_it(self, bench: Bench) -> None:
-        """What slides on it along its way stays where it is; what turns about its axis does not turn with it."""
+    def test_a_kinematic_body_follows_its_motion_and_carries_its_children(self, bench: Bench) -> None:
+        """A slide on it along its direction of motion stays where it is; a hinge about its axis does not turn with it."""
         base = Joint("base_joint", "free", position=(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6)
         isotropic = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
         slider = Joint("slider_joint", "slide", "base", axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,))
@@ -154,7 +154,8 @@ class ForcesSuite(Suite):
             return
         (check,) = proof.level("L7")
         assert (check.name, check.passed, check.count) == ("prescribed motion", True, 202), check
-        # what hangs on it weighs 1e-5 of it, so that 0.1 % of its mass is less than singles are compared to; L1 compares masses
+        # the bodies that hang on it weigh 1e-5 of it, so that 0.1 % of its mass is less than singles are compared to; L1
+        # compares masses
         lighter = dataclasses.replace(heavy, mass=heavy.mass * bench.near(0.999, 0.98))
         other = dataclasses.replace(allowed, bodies=(dataclasses.replace(bodies[0], inertial=lighter), *bodies[1:]))
         folder = bench.place / "other-base"

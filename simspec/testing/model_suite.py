@@ -1,7 +1,7 @@
-"""The model that an engine holds, its states, its dynamics, contact in general: what every engine must do, the same for all.
+"""The engine's model, its states, its dynamics, contact in general: requirements that are the same for every engine.
 
-What an engine does not support is refused with the error that it declares, which is asserted and never skipped; what it lacks
-(``Engine.LACKS``) is not asked for by the proof, and raises when it is.
+An unsupported feature is refused with the declared error, which is asserted and never skipped; the proof does not request an
+operation that the engine lacks (``Engine.LACKS``), and a request for it raises.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.bench import (
-    OWN,
+    DIRECT,
     Bench,
     Suite,
     failures,
@@ -57,7 +57,9 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,
     "several joints": worlds.several_joints,
-    "held": lambda: dataclasses.replace(constrained(""), engines=()),  # the bench asks for what its engine needs
+    "held": lambda: dataclasses.replace(
+        constrained(""), engines=()
+    ),  # the bench adds the options that its engine needs
     "sums": lambda: dataclasses.replace(sums(""), engines=()),
 }
 """From little to much: an engine may refuse some, by declaration, but not the first."""
@@ -65,12 +67,12 @@ MUST_BE_THERE = ("fall",)
 STEPS = 300
 """Of the motion of each world."""
 MOVED = 1e-4
-"""What engines in single precision may be off after it (rad, m, m/s): ten times what rounding makes of hinges there."""
+"""Tolerance for engines in single precision after it (rad, m, m/s): ten times the effect of rounding on hinges there."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """One world, and everything that the engine said of it, asked at once; ``q``, ``v`` are the states (k, nq), (k, nv) of the
+    """One world, and all answers of the engine about it, queried at once; ``q``, ``v`` are the states (k, nq), (k, nv) of the
     questions, ``effort`` (nv,) that of the motion, which begins in the first."""
 
     world: World
@@ -123,7 +125,7 @@ class ModelSuite(Suite):
     def test_the_engine_holds_the_world(self, bench: Bench, known: Known | None) -> None:
         if known is None:
             return
-        read_back = known.answers["read_back"].held
+        read_back = known.answers["read_back"].read_back
         assert read_back is not None
         checks: list[Check] = read_back_checks(known.world, bench.kind, read_back)
         assert failures(checks) == []
@@ -180,7 +182,7 @@ class ModelSuite(Suite):
         (answer,) = bench.ask(world, pressed.operation(world))
         assert failures(pressed.checks(world, answer.arrays)) == []
 
-    def test_what_is_lacking_raises_when_it_is_asked_for(self, bench: Bench) -> None:
+    def test_lacking_operations_raise(self, bench: Bench) -> None:
         world = bench.allowed(worlds.fall())
         assert world is not None
         oracle = Oracle(world)
@@ -207,7 +209,7 @@ class ModelSuite(Suite):
         assert state_error(known.world, moved["q"][-1], expected_q) < bench.near(1e-10, MOVED)
         np.testing.assert_allclose(moved["v"][-1], expected_v, rtol=0, atol=bench.near(1e-9, MOVED))
 
-    def test_steps_in_one_call_and_in_many_are_the_same(self, bench: Bench, known: Known | None) -> None:
+    def test_steps_in_a_single_call_and_in_many_are_the_same(self, bench: Bench, known: Known | None) -> None:
         if known is None or bench.lacks("contact_off"):
             return
         at_once, in_parts = (known.answers[name].arrays for name in ("motion", "motion in parts"))
@@ -223,7 +225,7 @@ class ModelSuite(Suite):
         np.testing.assert_allclose(
             recorded["energy"][:, 0], expected[:, 0], rtol=bench.near(1e-9), atol=bench.near(1e-12) * scale
         )
-        # what is fixed to the world has a constant potential, which an engine may or may not count
+        # a body that is fixed to the world has a constant potential, which an engine may or may not count
         gained, wanted = recorded["energy"][:, 1] - recorded["energy"][0, 1], expected[:, 1] - expected[0, 1]
         np.testing.assert_allclose(gained, wanted, rtol=bench.near(1e-8), atol=bench.near(1e-9) * scale)
 
@@ -234,7 +236,7 @@ class ModelSuite(Suite):
         for name in ("q", "v"):
             assert answer.arrays[name].tobytes() == other.arrays[name].tobytes()
 
-    def test_seconds_are_told_for_each_row(self, bench: Bench) -> None:
+    def test_seconds_are_recorded_for_each_row(self, bench: Bench) -> None:
         """A program of its own need not tell them; the totals are its word, which the rows must fit."""
         world = bench.allowed(worlds.spheres()) or bench.allowed(worlds.hinges())
         assert world is not None
@@ -329,14 +331,14 @@ class ModelSuite(Suite):
     @pytest.mark.parametrize("feature", list(NEEDING), ids=str)
     def test_a_gap_raises_the_error_it_declares(self, bench: Bench, feature: Feature) -> None:
         """Every feature that the engine has only approximately, outside or not at all is refused unless named."""
-        if bench.support[feature].level in OWN:
+        if bench.support[feature].level in DIRECT:
             return
         errors = [gap_error(bench, feature, settings) for settings in settings_of(bench)]
         assert any(feature.value in error for error in errors), f"{feature} is declared as less, and compiled"
 
     @pytest.mark.parametrize("feature", [Feature.GRAVITY, Feature.TIMESTEP, Feature.INERTIA], ids=str)
     def test_the_core_of_the_language_is_exact_everywhere(self, bench: Bench, feature: Feature) -> None:
-        assert bench.support[feature].level in OWN
+        assert bench.support[feature].level in DIRECT
 
     def test_every_support_that_is_less_than_exact_says_how(self, bench: Bench) -> None:
         silent = [
@@ -368,7 +370,7 @@ class ModelSuite(Suite):
 
 
 def gap_error(bench: Bench, feature: Feature, settings: tuple[tuple[str, object], ...]) -> str:
-    """What compiling says to a world that needs the feature, under these settings and with nothing accepted; "" nothing."""
+    """The message of compiling a world that needs the feature, under these settings and with nothing accepted; "" none."""
     world = worlds.with_options(NEEDING[feature](), bench.kind.NAME, settings=settings)
     try:
         bench.compiled(world)

@@ -11,6 +11,7 @@ from simspec.proof.selftest_worlds import framed, sum_friction, sum_limits, sums
 from simspec.support.features import Feature
 from simspec.testing.worlds import (
     CONTACT_GAPS,
+    ball_with_law,
     damped_springs,
     every_joint,
     gripper,
@@ -20,7 +21,6 @@ from simspec.testing.worlds import (
     lifted,
     limits_and_armature,
     lying,
-    one_law,
     point_mass,
     several_joints,
     shapes_world,
@@ -77,11 +77,11 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
         for feature in Feature
         if feature.value.startswith("contact.cone.")
     },
-    **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
+    **{feature: partial(ball_with_law, **law) for feature, law in CONTACT_GAPS.items()},
     Feature.HARDNESS_STIFFNESS: partial(lying, **CONTACT_GAPS[Feature.HARDNESS_STIFFNESS]),
     Feature.SHAPE_MARGIN: felt_at_a_distance,
     Feature.SURFACE_VELOCITY: belt,
-    Feature.MARGIN_PAIRS: partial(one_law, friction=0.0, margin=0.002),
+    Feature.MARGIN_PAIRS: partial(ball_with_law, friction=0.0, margin=0.002),
     Feature.ARMATURE: partial(limits_and_armature, armature=0.1),
     Feature.DRY_FRICTION: partial(limits_and_armature, dry_friction=0.1),
     **dict.fromkeys((Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT), limits_and_armature),

@@ -32,7 +32,7 @@ class SelfTestSuite(Suite):
     @pytest.fixture(scope="class")
     @classmethod
     def planted(cls) -> SelfTest:
-        """What became of each defect."""
+        """The outcome of each defect."""
         pythons = {} if cls.python is None else {cls.engine: cls.python}
         return self_test([cls.engine], defects=cls.defects, pythons=pythons)
 
@@ -40,12 +40,12 @@ class SelfTestSuite(Suite):
         assert [outcome.defect for outcome in planted.outcomes if outcome.caught is False] == []
         assert planted.planted > 0
 
-    def test_what_cannot_be_planted_says_why(self, planted: SelfTest) -> None:
+    def test_unplanted_defects_have_a_reason(self, planted: SelfTest) -> None:
         assert all(outcome.reason for outcome in planted.outcomes if outcome.caught is None)
 
 
-# Sleeping, in every engine that has the setting: off unless asked for; what sleeps stays where it is and wakes when something
-# happens to it; what is driven does not notice. An engine without the setting refuses it.
+# Sleeping, in every engine that has the setting: off by default; a sleeping body stays where it is and wakes when something
+# happens to it; a driven one is unaffected. An engine without the setting refuses it.
 
 SETTING = "sleeping"
 ON = ((SETTING, True),)
@@ -77,7 +77,7 @@ def scene(*bodies: Body, **more: Any) -> World:
 
 
 def hinge(name: str, parent: str | None, origin: Pose, shapes: tuple[Shape, ...] = (), length: float = 0.2) -> Body:
-    """A rod along x on a hinge about z, so that gravity asks for no effort."""
+    """A rod along x on a hinge about z, so that gravity needs no effort."""
     inertial = Inertial(0.5, (length / 2, 0.0, 0.0), (1e-4, 2e-3, 2e-3, 0.0, 0.0, 0.0))
     joint = Joint(f"{name}_joint", "hinge", parent, origin, (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
     return Body(name, "arm", inertial, joint, shapes)
@@ -123,7 +123,7 @@ def rows(bench: Bench, world: World, steps: int, every: int | None = None) -> Ma
 class SleepingSuite(Suite):
     """See the module."""
 
-    # --- off unless asked for -------------------------------------------------------------------------------------
+    # --- off by default -------------------------------------------------------------------------------------------
 
     def test_it_is_off_and_leaves_no_trace_in_files(self, bench: Bench) -> None:
         world = scene(cylinder("one", 0.0))
@@ -145,7 +145,7 @@ class SleepingSuite(Suite):
     def test_a_word_for_it_is_refused(self, bench: Bench) -> None:
         assert check_settings(bench.kind, [(SETTING, "yes")])
 
-    def test_what_rests_is_simulated_unless_asked_otherwise(self, bench: Bench) -> None:
+    def test_resting_bodies_are_simulated_by_default(self, bench: Bench) -> None:
         """A body slower than any threshold for sleeping goes on."""
         world = with_sleeping(bench, drifting(1e-5), sleeping=False)
         if world is None:
@@ -166,7 +166,7 @@ class SleepingSuite(Suite):
 
     # --- what sleeps ----------------------------------------------------------------------------------------------
 
-    def test_what_sleeps_stays_to_the_last_bit_where_it_rested(self, bench: Bench) -> None:
+    def test_sleeping_bodies_stay_in_place_to_the_last_bit(self, bench: Bench) -> None:
         base = scene(cylinder("one", 0.0), cylinder("dropped", 0.3, LENGTH / 2 + 0.002))
         awake, world = with_sleeping(bench, base, sleeping=False), with_sleeping(bench, base)
         if awake is None or world is None:
@@ -179,7 +179,7 @@ class SleepingSuite(Suite):
         np.testing.assert_allclose(asleep["pose"][-1, 1:, :3], expected, atol=2e-6)
 
     @pytest.mark.parametrize("timestep", [0.0005, 0.004, 0.008])
-    def test_what_rests_sleeps_at_any_timestep(self, bench: Bench, timestep: float) -> None:
+    def test_resting_bodies_sleep_at_any_timestep(self, bench: Bench, timestep: float) -> None:
         base = scene(cylinder("one", 0.0), cylinder("other", 0.3))
         base = dataclasses.replace(base, physics=dataclasses.replace(base.physics, timestep=timestep))
         world = with_sleeping(bench, base)
@@ -197,7 +197,7 @@ class SleepingSuite(Suite):
             ends.append(rows(bench, world, SETTLED)["pose"][-1])
         np.testing.assert_allclose(ends[0][:, :3], ends[1][:, :3], atol=5e-6)
 
-    def test_what_is_hit_wakes(self, bench: Bench) -> None:
+    def test_sleeping_bodies_wake_when_hit(self, bench: Bench) -> None:
         """A ball that comes late knocks over a cylinder that sleeps as it knocks over one that does not."""
         gravity, late, speed = 0.1, 4.3, 1.0
         start = (-speed * late, 0.0, 0.07 + gravity * late**2 / 2, 1.0, 0.0, 0.0, 0.0)
@@ -232,7 +232,7 @@ class SleepingSuite(Suite):
 
     # --- what does not --------------------------------------------------------------------------------------------
 
-    def test_what_is_driven_does_not_notice(self, bench: Bench) -> None:
+    def test_driven_bodies_are_unaffected_by_sleeping(self, bench: Bench) -> None:
         """The arm's motion is the same, in which it stands still for long, begins slowly, and pushes what slept."""
         ends = []
         for sleeping in (True, False):
@@ -247,7 +247,7 @@ class SleepingSuite(Suite):
         assert np.linalg.norm(ends[1][2][2, :2] - (0.33, 0.22)) > 0.02
         np.testing.assert_allclose(ends[0][2], ends[1][2], atol=2e-3)
 
-    def test_what_has_a_joint_goes_on_however_slowly(self, bench: Bench) -> None:
+    def test_jointed_bodies_move_on_however_slowly(self, bench: Bench) -> None:
         wheel = hinge("upper", None, Pose((0.0, 0.0, 0.5)))
         wheel = dataclasses.replace(wheel, joint=dataclasses.replace(wheel.joint, velocity=(1e-7,)))
         world = with_sleeping(bench, scene(wheel, cylinder("one", 0.5)))
@@ -259,4 +259,4 @@ class SleepingSuite(Suite):
 
 
 class EngineSuite(ModelSuite, ContactSuite, ControlSuite, ForcesSuite, SleepingSuite, SelfTestSuite):
-    """Everything that simspec asks of an engine; about 100 tests."""
+    """All requirements of simspec on an engine; about 100 tests."""

@@ -1,6 +1,6 @@
 """Worlds built in Python, for tests of engines: each is small and uses a known set of features.
 
-They say nothing to engines: :func:`accepting` adds what an engine needs to be accepted or asked for.
+They say nothing to engines: :func:`accepting` adds the features that must be accepted or requested for an engine.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def several_joints() -> World:
         joint = replace(joint, parent=called.get(joint.parent or "", joint.parent))
         inertia = body.inertial if name == body.name else Inertial(0.0)
         bodies.append(replace(body, name=name, joint=joint, inertial=inertia))
-    # slides along the axes, so that no draw puts two of them beside each other
+    # slides along the axes, so that no draw makes two of them parallel
     for index, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), start=len(arm)):
         bodies[index] = with_joint(bodies[index], axis=axis, origin=Pose())
     return world(tuple(bodies), "several-joints")
@@ -220,7 +220,7 @@ def jointed(kind: str, **more: Any) -> World:
 
 
 def limits_and_armature(armature: float = 0.0, dry_friction: float = 0.0) -> World:
-    """A fixed-base arm of three hinges with all limits; armature and dry friction where asked."""
+    """A fixed-base arm of three hinges with all limits; armature and dry friction where requested."""
     bodies = tree(
         ["fixed", "hinge", "hinge", "slide"],
         13,
@@ -338,7 +338,7 @@ def touching_link(on_base: bool = False) -> World:
     return with_bodies(base, change, name="touching-link", contact=contact)
 
 
-def one_law(**law: Any) -> World:
+def ball_with_law(**law: Any) -> World:
     """A ball above a floor, of one material with this law."""
     pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
     contact = Contact(materials=(Material("default"),), pairs=(pair,))
@@ -351,7 +351,7 @@ def lying(**law: Any) -> World:
     """The same of a capsule, which touches in two points."""
     capsule = Shape("capsule_0", "capsule", (0.1, 0.4), material="default")
     return with_bodies(
-        one_law(**law), lambda body: body if body.joint.kind == "fixed" else replace(body, shapes=(capsule,))
+        ball_with_law(**law), lambda body: body if body.joint.kind == "fixed" else replace(body, shapes=(capsule,))
     )
 
 
@@ -361,7 +361,7 @@ def fall() -> World:
 
 
 def hinges() -> World:
-    """A pendulum of two hinges with skew axes on a fixed base, beside a free body with one fixed to it."""
+    """A pendulum of two hinges with skew axes on a fixed base, and a free body with another fixed to it."""
     bodies = tree(["fixed", "hinge", "hinge"], 4) + tree(["free", "fixed"], 5, prefix="free-")
     return world(bodies, "hinges")
 

@@ -128,7 +128,7 @@ class Fluid:
 @dataclass(frozen=True, slots=True)
 class Box:
     """The box of a body: edges (m), and the orientation of its axes in the body's frame. Its centre is the centre of mass that
-    engines are told (``world/inertia.py``)."""
+    engines receive (``world/inertia.py``)."""
 
     edges: Vector3
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -136,8 +136,8 @@ class Box:
 
 # Forces and torques that act on bodies during given times. Frozen, SI units, all resolved.
 #
-# In every step a force is its mean over the step: what begins or ends between two steps counts by its share of the step, so
-# that its impulse is exact at every timestep. It is taken at the state before the step, as all efforts are.
+# In every step a force is its mean over the step: a force that begins or ends between two steps counts by its share of the
+# step, so that its impulse is exact at every timestep. It is taken at the state before the step, as all efforts are.
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +170,8 @@ class Force:
 # velocity, and move it by 1/HEAVIER of what they would move a body of their own mass, which the next step takes back.
 
 KINEMATIC_MASS_RATIO = 1e5
-"""Of a kinematic body beside all that moves in its world. At 1e4 a box that slides on one shifts it by 2e-9 m in a step of
-1 ms, at 1e5 by 2e-10 m; at 1e8 one engine lifts the box at 2.5 mm/s (measured)."""
+"""Of a kinematic body, relative to all that moves in its world. At 1e4 a box that slides on one shifts it by 2e-9 m in a step
+of 1 ms, at 1e5 by 2e-10 m; at 1e8 one engine lifts the box at 2.5 mm/s (measured)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ import weakref
 from collections.abc import Callable, Hashable
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-# What follows from a world is worked out once, and kept for as long as the world lives.
+# Derived data of a world is computed once, and kept for as long as the world lives.
 #
-# A world never changes, and on its way from the spec to the printed table many parts ask for the same: its rigid groups, the
+# A world never changes, and on its way from the spec to the printed table many parts need the same: its rigid groups, the
 # laws of its pairs, its hash. Results are kept by the world as an object, not by what it equals: comparing two worlds costs
 # more than most of what is kept here.
 
@@ -148,7 +148,7 @@ def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
 
 
 def _structured(kind: Any, value: Any) -> bool:
-    """Whether a list or a dict may stand for a tuple or a dataclass; of several tuples the first item tells which, of several
+    """Whether a list or a dict may stand for a tuple or a dataclass; of several tuples the first item decides, of several
     dataclasses the field ``kind`` where it is a literal."""
     if isinstance(value, dict):
         if not isinstance(kind, type) or not dataclasses.is_dataclass(kind):

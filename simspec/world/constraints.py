@@ -155,9 +155,9 @@ def _turned(turns: Array, vectors: Array) -> Array:
 
 
 def impulse(mass: Array, jacobian: Array, velocity: Array, violation: Array, timestep: float) -> Array:
-    """What the law J v⁺ = −φ/dt adds to a velocity (nv,): −M⁻¹ Jᵀ λ, with J M⁻¹ Jᵀ λ = J v + φ/dt. Rows that say the same twice
-    count once: of λ the smallest. Not finite where M has no inverse, as in motion that has diverged: slides that are 1e100 m
-    away leave no digit of the other coordinates."""
+    """The change of a velocity (nv,) by the law J v⁺ = −φ/dt: −M⁻¹ Jᵀ λ, with J M⁻¹ Jᵀ λ = J v + φ/dt. Rows that say the same
+    twice count once: of λ the smallest. Not finite where M has no inverse, as in motion that has diverged: slides that are
+    1e100 m away leave no digit of the other coordinates."""
     try:
         moved = np.linalg.solve(mass, jacobian.T)
     except np.linalg.LinAlgError:

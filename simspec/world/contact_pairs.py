@@ -135,7 +135,7 @@ def only_free_spheres(world: World) -> bool:
     return (
         frictionless(world)
         and not world.constraints
-        and all(body.joint.kind == "free" for body in moving)  # what is joined to another body is not free
+        and all(body.joint.kind == "free" for body in moving)  # a body that is joined to another is not free
         and all(shape.kind == "sphere" for body in moving for shape in solid_shapes(body))
     )
 
@@ -164,7 +164,7 @@ def excluded_pairs(world: World) -> tuple[Pair, ...]:
     """Every pair of bodies in the *same rigid group* that moves, and every explicitly excluded pair, sorted: the pairs that an
     engine's filter needs.
 
-    Bodies without collision shapes are left out. What both cannot move needs no filter: no engine tests static bodies
+    Bodies without collision shapes are left out. A pair of immovable bodies needs no filter: no engine tests static bodies
     against each other in a way that moves anything. Collision groups are written separately, by each dialect's own means.
     """
     solid = {body.name for body in world.bodies if solid_shapes(body)}

@@ -37,8 +37,8 @@ SWEEPS = 30
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """What is enclosed, at density 1: its volume (m³; negative where triangles are wound inwards), and the frame in its centre
-    of mass along its principal axes, with the principal moments (m⁵) about them."""
+    """The enclosed solid, at density 1: its volume (m³; negative where triangles are wound inwards), and the frame in its
+    centre of mass along its principal axes, with the principal moments (m⁵) about them."""
 
     volume: float
     frame: Pose
@@ -109,7 +109,8 @@ def principal(tensor: list[Row3]) -> tuple[Vector3, frames.Matrix3]:
 FEWEST_VERTICES = 4
 """Vertices of the smallest solid."""
 CENTRED = 1e-14
-"""Share of the largest coordinate up to which a centre of mass is at the origin: what simspec has written is read as it is."""
+"""Share of the largest coordinate up to which a centre of mass is at the origin: a file that simspec has written is read
+unchanged."""
 CACHED_HULLS = 1024
 """Hulls whose faces and figures are remembered."""
 
@@ -129,7 +130,7 @@ class OpenHullError(HullError):
 @dataclass(frozen=True)
 class Hull:
     """A convex hull: its ``vertices`` (n, 3), the ``triangles`` (m, 3) of their indices, anticlockwise as seen from outside,
-    with outward unit ``normals`` (m, 3) and distances ``offsets`` (m,) of their planes from the origin; what it encloses."""
+    with outward unit ``normals`` (m, 3) and distances ``offsets`` (m,) of their planes from the origin; its volume."""
 
     vertices: Points
     triangles: Triangles
@@ -299,8 +300,8 @@ def margin_excess(size: tuple[float, ...], margin: float) -> float:
 
 
 def thickened(kind: str, size: tuple[float, ...], margin: float) -> tuple[float, ...]:
-    """The size of a box or cylinder where no half of one is below a ``margin`` (m) that an engine keeps within it; what is
-    below by less than ``THINNEST`` stays."""
+    """The size of a box or cylinder where no half of one is below a ``margin`` (m) that an engine keeps within it; a size that
+    is below by less than ``THINNEST`` stays."""
     least = margin - SLACK_OF_HALVES
     if kind == "box":
         return tuple(edge if edge / 2.0 >= least else 2.0 * margin for edge in size)
@@ -309,8 +310,8 @@ def thickened(kind: str, size: tuple[float, ...], margin: float) -> tuple[float,
 
 
 def rounded_core(kind: str, size: tuple[float, ...], margin: float) -> tuple[float, ...]:
-    """What a ball of radius ``margin`` (m) is around in an engine that keeps such a margin: the hull, box or cylinder whose
-    edges it rounds."""
+    """The core that a ball of radius ``margin`` (m) surrounds in an engine that keeps such a margin: the hull, box or cylinder
+    whose edges it rounds."""
     if kind == "mesh":
         return hull_within_margin(size, margin)
     if kind == "box":

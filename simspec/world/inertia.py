@@ -220,7 +220,7 @@ def lumped(world: World) -> Mapping[str, Inertial]:
 
 
 def lumped_gravity_scale(world: World, body: Body) -> float:
-    """The ``gravity_scale`` that engines are told of a body: where inertia is gathered, that of the bodies with mass, which
+    """The ``gravity_scale`` that engines receive for a body: where inertia is gathered, that of the bodies with mass, which
     have the same (``resolve/stability.py``)."""
     if body.name not in lumped(world):
         return body.gravity_scale
@@ -268,7 +268,7 @@ def _edge(mass: float, moment: float) -> float:
 
 def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]:
     """The bodies of a world with a fluid, each with the box by which it feels it: of what cannot move none, and of a rigid
-    group that is told as one one, at its topmost body. ``bodies``: those with mass have a box of their
+    group that engines receive as a single body, at its topmost body. ``bodies``: those with mass have a box of their
     own already; ``kinematic``: the names of those whose mass is another since."""
     inertials = lumped(World("", tuple(bodies)))
     boxes: dict[str, Box] = {}

@@ -344,8 +344,8 @@ def free_rigid(world: World) -> frozenset[str]:
 #
 # A hinge or slide has its joint's name (``elbow``). A ball joint has a column for each component of its quaternion and of its
 # angular velocity (``shoulder.qw``, ``shoulder.wx``). A free body has those of its centre of mass, its quaternion and its
-# velocities, under the *body's* name (``base.x``, ``base.qw``, ``base.vx``, ``base.wx``). What they mean physically stands in
-# :mod:`simspec.world.kinematics`.
+# velocities, under the *body's* name (``base.x``, ``base.qw``, ``base.vx``, ``base.wx``). Their physical meaning is in the
+# docstring of :mod:`simspec.world.kinematics`.
 
 POSITION_COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "fixed": (),
@@ -354,7 +354,7 @@ POSITION_COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "ball": (".qw", ".qx", ".qy", ".qz"),
     "free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"),
 }
-"""What stands behind the name in q, by the joint's kind."""
+"""Suffixes of the name in q, by the joint's kind."""
 VELOCITY_COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "fixed": (),
     "hinge": ("",),

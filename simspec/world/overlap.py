@@ -27,17 +27,18 @@ from simspec.world.types import Body, Pose, Shape, World
 DEEP = 0.1
 """Share of the smaller shape's inner radius from which an overlap is deep: resting contact overlaps by far less."""
 MOST_PAIRS = 20_000
-"""Pairs whose bounding spheres overlap that are looked at, those first whose centres are nearest beside their inner radii."""
+"""Pairs whose bounding spheres overlap that are looked at, those first whose centres are nearest relative to their inner
+radii."""
 MOST_OVERLAPS = 500
-"""Deep overlaps that are looked for: who has so many has them all over."""
+"""Maximum number of deep overlaps that are searched for: a world with so many has them everywhere."""
 MOST_AT_ONCE = 500
 """Shapes of which every pair is formed; more are sought with a tree of their places."""
 MOST_NEIGHBOURS = 1_000_000
-"""Neighbours within reach that the tree is asked for: 16 MB."""
+"""Neighbours within reach that the tree returns: 16 MB."""
 OUTSIZE = 4.0
 """Times the median bounding radius from which a shape is held against all others, for the tree's reach to stay short."""
 DIRECTIONS = 96
-"""Directions spread over the sphere, 13° apart, from which the least overlap is sought."""
+"""Directions spread over the sphere, at angles of 13°, from which the least overlap is sought."""
 PARALLEL = 1e-9
 """Of the cosine of the angle between two planes that face each other."""
 ROUNDS = 12
@@ -108,7 +109,7 @@ def deep_overlaps(world: World) -> list[Overlap]:
 
 
 def _beyond(world: World) -> Callable[[Solid, Solid], float]:
-    """How much further apart (m) two shapes are felt than the sum of their margins says."""
+    """How much larger (m) the contact distance of two shapes is than the sum of their margins."""
     stated = {(pair.first, pair.second): pair.margin for pair in world.contact.pairs if pair.margin is not None}
 
     def beyond(solid: Solid, other: Solid) -> float:
@@ -214,7 +215,7 @@ def _deepest(solid: Solid, other: Solid, beyond: float) -> float:
     limit, deepest = DEEP * min(ground.inner, other.inner), 0.0
     for triangle in near[distances[near] < other.outer + beyond + ground.shape.margin].tolist():
         prism = field.prism(triangle)
-        middle = prism.mean(axis=0)  # a direction from a point within it tells more
+        middle = prism.mean(axis=0)  # a direction from a point within it is more informative
         size = tuple((prism - middle).ravel().tolist())
         at = ground.centre + middle @ ground.axes
         part = Solid(ground.body, dataclasses.replace(ground.shape, kind="mesh", size=size), at, ground.axes)

@@ -1,4 +1,5 @@
-"""What bodies of two materials can do together in a world: which contact features it needs, and which coupled probes apply.
+"""Possible interactions of bodies of two materials in a world: the contact features that it needs, and the coupled probes that
+apply.
 
 A demand for something that cannot happen in a world would refuse engines for nothing.
 """
@@ -135,7 +136,7 @@ FLAT = ("box", "cylinder", "mesh")
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What can happen between two materials.
+    """Possible interactions between two materials.
 
     leans    a body may be touched from two sides, or is held by a joint: friction can change a normal force
     gathers  one body may touch two others that move
@@ -175,7 +176,7 @@ class _Class:
 
 @derived
 def reach(world: World, first: str, second: str) -> Reach:
-    """What bodies of two materials can do together in ``world``."""
+    """Possible interactions of bodies of two materials in ``world``."""
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
     ratio, leans, carries, crosses = 0.0, False, False, False
@@ -375,11 +376,11 @@ def _moves(world: World, body: Body) -> bool:
 
 def _is_lone(world: World, body: Body) -> bool:
     """Whether a body is free, and no other hangs on it by a joint or a constraint."""
-    return body.joint.kind == "free" and body.name not in _held(world)
+    return body.joint.kind == "free" and body.name not in _attached(world)
 
 
 @derived
-def _held(world: World) -> frozenset[str]:
+def _attached(world: World) -> frozenset[str]:
     """The names of bodies that others are joined to, or that constraints hold."""
     names = {body.joint.parent for body in world.bodies if body.joint.parent is not None and body.joint.kind != "fixed"}
     for constraint in world.constraints:

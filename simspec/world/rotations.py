@@ -10,7 +10,7 @@ nothing is normalised unless said. The functions whose names end in ``_of`` do t
 step of a small world an array costs more than what is computed with it. All digits are kept down to angles of 1e-150, below
 which squares leave the range of doubles.
 
-What goes into files and hashes is computed in :mod:`simspec.world.frames`, which gives the same bits on every machine; here are
+Values in files and hashes are computed in :mod:`simspec.world.frames`, which gives the same bits on every machine; here are
 numpy's and the C library's own.
 """
 

@@ -24,7 +24,7 @@ from simspec.world import hull
 # The size of a shape of kind ``heightfield`` is flat: rows, columns, the lengths along x and y (m), the ``base`` (m), and the
 # heights (m), row by row. The first row is at the least y, the first height of a row at the least x; the lowest height is 0, so
 # that the frame's origin is at the middle of the rectangle, at the level of the lowest point. Each cell is two triangles that
-# meet along the diagonal from (row, column) to (row + 1, column + 1); what is below them is solid down to z = −base.
+# meet along the diagonal from (row, column) to (row + 1, column + 1); the space below them is solid down to z = −base.
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -139,7 +139,7 @@ def heightfield_size(x: float, y: float, base: float, heights: Array) -> tuple[f
 
 
 def heightfield_fault(size: Sequence[float]) -> str | None:
-    """What is wrong with the numbers of a size; None where nothing is."""
+    """The fault in the numbers of a size; None where there is none."""
     if len(size) < HEIGHTFIELD_HEAD:
         return f"has {len(size)} entries, should have rows, columns, x, y, base, and the heights"
     rows, columns, *lengths = size[:HEIGHTFIELD_HEAD]
@@ -201,9 +201,9 @@ class Round(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ShapeKind:
-    """What all shapes of one kind have.
+    """Properties of all shapes of a kind.
 
-    sizes         what the numbers of a size are; () where there are none, and where they are ``points``
+    sizes         the meaning of the numbers of a size; () where there are none, and where they are ``points``
     volume        (size) -> m³; 0 for a plane
     moments       (size, mass) -> principal moments (kg m²) about the centre and the shape's own x, y, z axes
     inner_radius  (size) -> radius (m) of the largest sphere about the centre inside it
@@ -235,7 +235,7 @@ class ShapeKind:
         return self.endless or self.grid
 
     def wrong_size(self, size: Size) -> str | None:
-        """What is wrong with the count of a size's numbers; None where it is right."""
+        """The fault in the count of a size's numbers; None where it is right."""
         if self.grid:
             return heightfield_fault(size)
         if not self.points:

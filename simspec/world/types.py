@@ -81,8 +81,8 @@ class Hardness:
 class Surface:
     """The numbers that an engine holds for one copy of a shape, to be combined with another's by the engine's rules.
 
-    Sliding friction and restitution are ratios, torsional and rolling friction lengths (m); None = cannot be told.
-    ``hardness`` None = this engine holds hardness elsewhere, or cannot tell it.
+    Sliding friction and restitution are ratios, torsional and rolling friction lengths (m); None = not readable.
+    ``hardness`` None = this engine holds hardness elsewhere, or does not report it.
     """
 
     friction: float | None = 0.0
@@ -229,7 +229,7 @@ class Follow:
 
 
 Constraint = Connect | Weld | Follow
-"""What holds bodies and joints together outside the tree, by the law J v⁺ = −β φ/dt with β = 1: in every step the impulse that
+"""Constraints between bodies and joints outside the tree, by the law J v⁺ = −β φ/dt with β = 1: in every step the impulse that
 makes the violation φ vanish."""
 
 
@@ -305,7 +305,7 @@ class Physics:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a run records: every ``every_steps`` steps, the named channels."""
+    """Recording of a run: every ``every_steps`` steps, the named channels."""
 
     every_steps: int = 1
     channels: tuple[str, ...] = tuple(sorted(CHANNELS))
@@ -332,7 +332,7 @@ class PairSettings:
 
 @dataclass(frozen=True, slots=True)
 class EngineOptions:
-    """What the spec says to one engine: solver settings (never the model), approximations accepted by name, and
+    """Options of the spec for one engine: solver settings (never the model), approximations accepted by name, and
     features to be computed outside the engine because the engine has no native form of them."""
 
     engine: str
@@ -357,7 +357,7 @@ class World:
     controllers: tuple[Controller, ...] = ()
     trajectory: Trajectory | None = None
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
-    """What holds bodies and joints together outside the tree, sorted by name."""
+    """Constraints between bodies and joints outside the tree, sorted by name."""
     forces: tuple[Force, ...] = field(default=(), metadata=LEFT_OUT)
     """Forces and torques on bodies during given times, in the order of the spec."""
     motions: tuple[Motion, ...] = field(default=(), metadata=LEFT_OUT)
@@ -411,14 +411,14 @@ class EngineServo:
 class ReadBack:
     """The world as an engine (or an independent reader of a file) says it holds it, in the world's frames and order.
 
-    ``unreadable`` maps the dotted name of a field that cannot be asked for (``joint.velocity_limit``,
+    ``unreadable`` maps the dotted name of a field that cannot be read back (``joint.velocity_limit``,
     ``shape.visual``, ``friction_cone``, ...) to the reason; such fields hold their type's default and are not compared.
 
     ``inventory`` is everything else that the live engine holds and that can act, by the engine's own names
-    (``opt.solver``, ``geom.floor_0.gap``, ``count.tendon``); lists stand for tuples, since it comes as JSON. ``neutral``: what
-    the same engine holds of such things when it is given nothing, by names of the engine's module's choice. What the
-    inventory must be says :meth:`simspec.engines.kit.contract.Engine.expected_inventory`. That of an independent reader holds
-    the solver settings that stand in the engine's own file, as ``settings.NAME``.
+    (``opt.solver``, ``geom.floor_0.gap``, ``count.tendon``); lists stand for tuples, since it comes as JSON. ``neutral``:
+    values of such entries in the same engine without a model, by names of the engine's module's choice. The expected inventory
+    is from :meth:`simspec.engines.kit.contract.Engine.expected_inventory`. That of an independent reader holds the solver
+    settings that stand in the engine's own file, as ``settings.NAME``.
     """
 
     bodies: tuple[Body, ...]
@@ -442,4 +442,4 @@ class ReadBack:
     same, every number is, to the last bit. It is compared with nothing; the complete self-test looks at it."""
 
     def __repr__(self) -> str:
-        return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"
+        return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} unreadable fields>"

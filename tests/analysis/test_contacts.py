@@ -165,7 +165,7 @@ def test_shapes_that_a_run_does_not_distinguish_are_matched_together():
     assert all(pair.jaccard == 1.0 for pair in given.values())
     assert given["ball", "cube (top, side)"].first_impulse == pytest.approx(2.0)
     assert common_sides((shapes, other)).notes == (
-        "second 1.0 does not tell some shapes of cube apart in contact: they are matched together",
+        "second 1.0 does not distinguish some shapes of cube in contact: they are matched together",
     )
 
 

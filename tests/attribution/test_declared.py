@@ -180,7 +180,9 @@ def test_what_a_located_deviation_covers_is_not_called_unexplained():
     other = dataclasses.replace(declared, engine="OTHER", what="hops")
     lines = told(declared=(declared, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
-    gone = "Of the rest, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
+    gone = (
+        "Of the rest, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
+    )
     assert gone in lines
     only = "Within friction, explained only if what is declared is the cause, which no swap shows: 50 % in contact."
     assert only in lines

@@ -138,8 +138,8 @@ def test_a_page_is_filled_and_stays_current_until_a_model_changes(folder):
     ("before", "after", "why"),
     [
         ("repeat: 2\n    small", "repeat: 3\n    small", "the study asks for something else"),
-        ("[1 ms, 4 ms]", "[1 ms, 2 ms]", "2 of 3 models differ (new: 1, no longer asked for: 1)"),
-        ("engines: [mujoco]", "engines: [pybullet]", "no longer asked for"),
+        ("[1 ms, 4 ms]", "[1 ms, 2 ms]", "2 of 3 models differ (new: 1, no longer requested: 1)"),
+        ("engines: [mujoco]", "engines: [pybullet]", "no longer requested"),
         (
             "repeat: 2\n    small",
             "repeat: 2\n      cases: {a: {engines.mujoco.settings: {iterations: 9}}}\n    small",

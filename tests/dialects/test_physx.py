@@ -11,7 +11,7 @@ from simspec.dialects.physx import PhysxDialect, PhysxSidecar
 from simspec.engines.physx.engine import PhysX
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
-from simspec.testing.worlds import one_law, table
+from simspec.testing.worlds import ball_with_law, table
 from tests.planted import SHARED
 
 
@@ -29,15 +29,15 @@ def test_lower_and_raise_are_inverse(world):
 
 
 def test_one_threshold_is_told():
-    world = one_law(friction=0.3, restitution=0.5, restitution_threshold=0.25)
+    world = ball_with_law(friction=0.3, restitution=0.5, restitution_threshold=0.25)
     assert lowered(world).sidecar.restitution_threshold == 0.25
-    world = one_law(friction=0.3, restitution=0.5)
+    world = ball_with_law(friction=0.3, restitution=0.5)
     assert lowered(world).sidecar.restitution_threshold == pytest.approx(4 * 9.81 * world.physics.timestep)
-    assert lowered(one_law(friction=0.3)).sidecar.restitution_threshold == 0.0
+    assert lowered(ball_with_law(friction=0.3)).sidecar.restitution_threshold == 0.0
 
 
 def test_no_threshold_is_no_number():
-    content = lowered(one_law(friction=0.3)).sidecar.plain()
+    content = lowered(ball_with_law(friction=0.3)).sidecar.plain()
     for wrong in (-1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="restitution_threshold"):
             PhysxSidecar.of({**content, "restitution_threshold": wrong})

@@ -23,7 +23,7 @@ exact = only_balls_slide("by its cone")
 
 def balls(friction=0.5, **change):
     """A ball above a plane, changed; ``change`` replaces fields of the ball."""
-    world = worlds.one_law(friction=friction)
+    world = worlds.ball_with_law(friction=friction)
     floor, ball = world.bodies
     return dataclasses.replace(world, bodies=(floor, dataclasses.replace(ball, **change)))
 

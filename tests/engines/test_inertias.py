@@ -71,4 +71,4 @@ HELD = {
 def test_what_is_not_refused_is_held(engine, world, tmp_path):
     compile_world(world, [engine])[engine].artifacts.write(tmp_path / "files")
     (answer,) = call(engine, tmp_path / "files", [Operation("read_back", world=world)]).answers
-    assert failures(read_back_checks(world, find_engine(engine), answer.held)) == []
+    assert failures(read_back_checks(world, find_engine(engine), answer.read_back)) == []

@@ -149,14 +149,14 @@ def on_a_link() -> World:
 def test_on_links_where_pybullet_keeps_a_margin_faces_are_that_much_further_in(tmp_path):
     world = worlds.accepting(on_a_link(), "pybullet")
     answer = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world))
-    bodies = {body.name: body for body in answer.held.bodies}
+    bodies = {body.name: body for body in answer.read_back.bodies}
     (whole,), (told,) = bodies["mesh"].shapes, bodies["arm"].shapes
     assert whole.rounding == 0.0
     assert told.rounding == pytest.approx(LINK_MARGIN, rel=1e-6)
     directions = hull_of(world.bodies[1].shapes[0].size).normals
     reach, inner = (SHAPES["mesh"].support(shape.size, directions) for shape in (whole, told))
     np.testing.assert_allclose(inner + LINK_MARGIN, reach, atol=2e-4 * extent(whole.size))
-    assert failures(read_back_checks(world, PyBullet, answer.held)) == []
+    assert failures(read_back_checks(world, PyBullet, answer.read_back)) == []
 
 
 def test_a_mesh_within_the_margin_is_approximate_on_a_link():
@@ -220,7 +220,7 @@ def test_a_body_of_two_hulls_lands_flat(engine, tmp_path):
 def test_a_hull_on_a_link_is_loaded_without_features_of_faces(tmp_path):
     """With them PyBullet would forget the link's margin."""
     world = worlds.accepting(on_a_link(), "pybullet")
-    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).held
+    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
     flags = {name: value for name, value in held.inventory.items() if name.endswith(".flags") and "loadURDF" in name}
     assert flags
     assert not any(int(value) & 4096 for value in flags.values())
@@ -228,7 +228,7 @@ def test_a_hull_on_a_link_is_loaded_without_features_of_faces(tmp_path):
 
 def test_each_hull_of_a_body_is_read_back_where_it_is(tmp_path):
     world = of_two_hulls("pybullet", 0.0)
-    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).held
+    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
     assert failures(read_back_checks(world, PyBullet, held)) == []
     floor, body = world.bodies
     leg, beam = body.shapes

@@ -54,7 +54,7 @@ def world_of(feature: Feature) -> World:
         return constrained.closed_loop()
     if feature is Feature.SHAPE_MESH:
         return worlds.meshes()
-    return worlds.one_law(**worlds.CONTACT_GAPS[feature])
+    return worlds.ball_with_law(**worlds.CONTACT_GAPS[feature])
 
 
 def lifted(name: str, feature: Feature, monkeypatch: pytest.MonkeyPatch) -> World:

@@ -168,7 +168,7 @@ def test_a_result_comes_back_with_its_tables(sent):
     travelled = Parcel.unpack(Parcel(facts, contents).pack())
     again = result_from(travelled.facts, travelled.contents, "0.")
     before = result_of(run(WORLD), KEY, cell={"key": "c"})
-    assert (again.key, again.result, again.asked) == (KEY, before.result, before.asked)
+    assert (again.key, again.result, again.request) == (KEY, before.result, before.request)
     assert again.circumstances == before.circumstances
     assert written(again) == written(before)
     assert {"states", "bodies", "seconds"} <= set(again.tables)

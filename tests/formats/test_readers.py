@@ -74,7 +74,7 @@ def read_all(reader, paths, language):
         operations = [Operation("foreign", {"file": str(path), "language": language, "packages": {}}) for path in paths]
         try:
             with start(reader.name, paths[0].parent, operations, deadline=120.0) as running:
-                return [answer.held for answer in running.wait().answers]
+                return [answer.read_back for answer in running.wait().answers]
         except EngineError:
             pass  # which of them it refuses, it says of each alone
     return [read(reader, path, language) for path in paths]

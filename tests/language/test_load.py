@@ -269,7 +269,7 @@ def test_a_part_of_what_the_spec_does_not_say_is_one_error(text, hint, tmp_path)
         load(path, sets=[text])
     (problem,) = error.value.problems
     assert (problem.path, str(problem.location)) == (text.partition("=")[0], "--set:1:1")
-    assert "of which a part could be changed" in problem.message
+    assert "so that no part of it can be changed" in problem.message
     assert problem.hint == hint
 
 

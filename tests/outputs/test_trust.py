@@ -88,7 +88,7 @@ def test_a_parent_that_everybody_can_write_is_sticky_or_refused(data, file, mode
     data.chmod(mode)
     why = trust.why_not(file, b"one")
     assert (why is None) == used
-    assert used or f"everybody can write {data}" in str(why)
+    assert used or f"all users can write {data}" in str(why)
 
 
 @pytest.mark.parametrize(("mode", "used"), [(0o777, False), (0o1777, True)])
@@ -104,7 +104,7 @@ def test_what_is_compiled_is_not_run_from_below_a_folder_that_everybody_can_writ
         built(place, lambda part: pytest.fail("made again"), 1.0)
         return
     for anew in (False, True):
-        with pytest.raises(PermissionError, match="everybody can write"):
+        with pytest.raises(PermissionError, match="all users can write"):
             built(place, lambda part: pytest.fail("made again"), 1.0, anew)
 
 
@@ -114,7 +114,7 @@ def test_a_link_in_a_folder_that_everybody_can_write_leads_anywhere(tmp_path):
     (tmp_path / "open" / "link").symlink_to(tmp_path / "mine")
     assert written_by_others(tmp_path / "open" / "link" / "store") is None
     (tmp_path / "open").chmod(0o777)
-    assert written_by_others(tmp_path / "open" / "link" / "store") == f"everybody can write {tmp_path / 'open'}"
+    assert written_by_others(tmp_path / "open" / "link" / "store") == f"all users can write {tmp_path / 'open'}"
     assert written_by_others(tmp_path / "mine" / "store") is None
 
 

@@ -200,7 +200,7 @@ def test_impacts_have_friction_within_four_percent_and_without_a_deviation(engin
     if find_engine(engine).version() is None:
         pytest.skip(f"{engine} is not installed")
     for friction in (0.05, 0.5, 1.0):
-        world = worlds.one_law(friction=friction, restitution=restitution)
+        world = worlds.ball_with_law(friction=friction, restitution=restitution)
         found = measured(world, engine, tmp_path / str(friction), MODES[engine])
         assert len(found) == 16
         assert all(
@@ -215,7 +215,7 @@ def test_impacts_have_friction_within_four_percent_and_without_a_deviation(engin
 
 
 def test_mujocos_own_friction_is_missing_and_declared(tmp_path):
-    found = measured(worlds.one_law(friction=0.5), "mujoco", tmp_path / "native")
+    found = measured(worlds.ball_with_law(friction=0.5), "mujoco", tmp_path / "native")
     assert all(figure.passed for figure in found)
     off = [abs(f.measured - f.expected) / f.expected for f in found if f.probe == "oblique"]
     assert 0.7 < min(off) <= max(off) < 0.92
@@ -227,7 +227,7 @@ def test_another_friction_is_measured_as_such(engine, tmp_path):
     """A twentieth more friction than is wanted: what slips shows it, what grips does not care."""
     if find_engine(engine).version() is None:
         pytest.skip(f"{engine} is not installed")
-    world = worlds.one_law(friction=0.4)
+    world = worlds.ball_with_law(friction=0.4)
     pair = dataclasses.replace(world.contact.pairs[0], friction=0.44)
     more = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=(pair,)))
     accept = ("contact.cone.elliptic",)
@@ -246,7 +246,7 @@ BALLS = "a ball on a ball of three times its mass"
 def test_pyramids(engine, cone, tmp_path):
     if find_engine(engine).version() is None:
         pytest.skip(f"{engine} is not installed")
-    world = worlds.one_law(friction=0.5)
+    world = worlds.ball_with_law(friction=0.5)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
     world = worlds.with_options(world, engine, settings=MODES[engine], accept=(f"contact.cone.{cone}",))
     write_folder(compile_world(world, [engine])[engine].files, tmp_path / "files")

@@ -197,7 +197,7 @@ def test_a_restitution_that_is_not_there_is_measured(engine, tmp_path, monkeypat
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_probes_take_the_steps_of_the_files(engine, tmp_path, few_probes):
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     slow = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=0.004))
     place = files(slow, installed(engine), tmp_path / engine)
     with run.measure(world, engine, place, None, DEADLINE, False) as measuring:
@@ -359,9 +359,9 @@ def test_a_new_material_is_measured_with_its_own_pairs_alone(tmp_path, few_probe
 @pytest.mark.parametrize("change", ["friction", "cone", "timestep", "setting", "version", "code"])
 def test_whatever_changes_a_figure_is_measured_anew(change, tmp_path, few_probes, monkeypatch):
     engine = installed("dart")
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     other = {
-        "friction": lambda: worlds.one_law(friction=0.4),
+        "friction": lambda: worlds.ball_with_law(friction=0.4),
         "cone": lambda: dataclasses.replace(
             world, contact=dataclasses.replace(world.contact, friction_cone="pyramid-circumscribed")
         ),
@@ -399,7 +399,7 @@ DAMAGE = {
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
@@ -414,7 +414,7 @@ def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypa
 @pytest.mark.parametrize("text", ["[1]", '[{"probe": "push"}]', "mine"])
 def test_what_is_no_entry_is_left_alone(text, tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
@@ -484,7 +484,7 @@ def test_a_cache_that_others_may_write_is_not_used(tmp_path, few_probes, monkeyp
     with run.measure(world, installed(ENGINES[0]), artifacts, None, DEADLINE, True) as measuring:
         found, complaints = measuring.wait()
     assert not wrong(found)
-    assert complaints == [f"the cache {place / 'simspec' / 'contact'} is not used: everybody can write {place}"]
+    assert complaints == [f"the cache {place / 'simspec' / 'contact'} is not used: all users can write {place}"]
     assert not list(place.iterdir())
 
 
@@ -492,7 +492,7 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, m
     engine = installed(ENGINES[0])
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, True) as measuring:
         found, complaints = measuring.wait()
     assert wrong(found) == set()
@@ -554,7 +554,7 @@ def test_after_the_deadline_nothing_is_tried_again(tmp_path, few_probes, monkeyp
 @pytest.mark.parametrize("engine", ENGINES)
 def test_files_that_cannot_be_probed_are_a_failed_check(engine, tmp_path, few_probes, monkeypatch):
     """Here, settings that the engine does not know."""
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     place = files(world, installed(engine), tmp_path / engine)
     original = run.law_of_files
 
@@ -573,7 +573,7 @@ def test_files_that_cannot_be_probed_are_a_failed_check(engine, tmp_path, few_pr
 
 def test_motion_without_numbers_is_a_figure_without_one(tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
-    world = worlds.one_law()
+    world = worlds.ball_with_law()
     with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, False) as measuring:
         answers = measuring.running.wait().answers
         broken = [
@@ -593,7 +593,7 @@ def test_hardness_in_the_files_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "PROBES", {"rest": run.PROBES["rest"]})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
     engine = installed("mujoco")
-    world = worlds.one_law(friction=0.0)
-    soft = worlds.one_law(friction=0.0, hardness=Hardness("time-constant", time_constant=0.05, damping_ratio=1.0))
+    world = worlds.ball_with_law(friction=0.0)
+    soft = worlds.ball_with_law(friction=0.0, hardness=Hardness("time-constant", time_constant=0.05, damping_ratio=1.0))
     soft = worlds.with_options(soft, engine, accept=("contact.hardness.time-constant",))
     assert wrong(measured(world, engine, files(soft, engine, tmp_path / "soft")))

@@ -24,7 +24,7 @@ from simspec.world.types import Body, PairContact, ReadBack, Surface, World
 
 OF_SINGLES, OF_DOUBLES = PRECISIONS[SINGLE], PRECISIONS[DOUBLE]
 RULES = Rules("table", "table", "table", "table", "table")
-WORLD = worlds.one_law(friction=0.6)
+WORLD = worlds.ball_with_law(friction=0.6)
 
 
 def single(value):

@@ -12,7 +12,7 @@ from simspec.runner.execution import run
 from simspec.runner.labels import Labels, contact_sides, labels_of, side_names
 from simspec.runner.store import load_run
 from simspec.testing.bench import Bench
-from simspec.testing.contact_suite import two_materials_on_one_body
+from simspec.testing.contact_suite import two_materials_on_a_body
 from simspec.world.types import Record, Shape
 from tests.installed import JOINTED
 from tests.runner import synthetic
@@ -112,7 +112,7 @@ def test_groups_that_are_not_those_of_the_table_are_refused(tmp_path):
 @pytest.mark.parametrize("engine", JOINTED)
 def test_every_engine_that_is_shipped_tells_the_shapes(engine, tmp_path):
     """A box of two shapes of one material, on two tiles: an engine may tell them as a group."""
-    world = Bench(engine, None, tmp_path).allowed(two_materials_on_one_body("a", "a"))
+    world = Bench(engine, None, tmp_path).allowed(two_materials_on_a_body("a", "a"))
     assert world is not None
     record = Record(20, ("pose", "velocity", "contacts"))
     entry = run(

@@ -52,7 +52,7 @@ KINDS = (
 SCALE = 1.01
 MOVED = 0.01
 """What a zero becomes: far above every tolerance, small enough to be a sound value almost everywhere."""
-STILL = 1e-12
+SAME_MOTION = 1e-12
 """Metres, radians and their rates, relative to the larger of one and the value: motions within it are the same. So it is for
 engines that compute with doubles; for others it is as many roundings: 5.4e-4 in single precision, where what is computed in
 another way was up to 4.1e-5 off (measured: quaternions of one rotation of a shape or of equal moments)."""
@@ -105,7 +105,7 @@ class Inert:
     file: str = "*"
     place: str = "*"
     without: str = ""
-    within: float = STILL
+    within: float = SAME_MOTION
 
     @property
     def name(self) -> str:

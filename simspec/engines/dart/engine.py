@@ -29,7 +29,7 @@ from simspec.engines.dart.actuation import (
     none_on_servos,
 )
 from simspec.engines.dart.contact import COUPLED, DEVIATIONS, SETTINGS
-from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
+from simspec.engines.dart.foreign import FOREIGN, FOREIGN_ADDITIONS, Foreign
 from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
@@ -163,7 +163,7 @@ class Dart(SteppedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product", most_restitution=1.0)
     LAYERS: ClassVar[bool] = True
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("DART"),

@@ -79,7 +79,7 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     ),
     "skel": Reads("dartpy.utils.SkelParser.readWorld(file)", (".skel",), "skel", defines=True),
 }
-FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "gravity": Addition(
         None, "default", "-9.81 m/s² along z, or along y in files of DART's own, unless the file says another"
     ),

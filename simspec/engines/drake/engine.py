@@ -27,7 +27,7 @@ from simspec.engines.drake.approximations import (
     too_large,
 )
 from simspec.engines.drake.building import MOST_PLANES, import_drake
-from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load, parser_parts
+from simspec.engines.drake.foreign import FOREIGN, FOREIGN_ADDITIONS, load, parser_parts
 from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd_controllers_hold
@@ -133,7 +133,7 @@ class Drake(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints"}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("Drake"),

@@ -76,7 +76,7 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads(HOW, (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF_EFFECTS),
     "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco", version=MEASURED, effects=MJCF_EFFECTS),
 }
-FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "timestep": Addition(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
     "couplings": Addition(None, "default", "joints that follow others, as constraints of the contact solver"),
 }

@@ -103,7 +103,7 @@ class Answer:
     load_seconds: float
     seconds: float
     log: list[str]
-    held: ReadBack | None = None
+    read_back: ReadBack | None = None
 
 
 def conditions(operation: Operation) -> set[str]:

@@ -185,7 +185,7 @@ class Engine(ProvenEngine):
     SEPARATE_VERSION: ClassVar[str] = ""
     """The version of an environment of its own that installing it without a version makes, where its packages do not go with
     those of another engine; "": it is installed here."""
-    BESIDE: ClassVar[tuple[str, ...]] = ()
+    ALONGSIDE: ClassVar[tuple[str, ...]] = ()
     """Packages of Python that its environment has in addition to the engine's."""
     NEEDS: ClassVar[Needs] = Needs()
     """Its needs of the machine in addition to packages of Python."""
@@ -227,7 +227,7 @@ class Engine(ProvenEngine):
     """What its own controllers do; None where it lacks them."""
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     """The languages of files that it loads by itself, by the names of their importers, and how."""
-    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = {}
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = {}
     """What it adds to such files, by names of the inventory that :meth:`load_foreign` gives."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
@@ -319,7 +319,7 @@ class Engine(ProvenEngine):
 
         Returns what the engine then holds: every body under the file's name, in a frame at its last joint with the axes
         of the file's frame; coordinates relative to those that the file calls zero; the shapes of each, a mesh by its support
-        function (``kit/foreign.py``); in ``inventory`` what ``FOREIGN_OWN`` names. Nothing else has been loaded, and
+        function (``kit/foreign.py``); in ``inventory`` what ``FOREIGN_ADDITIONS`` names. Nothing else has been loaded, and
         nothing else is queried afterwards. Raises EngineError when the engine refuses the file."""
         raise NotImplementedError
 

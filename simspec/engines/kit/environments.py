@@ -248,7 +248,7 @@ def requirements(extra: str, environment: Mapping[str, str] | None = None) -> It
 
 
 FOLDER: Final = "engines"
-BESIDE: Final = ("numpy",)
+ALONGSIDE: Final = ("numpy",)
 """What the worker needs in an engine's interpreter."""
 LAWS: Final = "pin"
 """The extra of simspec for control laws that use the mass matrix, which run in the engine's process."""
@@ -316,5 +316,5 @@ def making(label: EngineId) -> list[list[str]]:
     laws = [str(entry).partition(";")[0].strip() for entry in requirements(LAWS)]
     return [
         isolated("-m", "venv", str(place)),
-        isolated("-m", "pip", "install", text, *BESIDE, *engine.BESIDE, *laws, python=str(python_of(place))),
+        isolated("-m", "pip", "install", text, *ALONGSIDE, *engine.ALONGSIDE, *laws, python=str(python_of(place))),
     ]

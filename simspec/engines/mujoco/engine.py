@@ -13,7 +13,7 @@ from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT, HEIGHT_FIELDS
 from simspec.engines.mujoco.expectation import Expectation
-from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
+from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_ADDITIONS, load
 from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.joints import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.joints import explicit_servos_hold
@@ -52,7 +52,7 @@ class MuJoCo(MujocoSimulation):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("MuJoCo"),

@@ -34,7 +34,7 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads("mujoco.MjModel.from_xml_path(file)", (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
     "mjcf": Reads("mujoco.MjModel.from_xml_path(file)", (".xml", ".mjcf"), "mujoco", defines=True, version=MEASURED),
 }
-FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "timestep": Addition(None, "default", "2 ms, unless the file says another"),
     "cone": Addition(None, "default", "the pyramid, unless the file says another"),
     "integrator": Addition(None, "default", "Euler, unless the file says another"),

@@ -46,7 +46,7 @@ from simspec.engines.pybullet.contact import (
     only_balls_and_boxes_are_soft,
     rows_act_on_each_other,
 )
-from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
+from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_ADDITIONS, Foreign
 from simspec.engines.pybullet.geometry import (
     DULL,
     KEPT,
@@ -122,7 +122,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     HULL_PRECISION: ClassVar[float] = KEPT
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_OWN: ClassVar[Mapping[str, Addition]] = FOREIGN_OWN
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("PyBullet"),

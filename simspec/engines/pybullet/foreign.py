@@ -108,7 +108,7 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF),
 }
 LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
-FOREIGN_OWN: Final[Mapping[str, Addition]] = {
+FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "gravity_set": Addition(None, "default", "there is no gravity before setGravity"),
     "timestep": Addition(None, "default", "1/240 s, unless told otherwise"),
     "linear_damping": Addition(

@@ -1,1 +1,1 @@
-"""Who does the runs of a sweep: ``contract.py`` is what every executor is, ``local.py`` this machine."""
+"""Executors of the runs of a sweep: ``local.py`` has the contract of every executor, and the one for this machine."""

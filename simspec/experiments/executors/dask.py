@@ -2,8 +2,8 @@
 them.
 
 A worker says which engines it has by its resources: ``ENGINE=1``, or ``ENGINE@VERSION=1``, in the number of runs that it does
-at a time. What is sent are bytes for one function of this module; what distributed itself sends besides is its own. A cluster
-does whatever anybody who reaches its scheduler asks for: that is Dask's, and nothing here makes it safer.
+at a time. simspec sends bytes for one function of this module; distributed itself sends further messages. A cluster executes
+any request of any client that reaches its scheduler: this is a property of Dask, and nothing here makes it safer.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def demand_address(address: str) -> None:
 
 
 def do_on_worker(request: bytes) -> bytes:
-    """What workers are asked to call: see :func:`simspec.experiments.executors.remote.do_batch`."""
+    """The function that workers call: see :func:`simspec.experiments.executors.remote.do_batch`."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -95,7 +95,7 @@ class _Batch:
 
 @dataclass
 class _Usual:
-    """What the latest batches of an engine took for a run: s, and bytes of results."""
+    """Costs of a run in the latest batches of an engine: s, and bytes of results."""
 
     seconds: float = BATCH_SECONDS
     size: float = float(BATCH_BYTES)
@@ -172,7 +172,7 @@ class DaskExecutor:
             )
 
     def close(self) -> None:
-        """Leave the cluster. What its workers are at work on is not wanted any more."""
+        """Leave the cluster. Unfinished batches of its workers are dropped."""
         batches = list(self._sent.values())
         self._sent.clear()
         with _quiet():
@@ -245,7 +245,9 @@ class DaskExecutor:
             reply = future.result(timeout=GATHER)
         except KilledWorker:
             return batch.tasks
-        except Exception as error:  # whatever the function, distributed, or the way here raised: none of it is a result
+        except (
+            Exception
+        ) as error:  # any error of the function, of distributed or of the connection: none of them is a result
             if self._client.status != "running" or future.status == "cancelled":
                 raise self._gone("the connection was lost") from error
             text = clipped(f"{type(error).__name__}: {error}")
@@ -285,13 +287,13 @@ class DaskExecutor:
                 self._absent.pop(engine, None)
             elif self._looked - self._absent.setdefault(engine, self._looked) > ABSENCE:
                 raise ExecutorError(
-                    f"no worker of {self._address} has run {engine} for {ABSENCE:g} s; what came is stored"
+                    f"no worker of {self._address} has run {engine} for {ABSENCE:g} s; received results are stored"
                 )
 
     def _gone(self, why: str) -> ExecutorError:
         return ExecutorError(
-            f"the scheduler {self._address} does not answer any more: {clipped(why)}; what came is stored, "
-            "and the same command does what is left"
+            f"the scheduler {self._address} does not answer any more: {clipped(why)}; received results are stored, "
+            "and the same command does the rest"
         )
 
 
@@ -305,13 +307,13 @@ def _connected(address: str) -> Client:
         raise ExecutorError("Dask is not installed: pip install 'simspec-physics[cluster]'") from None
     with _quiet():
         try:
-            # asked before there is a client, which waits for ever where somebody else listens
+            # queried before there is a client, which waits for ever where another program listens
             identity = asyncio.run(asyncio.wait_for(_identity(address), PATIENCE))
             if identity.get("type") == "Scheduler":
                 return Client(address, timeout=PATIENCE, set_as_default=False, name="simspec")
         except TimeoutError:
             raise ExecutorError(f"no Dask scheduler answers at {address} within {PATIENCE:g} s") from None
-        except Exception as error:  # whatever somebody else's program answers
+        except Exception as error:  # any answer of another program
             text = clipped(f"{type(error).__name__}: {error}")
             raise ExecutorError(f"no Dask scheduler answers at {address}: {text}") from error
     raise ExecutorError(f"{address} is no Dask scheduler but a {clipped(str(identity.get('type')))}")

@@ -20,8 +20,8 @@ from simspec.experiments.store import TaskResult, result_of
 from simspec.runner.execution import failed_run, run_case
 from simspec.runner.run import Case, Run
 
-# What every executor of a sweep is given, and gives back. A task is plain data, so that it can be sent elsewhere; what it
-# needs, a world and compiled files, is named by hashes and supplied apart.
+# Inputs and outputs of every executor of a sweep. A task is plain data, so that it can be sent elsewhere; its inputs, a world
+# and compiled files, are named by hashes and supplied separately.
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Task:
     artifacts  hash of the compiled files
     perturb, seed, repeat   as of the cell
     deadline   s that the engine's process may take
-    cell       who asks for it: the key of the cell, and what it changes in the spec
+    cell       the requesting cell: its key, and what it changes in the spec
     source     where the spec came from
     """
 
@@ -51,7 +51,7 @@ class Task:
 
 
 class Supplies(Protocol):
-    """What tasks need. Both are there from when a task is given until it is published."""
+    """Inputs of tasks. Both exist from when a task is submitted until it is published."""
 
     def case(self, task: Task) -> Case:
         """The case of a task."""
@@ -65,7 +65,7 @@ Publish = Callable[[Task, TaskResult], None]
 
 
 class ExecutorError(SimspecError):
-    """Tasks cannot be done: no worker is there, or not any more. What was published is stored."""
+    """Tasks cannot be done: no worker is there, or not any more. Published results are stored."""
 
     exit_code = EXIT_ENGINE
 
@@ -97,7 +97,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 class _EndingError(Exception):
-    """The sweep is being ended: what a killed engine came to is no result."""
+    """The sweep is being ended: the output of a killed engine is no result."""
 
 
 class LocalExecutor:
@@ -133,7 +133,7 @@ class LocalExecutor:
             try:
                 pending: set[Future[Stored | None]] = set()
                 for task in tasks:
-                    pending.add(pool.submit(self._one, task, storing, publish))
+                    pending.add(pool.submit(self._run_task, task, storing, publish))
                     while len(pending) > most:
                         pending = _collect(pending)
                 while pending:
@@ -147,7 +147,7 @@ class LocalExecutor:
         if self._warm is not None:
             self._warm.close()
 
-    def _one(self, task: Task, storing: FuturesExecutor, publish: Publish) -> Stored:
+    def _run_task(self, task: Task, storing: FuturesExecutor, publish: Publish) -> Stored:
         """Do a run, and let its result be stored while the next one is at work."""
         try:
             run = self._do_run(self._supplies.case(task), self._supplies.folder(task), task)
@@ -172,7 +172,7 @@ class LocalExecutor:
 
 
 def packed(task: Task, run: Run, more: Mapping[str, Any] | None = None) -> TaskResult:
-    """What is stored of a task's run; ``more``: further circumstances of it."""
+    """The stored result of a task's run; ``more``: further circumstances of it."""
     return result_of(run, task.key, repeat=task.repeat, cell=task.cell, more=more)
 
 
@@ -181,7 +181,7 @@ def _store(publish: Publish, task: Task, result: TaskResult) -> None:
 
 
 def _collect(pending: set[Future[Stored | None]]) -> set[Future[Stored | None]]:
-    """Wait for one; what is still pending, the storing of what was run included. Raises what one raised."""
+    """Wait for a future; return those that are pending, the storing of results included. Raises the error of a future."""
     done, left = wait(pending, return_when=FIRST_COMPLETED)
     for future in done:
         stored = future.result()

@@ -1,4 +1,4 @@
-"""What is done with a batch of tasks on another machine: each run in a process of its own, as on this one. Bytes come in and
+"""Execution of a batch of tasks on another machine: each run in a separate process, as on this one. Bytes come in and
 bytes go out (``parcel.py``).
 """
 
@@ -35,8 +35,8 @@ from simspec.stored import SweptRequest, SweptResult
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.types import World
 
-# What goes to another machine and comes back, as bytes: JSON, and contents that it names. Nothing in it is code: whoever
-# unpacks it gets data, whatever was sent.
+# Messages to another machine and back, as bytes: JSON, and contents that it names. They contain no code: unpacking any bytes
+# yields data.
 
 MARK = b"simspec parcel 1\n"
 LENGTH = 8
@@ -47,7 +47,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 class ParcelError(ValueError):
-    """What came is no parcel, or not the one that was expected. The message is the reason."""
+    """The received bytes are no parcel, or not the expected one. The message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def result_data(result: TaskResult, prefix: str) -> tuple[dict[str, Any], dict[s
         file = io.BytesIO()
         rows[name] = write(file)
         tables[f"{prefix}{name}"] = file.getvalue()
-    facts = {"key": result.key, "result": result.result, "asked": result.asked, "circumstances": result.circumstances}
+    facts = {"key": result.key, "result": result.result, "asked": result.request, "circumstances": result.circumstances}
     return {**facts, "rows": rows}, tables
 
 
@@ -151,7 +151,7 @@ def _writer(content: bytes, rows: int) -> Write:
 
 
 TABLES = "pyarrow"
-"""What writes tables: their bytes, and so their hashes, are its own."""
+"""The writer of tables: their bytes, and so their hashes, depend on it."""
 
 DemandAlive = Callable[[], None]
 """Called where an engine gave no result. Raises EndedError where this process is being ended: then its engines are, too, and
@@ -184,7 +184,7 @@ def batch_parcel(tasks: Sequence[Task], supplies: Supplies, wanted: Mapping[str,
 
 
 def do_batch(request: bytes, demand_alive: DemandAlive = lambda: None) -> bytes:
-    """Do the tasks of a parcel, one after the other. What an engine fails at is a result; what this machine fails at is said
+    """Do the tasks of a parcel, one after the other. A failure of an engine is a result; a failure of this machine is reported
     in place of all results."""
     started = time.perf_counter()
     try:
@@ -201,8 +201,8 @@ def do_batch(request: bytes, demand_alive: DemandAlive = lambda: None) -> bytes:
 
 
 def results_of(reply: Any, tasks: Sequence[Task], supplies: Supplies) -> tuple[list[TaskResult], float]:
-    """What :func:`do_batch` made of ``tasks``, and the seconds that it took. Raises RefusedError where it made nothing of
-    them, EndedError where another one should."""
+    """Results of :func:`do_batch` for ``tasks``, and the seconds that it took. Raises RefusedError where it refused them,
+    EndedError where another worker should do them."""
     try:
         parcel = Parcel.unpack(reply)
         host = str(parcel.facts["host"])
@@ -221,7 +221,7 @@ def results_of(reply: Any, tasks: Sequence[Task], supplies: Supplies) -> tuple[l
     for task, result in zip(tasks, results, strict=True):
         world = sha256(shared_world(supplies.case(task).resolved))
         if (result.key, result.result["world"], result.result["engine"]) != (task.key, world, task.engine):
-            raise RefusedError(f"{host}: its answer is of another run than it was asked for")
+            raise RefusedError(f"{host}: its answer is of another run than the requested one")
     return results, seconds
 
 

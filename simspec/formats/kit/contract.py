@@ -27,14 +27,14 @@ class LossFate(StrEnum):
     """It is not in the files."""
     APPROXIMATED = "approximated"
     """Something else stands in the files, nearly the same."""
-    BESIDE = "beside"
+    ALONGSIDE = "beside"
     """It stands in a file of simspec's own beside them, which no tool reads."""
     PLACEHOLDER = "placeholder"
     """The format demands a value where the spec has none; one stands there that never acts."""
 
 
 FATES: Final[Mapping[Level, LossFate]] = {
-    Level.VIA_API: LossFate.BESIDE,
+    Level.VIA_API: LossFate.ALONGSIDE,
     Level.APPROXIMATE: LossFate.APPROXIMATED,
     Level.OUTSIDE: LossFate.LEFT_OUT,
     Level.UNSUPPORTED: LossFate.LEFT_OUT,

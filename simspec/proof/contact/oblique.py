@@ -298,7 +298,7 @@ class Oblique(Probe):
             law, math.hypot(self.approach(law), self._demand(law, self.approach(law), case.regime, "ball"))
         )
         velocities, spins = [], []
-        # m Δv = ∓ J and (2/5) m r Δω = −n × J: what either ball shows of the one impulse, over the reduced mass
+        # m Δv = ∓ J and (2/5) m r Δω = −n × J: the impulse from either ball, over the reduced mass
         for body, mass, sign in ((striker, MASSES[0], -1.0), (other, MASSES[1], 1.0)):
             change = body[end] - body[begin]
             fallen = np.array([0.0, 0.0, GRAVITY * law.timestep * (end - begin)])

@@ -381,7 +381,7 @@ def not_measured(error: UnsupportedError | EngineError) -> Check:
 
 
 # Whether the contact figures of a stored certificate are those that its world must have: judged from the world and from
-# what the engine declares, since a file may have been edited, and its hash with it.
+# the engine's declarations, since a file may have been edited, and its hash with it.
 
 ROUNDING = 1e-9
 """Relative: expected values are computed anew, perhaps by another libm."""

@@ -486,6 +486,6 @@ def _summary(
         ("overlap by edges alone, which the engine rounds", edges, len(edges)),
     )
     if meetings.rigid:
-        parts.append(f"{meetings.rigid} are parts of one rigid body and apart")
+        parts.append(f"{meetings.rigid} are in one rigid body and separate")
     parts += [f"{count} {what}: {_list(meetings, pairs, count)}" for what, pairs, count in separate if count]
     return "; ".join(parts)

@@ -207,7 +207,7 @@ def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_p
     answers = {op: call(name, folder, [question]).answers[0] for op, question in questions.items()}
     for op, together in zip(order, shared, strict=True):
         alone = answers[op]
-        assert together.held == alone.held
+        assert together.read_back == alone.read_back
         assert together.result == alone.result
         assert together.arrays.keys() == alone.arrays.keys()
         for key, value in alone.arrays.items():

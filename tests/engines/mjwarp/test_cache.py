@@ -50,7 +50,7 @@ def test_what_warp_does_not_make_stays(folder):
 
 def test_a_folder_that_others_can_write_is_not_used(folder):
     folder.chmod(0o777)
-    with pytest.raises(PermissionError, match="everybody can write"):
+    with pytest.raises(PermissionError, match="all users can write"):
         cache.hold_folder(folder, programs.MADE, 1)
     assert len(there(folder)) == 6
 

@@ -50,7 +50,7 @@ def scene(*bodies, friction=0.5, restitution=0.0, cone="elliptic", floor=True, *
         Joint("floor_joint", "fixed"),
         (Shape("floor_0", "box", (40.0, 40.0, 2.0), Pose((0.0, 0.0, -1.0)), "default"),),
     )
-    world = worlds.one_law(friction=friction, restitution=restitution, **more)
+    world = worlds.ball_with_law(friction=friction, restitution=restitution, **more)
     contact = dataclasses.replace(world.contact, friction_cone=cone, materials=(Material("default"),))
     bodies = (ground, *bodies) if floor else bodies
     accept = ("contact.friction.impact", "contact.cone.pyramid-inscribed", "material.restitution")

@@ -86,7 +86,7 @@ def test_frames_are_where_their_carriers_put_them_and_a_wrong_one_is_read_back(t
     sidecar["frames"][7]["pose"]["position"][0] += 1e-6
     (tmp_path / "files" / "sidecar.json").write_text(json.dumps(sidecar))
     (answer,) = call("pybullet", tmp_path / "files", [Operation("read_back")]).answers
-    moved = {body.name: body.joint.origin.position for body in answer.held.bodies}
+    moved = {body.name: body.joint.origin.position for body in answer.read_back.bodies}
     wrong = [
         body.name for body in world.bodies if not np.allclose(moved[body.name], body.joint.origin.position, atol=1e-9)
     ]

@@ -193,7 +193,7 @@ def test_cones_and_time_constants_are_the_languages():
         ("pyramid-inscribed", mujoco.mjtCone.mjCONE_PYRAMIDAL),
     ):
         assert loaded(worlds.with_cone(cone))[1].opt.cone == theirs
-    world = worlds.one_law(hardness=Hardness("time-constant", time_constant=0.03, damping_ratio=0.7))
+    world = worlds.ball_with_law(hardness=Hardness("time-constant", time_constant=0.03, damping_ratio=0.7))
     plain, model, _ = loaded(world)
     assert {tuple(solref) for solref in model.geom_solref} == {(0.03, 0.7)}
     assert Feature.HARDNESS_TIME_CONSTANT.value in {loss.feature for loss in plain.losses}
@@ -213,7 +213,9 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
 
 
 def test_restitution_and_the_common_law_are_listed():
-    features = {loss.feature: loss.fate for loss in Mjcf().plain(worlds.one_law(restitution=0.5, friction=0.2)).losses}
+    features = {
+        loss.feature: loss.fate for loss in Mjcf().plain(worlds.ball_with_law(restitution=0.5, friction=0.2)).losses
+    }
     assert features[Feature.RESTITUTION.value] is LossFate.LEFT_OUT
     assert features[Feature.HARDNESS_COMMON.value] is LossFate.APPROXIMATED
     assert Feature.FRICTION.value not in features

@@ -225,7 +225,7 @@ def test_losses_are_listed():
     for need in needs(world, world.contact.pairs):
         assert (need.feature.value in lost) or SUPPORT[need.feature].level is Level.EXACT
     assert lost[Feature.HARDNESS_COMMON.value] is LossFate.LEFT_OUT
-    assert lost[Feature.TIMESTEP.value] is LossFate.BESIDE
+    assert lost[Feature.TIMESTEP.value] is LossFate.ALONGSIDE
 
 
 HINGE, SLIDE, BALL = "hinge", "slide", "ball"
