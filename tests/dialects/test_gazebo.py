@@ -21,7 +21,7 @@ NOT_HELD = ("rolling", "meshes", "ground")
 def test_lower_and_raise_are_inverse(world):
     world = accepting(world("gazebo"), "gazebo")
     dialect = GazeboDialect()
-    told = dialect.lower(world, target_of(world, Gazebo))
-    checks = compare(world, dialect.raise_(told.tree, told.sidecar), Gazebo.RULES, Gazebo.LAYERS, text=True)
+    output = dialect.lower(world, target_of(world, Gazebo))
+    checks = compare(world, dialect.raise_(output.tree, output.sidecar), Gazebo.RULES, Gazebo.LAYERS, text=True)
     assert len(checks) > 5
     assert [(check.name, check.where, check.detail) for check in checks if not check.passed] == []

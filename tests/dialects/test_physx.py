@@ -22,8 +22,8 @@ def lowered(world):
 @pytest.mark.parametrize("world", SHARED.values())
 def test_lower_and_raise_are_inverse(world):
     world = world("physx")
-    told = lowered(world)
-    checks = compare(world, PhysxDialect().raise_(told.tree, told.sidecar), PhysX.RULES, PhysX.LAYERS, text=True)
+    output = lowered(world)
+    checks = compare(world, PhysxDialect().raise_(output.tree, output.sidecar), PhysX.RULES, PhysX.LAYERS, text=True)
     assert len(checks) > 5
     assert [(check.name, check.where, check.detail) for check in checks if not check.passed] == []
 

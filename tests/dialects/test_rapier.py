@@ -27,14 +27,14 @@ def failures(world, model):
 @pytest.mark.parametrize("world", SHARED.values())
 def test_lower_and_raise_are_inverse(world):
     world = world("rapier")
-    told = lowered(world)
-    assert failures(world, RapierDialect().raise_(told.tree, told.sidecar)) == []
+    output = lowered(world)
+    assert failures(world, RapierDialect().raise_(output.tree, output.sidecar)) == []
 
 
 def test_a_table_that_differs_is_seen():
     world = WORLDS["surfaces"]("rapier")
-    told = lowered(world)
-    model = RapierDialect().raise_(told.tree, told.sidecar)
+    output = lowered(world)
+    model = RapierDialect().raise_(output.tree, output.sidecar)
     rougher = dataclasses.replace(model.laws[0], friction=model.laws[0].friction + 1e-9)
     wrong = dataclasses.replace(model, laws=(rougher, *model.laws[1:]))
     assert {found for found, _, _ in failures(world, wrong)} == {"friction"}

@@ -45,7 +45,7 @@ def scene(*bodies, law=(0.5, 0.0), timestep=DT, **more):
     plate = Shape("floor", "plane", (), material="floor")
     floor = Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (plate,))
     names = sorted({"floor", *(shape.material for body in bodies for shape in body.shapes)})
-    pairs = tuple(PairContact(one, other, *law, **more) for index, one in enumerate(names) for other in names[index:])
+    pairs = tuple(PairContact(name, other, *law, **more) for index, name in enumerate(names) for other in names[index:])
     contact = Contact(materials=tuple(Material(name) for name in names), pairs=pairs)
     physics = Physics((0.0, 0.0, -GRAVITY), timestep, 100)
     return World("scene", (floor, *bodies), contact, physics, engines=(RAPIER, PHYSX))
@@ -69,9 +69,9 @@ def shared(engine):
 def check_inventory(name, engine, load, least):
     """The inventory of a world of the self-test is what the world demands, in at least so many fields."""
     world = accepting(WORLDS[name](engine.NAME), engine.NAME)
-    held = load(world).read_back()
-    expected = engine.expected_inventory(world, held.neutral)
-    (check,) = inventory_checks(expected, held.inventory, PRECISIONS[engine.PRECISION])
+    back = load(world).read_back()
+    expected = engine.expected_inventory(world, back.neutral)
+    (check,) = inventory_checks(expected, back.inventory, PRECISIONS[engine.PRECISION])
     assert check.passed, check.detail
     assert check.count > least
 
@@ -82,9 +82,9 @@ def check_parts(load):
     shape = Shape("foot", "sphere", (0.05,), Pose((0.0, 0.0, -0.1)), "m")
     foot = Body("foot", "ball", Inertial(0.0), Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2))), (shape,))
     engine = load(dataclasses.replace(world, bodies=(*world.bodies, foot)))
-    held = {body.name: body for body in engine.read_back().bodies}
-    assert held["foot"].joint.origin.position == pytest.approx((0.0, 0.0, -0.2))
-    assert held["foot"].shapes[0].pose.position == pytest.approx((0.0, 0.0, -0.1), abs=1e-7)
+    actual = {body.name: body for body in engine.read_back().bodies}
+    assert actual["foot"].joint.origin.position == pytest.approx((0.0, 0.0, -0.2))
+    assert actual["foot"].shapes[0].pose.position == pytest.approx((0.0, 0.0, -0.1), abs=1e-7)
     engine.step(2000)
     assert engine.get_state()[0][2] == pytest.approx(0.35, abs=1e-3)  # it stands on its foot
     assert {tuple(sorted(pair)) for pair in engine.detect_contacts().tolist()} == {(0, 2)}

@@ -56,14 +56,14 @@ def still(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float,
 def check_corners(load, engine, size: tuple[float, ...]) -> None:
     """Hulls are read back as they were told, and a corner that is moved, left out or added is seen."""
     world = scene(solid("hull", size, (0.0, 0.0, 1.0)))
-    held = load(world).read_back()
-    assert failures(read_back_checks(world, engine, held)) == []
-    own = next(body for body in held.bodies if body.name == "hull").shapes[0].size
-    assert sorted(np.float32(own).reshape(-1, 3).tolist()) == sorted(np.float32(size).reshape(-1, 3).tolist())
+    back = load(world).read_back()
+    assert failures(read_back_checks(world, engine, back)) == []
+    stored = next(body for body in back.bodies if body.name == "hull").shapes[0].size
+    assert sorted(np.float32(stored).reshape(-1, 3).tolist()) == sorted(np.float32(size).reshape(-1, 3).tolist())
     changes = {
-        "moved": lambda told: told.__setitem__(4, told[4] * (1.0 + 1e-4)),
-        "left out": lambda told: told.__delitem__(slice(0, 3)),
-        "added": lambda told: told.extend([0.0, 0.0, 0.3]),
+        "moved": lambda points: points.__setitem__(4, points[4] * (1.0 + 1e-4)),
+        "left out": lambda points: points.__delitem__(slice(0, 3)),
+        "added": lambda points: points.extend([0.0, 0.0, 0.3]),
     }
 
     def seen(change) -> bool:

@@ -9,6 +9,6 @@ from simspec.world.types import World
 
 def inventory_check(world: World, engine: Engine) -> Check:
     """The proof's check of an inventory, for an engine that is loaded in this process."""
-    held = engine.read_back()
-    (check,) = inventory_checks(type(engine).expected_inventory(world, held.neutral), held.inventory)
+    back = engine.read_back()
+    (check,) = inventory_checks(type(engine).expected_inventory(world, back.neutral), back.inventory)
     return check

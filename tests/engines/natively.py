@@ -14,8 +14,8 @@ def at_work(engine: Engine, world: World, quick: bool = True):
     """A function that does so many steps more, and the control that it does them under."""
     control = Control(world, reference(world))
     joints = (engine.actuate if quick else lambda q, v: Actuation(engine, q, v))(control.q_places, control.v_places)
-    own, at = control.native, control.native_places
-    servos = engine.track(control.q_places[at], control.v_places[at], own.stiffness, own.damping, own.limit)
+    native, at = control.native, control.native_places
+    servos = engine.track(control.q_places[at], control.v_places[at], native.stiffness, native.damping, native.limit)
     done = 0
 
     def advance(count: int) -> np.ndarray:

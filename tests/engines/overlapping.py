@@ -22,8 +22,8 @@ def overlaps(
     """Of the last two shapes of a world, with random turns and directions between them: the true gap, ``DEPTH`` deep; how far
     (m) the engine's deepest point is off (None: it has no contact), how far its normal is turned (its sine), and the axes of
     both bodies (6, 3). The first of them may be a plane, which stays."""
-    one, two = solids(world)[-2:]
-    floor = one.shape.kind == "plane"
+    first_solid, second_solid = solids(world)[-2:]
+    floor = first_solid.shape.kind == "plane"
     base = np.array([0.0, 0.0, 0.0 if floor else FAR])
     draw = np.random.default_rng(seed)
     for _ in range(count):
@@ -38,7 +38,7 @@ def overlaps(
 
         def between(far: float, poses=poses) -> Gap:
             first, second = transforms(poses(far))
-            return gap(one, first, two, second)
+            return gap(first_solid, first, second_solid, second)
 
         near, far = 0.0, 1.0
         for _ in range(40):
@@ -48,11 +48,11 @@ def overlaps(
         q = poses(far)[1:] if floor else poses(far)
         engine.set_state(q.ravel(), np.zeros(6 * len(q)))
         engine.step(1)
-        told = engine.contacts()
+        contacts = engine.contacts()
         axes = np.concatenate([np.array(frames.matrix(turn)).T for turn in turns])
-        if not len(told["distance"]):
+        if not len(contacts["distance"]):
             yield true, None, 0.0, axes
             continue
-        deepest = int(np.argmin(told["distance"]))
-        turned = float(np.linalg.norm(np.cross(told["normal"][deepest], true.normal)))
-        yield true, float(abs(told["distance"][deepest] - true.distance)), turned, axes
+        deepest = int(np.argmin(contacts["distance"]))
+        turned = float(np.linalg.norm(np.cross(contacts["normal"][deepest], true.normal)))
+        yield true, float(abs(contacts["distance"][deepest] - true.distance)), turned, axes

@@ -40,13 +40,13 @@ def test_its_tests_in_a_process_of_its_own(name):
 
 def test_two_that_clash_are_refused_in_either_order(monkeypatch):
     """An engine whose package is loaded, or whose neighbour is, says so in place of a segmentation fault."""
-    one, other = (find_engine(name) for name in sorted(engines())[:2])
-    monkeypatch.setattr(one, "CLASHES", {"json": "of the test"})
+    engine, other = (find_engine(name) for name in sorted(engines())[:2])
+    monkeypatch.setattr(engine, "CLASHES", {"json": "of the test"})
     monkeypatch.setattr(contract, "_LOADED", {})
     with pytest.raises(EngineError, match="has json: of the test"):
-        contract.enter(one)
-    monkeypatch.setattr(one, "CLASHES", {"there_is_none": "of the test"})
+        contract.enter(engine)
+    monkeypatch.setattr(engine, "CLASHES", {"there_is_none": "of the test"})
     monkeypatch.setattr(other, "DISTRIBUTION", "there_is_none")
-    contract.enter(one)
-    with pytest.raises(EngineError, match=f"has the engine {one.NAME}: of the test"):
+    contract.enter(engine)
+    with pytest.raises(EngineError, match=f"has the engine {engine.NAME}: of the test"):
         contract.enter(other)

@@ -36,9 +36,9 @@ engines: {{{engines}}}
 
 
 def loaded(tmp_path: Path, edge: float = 0.1, engine: str = "", **settings: object) -> simspec.Spec:
-    told = ", ".join(f"{name}: {str(value).lower()}" for name, value in settings.items())
+    text = ", ".join(f"{name}: {str(value).lower()}" for name, value in settings.items())
     path = tmp_path / "spec.yaml"
-    path.write_text(SPEC.format(edge=edge, engines=f"{engine}: {{settings: {{{told}}}}}" if engine else ""))
+    path.write_text(SPEC.format(edge=edge, engines=f"{engine}: {{settings: {{{text}}}}}" if engine else ""))
     return simspec.load(path)
 
 
@@ -137,7 +137,9 @@ def test_a_cushion_beside_a_small_shape_is_warned_of(tmp_path):
     assert (problem.hint or "").startswith("friction_cushion: 5e-05 in ")
     assert "engines.mujoco.settings" in (problem.hint or "")
     spec = loaded(tmp_path, 0.001, engine="mujoco", friction="coulomb")
-    assert not any("mujoco," in one.message or "mujoco by" in one.message for one in deep_contact(spec, spec.resolve()))
+    assert not any(
+        "mujoco," in problem.message or "mujoco by" in problem.message for problem in deep_contact(spec, spec.resolve())
+    )
     spec = loaded(tmp_path, 0.1, engine="pybullet", collision_margin=0.01)
     (problem,) = deep_contact(spec, spec.resolve())
     assert "in pybullet, by the setting collision_margin" in problem.message

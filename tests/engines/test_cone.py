@@ -92,8 +92,8 @@ def test_a_pair_that_passes_or_never_meets_does_not_matter():
     rough = balls(**case)
     passing = (PairContact("default", "default", 0.5, 0.0, collide=False),)
     assert exact(dataclasses.replace(rough, contact=dataclasses.replace(rough.contact, pairs=passing)))
-    apart = dataclasses.replace(rough.contact, excluded_bodies=(tuple(sorted(body.name for body in rough.bodies)),))
-    assert exact(dataclasses.replace(rough, contact=apart))
+    separate = dataclasses.replace(rough.contact, excluded_bodies=(tuple(sorted(body.name for body in rough.bodies)),))
+    assert exact(dataclasses.replace(rough, contact=separate))
 
 
 def test_a_ball_that_hangs_on_something_is_none():

@@ -40,16 +40,16 @@ def test_what_is_computed_outside_is_asked_for_by_name_and_where_nothing_else_ac
     follower = constrained.follower()
     with pytest.raises(UnsupportedError, match=r"outside: \[constraint.coupling\]"):
         compile_world(follower, [name])
-    asked = with_options(follower, name, outside=("constraint.coupling",), accept=("joint.dry_friction",))
+    options = with_options(follower, name, outside=("constraint.coupling",), accept=("joint.dry_friction",))
     with pytest.raises(UnsupportedError, match=r"may touch .* contact would ignore 'mirror'"):
-        compile_world(solid(asked), [name])
+        compile_world(solid(options), [name])
 
 
 def test_dry_friction_would_not_feel_what_is_computed_outside():
     rough = jointed(constrained.follower(), dry_friction=0.1)
-    asked = with_options(rough, "dart", outside=("constraint.coupling",), accept=("joint.dry_friction",))
+    options = with_options(rough, "dart", outside=("constraint.coupling",), accept=("joint.dry_friction",))
     with pytest.raises(UnsupportedError, match="dry friction, whose impulses would ignore 'mirror'"):
-        compile_world(asked, ["dart"])
+        compile_world(options, ["dart"])
 
 
 def test_pybullet_has_one_error_reduction_for_loops_and_limits():
@@ -63,13 +63,13 @@ def test_pybullet_s_gears_are_within_one_tree():
     other = worlds.world(worlds.tree(["hinge"], 3), "other").bodies[0]
     other = dataclasses.replace(other, name="other", joint=dataclasses.replace(other.joint, name="other_joint"))
     mirror = dataclasses.replace(base.constraints[0], leader="other_joint", offset=base.bodies[2].joint.position[0])
-    still = dataclasses.replace(other.joint, position=(0.0,))
-    apart = dataclasses.replace(
-        base, bodies=(*base.bodies, dataclasses.replace(other, joint=still)), constraints=(mirror,)
+    joint = dataclasses.replace(other.joint, position=(0.0,))
+    world = dataclasses.replace(
+        base, bodies=(*base.bodies, dataclasses.replace(other, joint=joint)), constraints=(mirror,)
     )
     compile_world(base, ["pybullet"])
     with pytest.raises(UnsupportedError, match="'other_joint' is in another than"):
-        compile_world(apart, ["pybullet"])
+        compile_world(world, ["pybullet"])
 
 
 def test_pybullet_s_armature_would_not_be_felt_by_a_constraint():

@@ -44,7 +44,7 @@ def _leaning(engine, share, degrees=60.0):
     angle = math.radians(degrees)
     friction, radius = share / (2.0 * math.tan(angle)), 0.02
     x, z = math.cos(angle), math.sin(angle)
-    still = [
+    static = [
         {"box": {"size": [9, 9, 1]}, "pose": {"xyz": [0, 0, -0.5]}, "material": "floor"},
         {"box": {"size": [1, 9, 9]}, "pose": {"xyz": [x + radius + 0.5, 0, 4]}, "material": "wall"},
     ]
@@ -56,7 +56,7 @@ def _leaning(engine, share, degrees=60.0):
         {"between": ["floor", "wall"], "friction": 0},
     ]
     materials = {"floor": {"friction": friction}, "wall": {"friction": 0}, "rod": {"friction": friction}}
-    return _moved(_run(engine, {"still": {"fixed": True, "shapes": still}, "rod": rod}, pairs, materials), "rod")
+    return _moved(_run(engine, {"still": {"fixed": True, "shapes": static}, "rod": rod}, pairs, materials), "rod")
 
 
 @pytest.mark.parametrize("engine", DIRECT)
@@ -71,8 +71,8 @@ def _clamp(engine, share, cone):
     sides = [[-0.2 - 0.07 + 1e-5, 0, 0.1], [-0.2 + 0.07 - 1e-5, 0, -0.1]]
     post = {"fixed": True, "shapes": [{"box": {"size": [0.1, 0.1, 2]}, "material": "m"}]}
     shapes = [{"sphere": {"radius": 0.02}, "pose": {"xyz": side}, "material": "m"} for side in sides]
-    held = {"mass": 1, "inertia": {"principal": [0.02] * 3}, "pose": {"xyz": [0.2, 0, 0]}, "shapes": shapes}
-    run = _run(engine, {"post": post, "held": held}, [], {"m": {"friction": 0.5 * share}}, cone, duration=0.2)
+    clamped = {"mass": 1, "inertia": {"principal": [0.02] * 3}, "pose": {"xyz": [0.2, 0, 0]}, "shapes": shapes}
+    run = _run(engine, {"post": post, "held": clamped}, [], {"m": {"friction": 0.5 * share}}, cone, duration=0.2)
     return _moved(run, "held")
 
 

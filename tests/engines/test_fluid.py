@@ -121,9 +121,9 @@ def test_axes_are_those_that_are_written():
 
 
 def test_bodies_that_are_told_as_one_are_one_box():
-    held = {**SLAB, "parent": "a", "joint": {"type": "fixed", "origin": {"rpy": [0.1, 0.2, 0.3]}}}
+    fixed_slab = {**SLAB, "parent": "a", "joint": {"type": "fixed", "origin": {"rpy": [0.1, 0.2, 0.3]}}}
     root = {"pose": {"xyz": [0, 0, 1]}}
-    alone = world_of({"a": root, "b": held}, {"density": 1})
+    alone = world_of({"a": root, "b": fixed_slab}, {"density": 1})
     first, second = alone.bodies
     assert second.box is None  # the massless root is told the slab's inertia, and is its box
     np.testing.assert_allclose(first.box.edges, [0.3, 0.2, 0.1], rtol=1e-12)
@@ -191,8 +191,8 @@ def test_engines_and_oracle_agree_with_a_step_that_is_small(engine):
     run = simspec.run(world, engine)
     _, v = Oracle(world).motion(*initial_state(world), None, 100, 1)
     np.testing.assert_allclose(run.arrays["v"][-1], v[-1], atol=1e-10)
-    still = Oracle(dataclasses.replace(world, physics=dataclasses.replace(physics, fluid=None)))
-    _, without = still.motion(*initial_state(world), None, 100, 100)
+    oracle = Oracle(dataclasses.replace(world, physics=dataclasses.replace(physics, fluid=None)))
+    _, without = oracle.motion(*initial_state(world), None, 100, 100)
     assert np.abs(without[-1] - v[-1]).max() > 0.1
 
 

@@ -53,9 +53,9 @@ ROUGH = with_friction(SLIPPERY)
 def test_which_worlds_are_without_friction():
     assert (frictionless(SLIPPERY), only_free_spheres(SLIPPERY)) == (True, True)
     assert (frictionless(ROUGH), only_free_spheres(ROUGH)) == (False, False)
-    one_pair = (*SLIPPERY.contact.pairs, PairContact("moss", "moss", 0.1, 0.0))
+    single_pair = (*SLIPPERY.contact.pairs, PairContact("moss", "moss", 0.1, 0.0))
     assert not frictionless(
-        dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=one_pair))
+        dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=single_pair))
     )
     nothing_meets = dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=()))
     assert not frictionless(nothing_meets)
@@ -69,7 +69,7 @@ def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
         "a hinge": dataclasses.replace(moving, joint=dataclasses.replace(moving.joint, kind="hinge", parent=None)),
     }
     for name, body in changed.items():
-        bodies = tuple(body if one is moving else one for one in SLIPPERY.bodies)
+        bodies = tuple(body if old is moving else old for old in SLIPPERY.bodies)
         world = dataclasses.replace(SLIPPERY, bodies=bodies)
         assert (frictionless(world), only_free_spheres(world)) == (True, False), name
 
@@ -78,7 +78,7 @@ def test_what_only_shows_and_what_is_fixed_may_be_of_any_shape():
     moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
     label = dataclasses.replace(moving.shapes[0], name="label", kind="box", size=(0.1, 0.1, 0.1), collision=False)
     marked = dataclasses.replace(moving, shapes=(*moving.shapes, label))
-    world = dataclasses.replace(SLIPPERY, bodies=tuple(marked if one is moving else one for one in SLIPPERY.bodies))
+    world = dataclasses.replace(SLIPPERY, bodies=tuple(marked if old is moving else old for old in SLIPPERY.bodies))
     assert only_free_spheres(world)
     assert any(shape.kind != "sphere" for body in SLIPPERY.bodies for shape in body.shapes), "the floor"
 
@@ -123,8 +123,8 @@ def test_a_stated_law_of_friction_keeps_the_solver_that_it_needs():
     settings = {
         law: resolve_settings(mujoco, stating(SLIPPERY, "mujoco", ("friction", law))) for law in ("coulomb", "native")
     }
-    assert {law: own["solver"] for law, own in settings.items()} == {"coulomb": "newton", "native": "pgs"}
-    assert {own["tolerance"] for own in settings.values()} == {1e-10}
+    assert {law: setting["solver"] for law, setting in settings.items()} == {"coulomb": "newton", "native": "pgs"}
+    assert {setting["tolerance"] for setting in settings.values()} == {1e-10}
     assert written(stating(SLIPPERY, "mujoco", ("friction", "coulomb")), "mujoco")["solver"] == "newton"
 
 
@@ -145,12 +145,12 @@ def test_without_friction_no_cone_is_an_approximation(engine):
 
 def test_the_defaults_are_listed_for_programs():
     listed = {name: data["settings"] for name, data in engine_data().items()}
-    told = {
+    given = {
         engine: {name: entry["frictionless"] for name, entry in settings.items() if "frictionless" in entry}
         for engine, settings in listed.items()
     }
     chosen = {"dart"}  # auto: what it chooses is no default of its own
-    assert {engine: told[engine] for engine in SLICK} == {
+    assert {engine: given[engine] for engine in SLICK} == {
         engine: {} if engine in chosen else values for engine, values in SLICK.items()
     }
     conditions = [entry["frictionless_unless"] for entry in listed["mujoco"].values() if "frictionless_unless" in entry]

@@ -39,16 +39,16 @@ def test_the_surface_that_it_holds_is_the_worlds(engine, tmp_path):
         world, bodies=(dataclasses.replace(floor, shapes=(*floor.shapes, seen)), *world.bodies[1:])
     )
     world = accepting(world, engine)
-    with session(world, engine, tmp_path / "files") as held:
-        read_back = held.read_back()
-    (check,) = [one for one in read_back_checks(world, find_engine(engine), read_back) if one.name == FIELD]
+    with session(world, engine, tmp_path / "files") as loaded:
+        read_back = loaded.read_back()
+    (check,) = [check for check in read_back_checks(world, find_engine(engine), read_back) if check.name == FIELD]
     assert check.passed
     assert check.count == 2
     heights = np.array(GROUND[HEIGHTFIELD_HEAD:]).reshape(3, 4)
     heights[1, 2] += 8e-6
     shape = dataclasses.replace(floor.shapes[0], size=heightfield_size(0.8, 0.6, 0.2, heights))
     other = dataclasses.replace(world, bodies=(dataclasses.replace(floor, shapes=(shape, seen)), *world.bodies[1:]))
-    (check,) = [one for one in read_back_checks(other, find_engine(engine), read_back) if one.name == FIELD]
+    (check,) = [check for check in read_back_checks(other, find_engine(engine), read_back) if check.name == FIELD]
     assert not check.passed
 
 
@@ -57,20 +57,20 @@ def test_a_ball_touches_it_where_its_triangles_are(engine, tmp_path):
     """Over cells, edges, rim and walls: apart by 10 µm it does not touch, as deep it does."""
     world = accepting(ground(), engine)
     field, ball = solids(world)
-    still = transform(world.bodies[0].shapes[0].pose)
+    pose = transform(world.bodies[0].shapes[0].pose)
     generator = np.random.default_rng(4)
     touched = 0
-    with session(world, engine, tmp_path / "files") as held:
-        q, v = held.get_state()
+    with session(world, engine, tmp_path / "files") as loaded:
+        q, v = loaded.get_state()
         for _ in range(400):
             q[:3] = generator.uniform((-0.4, -0.4, -0.15), (0.6, 0.4, 0.15))
-            held.set_state(q, v)
-            poses, _ = held.body_states()
+            loaded.set_state(q, v)
+            poses, _ = loaded.body_states()
             at = transform(Pose(tuple(poses[1][:3]), tuple(poses[1][3:]))) @ ball.pose
-            expected = gap(field, still, ball, at).distance
+            expected = gap(field, pose, ball, at).distance
             if abs(expected) < 1e-5 or expected < -0.03:  # deeper: which way out is shorter
                 continue
-            assert bool(len(held.detect_contacts())) == (expected < 0.0), q[:3]
+            assert bool(len(loaded.detect_contacts())) == (expected < 0.0), q[:3]
             touched += expected < 0.0
     assert touched > 20
 
@@ -97,9 +97,9 @@ def test_a_ball_slides_down_a_triangle_as_down_a_plane(engine, triangle, tmp_pat
     world = dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(shape,)), ball), contact=contact)
     world = accepting(world, engine)
     steps = 100
-    with session(world, engine, tmp_path / "files") as held:
-        held.step(steps)
-        _, v = held.get_state()
+    with session(world, engine, tmp_path / "files") as loaded:
+        loaded.step(steps)
+        _, v = loaded.get_state()
     gravity = np.array(world.physics.gravity)
     along = gravity - normal * (gravity @ normal)
     time = steps * world.physics.timestep

@@ -112,7 +112,7 @@ def test_a_margin_is_seen_as_overlap_at_the_start(tmp_path):
         dataclasses.replace(body, shapes=tuple(dataclasses.replace(shape, margin=0.05) for shape in body.shapes))
         for body in world.bodies
     )
-    depths = {one.second_body: one.depth for one in deep_overlaps(dataclasses.replace(world, bodies=thick))}
+    depths = {overlap.second_body: overlap.depth for overlap in deep_overlaps(dataclasses.replace(world, bodies=thick))}
     assert depths == {name: pytest.approx(0.095) for name in HEIGHTS}
 
 

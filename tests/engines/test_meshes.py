@@ -88,12 +88,12 @@ def test_a_hull_touches_where_its_surface_is(engine, tmp_path):
 
 def test_two_meshes_do_not_meet_in_dart_whoever_accepts_them():
     base = worlds.shapes_world(("mesh",))
-    floor, one = base.bodies
-    joint = dataclasses.replace(one.joint, name="other_joint")
-    shapes = tuple(dataclasses.replace(shape, name="other_0") for shape in one.shapes)
-    other = dataclasses.replace(one, name="other", model="other", joint=joint, shapes=shapes)
+    floor, body = base.bodies
+    joint = dataclasses.replace(body.joint, name="other_joint")
+    shapes = tuple(dataclasses.replace(shape, name="other_0") for shape in body.shapes)
+    other = dataclasses.replace(body, name="other", model="other", joint=joint, shapes=shapes)
     world = worlds.with_options(
-        dataclasses.replace(base, bodies=(floor, one, other)), "dart", accept=("contact.cone.elliptic", "shape.mesh")
+        dataclasses.replace(base, bodies=(floor, body, other)), "dart", accept=("contact.cone.elliptic", "shape.mesh")
     )
     with pytest.raises(UnsupportedError, match="does not support contact between mesh and mesh"):
         compile_world(world, ["dart"])
@@ -113,10 +113,10 @@ def test_a_mesh_on_a_link_that_may_land_on_a_face_is_accepted_by_name_in_pybulle
     floor, *others = base.bodies
     ball = dataclasses.replace(floor.shapes[0], kind="sphere", size=(0.5,), pose=Pose((0.0, 0.0, -0.5)))
     groups = (("hull", "hull"),)
-    apart = [dataclasses.replace(body, collision_group="hull") for body in others]
+    bodies = [dataclasses.replace(body, collision_group="hull") for body in others]
     on_a_ball = dataclasses.replace(
         base,
-        bodies=(dataclasses.replace(floor, shapes=(ball,)), *apart),
+        bodies=(dataclasses.replace(floor, shapes=(ball,)), *bodies),
         contact=dataclasses.replace(base.contact, ignored_groups=groups),
     )
     assert compile_world(on_a_ball, ["pybullet"])
@@ -150,11 +150,11 @@ def test_on_links_where_pybullet_keeps_a_margin_faces_are_that_much_further_in(t
     world = worlds.accepting(on_a_link(), "pybullet")
     answer = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world))
     bodies = {body.name: body for body in answer.read_back.bodies}
-    (whole,), (told,) = bodies["mesh"].shapes, bodies["arm"].shapes
+    (whole,), (given,) = bodies["mesh"].shapes, bodies["arm"].shapes
     assert whole.rounding == 0.0
-    assert told.rounding == pytest.approx(LINK_MARGIN, rel=1e-6)
+    assert given.rounding == pytest.approx(LINK_MARGIN, rel=1e-6)
     directions = hull_of(world.bodies[1].shapes[0].size).normals
-    reach, inner = (SHAPES["mesh"].support(shape.size, directions) for shape in (whole, told))
+    reach, inner = (SHAPES["mesh"].support(shape.size, directions) for shape in (whole, given))
     np.testing.assert_allclose(inner + LINK_MARGIN, reach, atol=2e-4 * extent(whole.size))
     assert failures(read_back_checks(world, PyBullet, answer.read_back)) == []
 
@@ -220,18 +220,18 @@ def test_a_body_of_two_hulls_lands_flat(engine, tmp_path):
 def test_a_hull_on_a_link_is_loaded_without_features_of_faces(tmp_path):
     """With them PyBullet would forget the link's margin."""
     world = worlds.accepting(on_a_link(), "pybullet")
-    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
-    flags = {name: value for name, value in held.inventory.items() if name.endswith(".flags") and "loadURDF" in name}
+    actual = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
+    flags = {name: value for name, value in actual.inventory.items() if name.endswith(".flags") and "loadURDF" in name}
     assert flags
     assert not any(int(value) & 4096 for value in flags.values())
 
 
 def test_each_hull_of_a_body_is_read_back_where_it_is(tmp_path):
     world = of_two_hulls("pybullet", 0.0)
-    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
-    assert failures(read_back_checks(world, PyBullet, held)) == []
+    actual = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).read_back
+    assert failures(read_back_checks(world, PyBullet, actual)) == []
     floor, body = world.bodies
     leg, beam = body.shapes
     moved = dataclasses.replace(beam, pose=Pose((1 / 60, 0.0, 1 / 30 + 1e-3)))
     other = dataclasses.replace(world, bodies=(floor, dataclasses.replace(body, shapes=(leg, moved))))
-    assert failures(read_back_checks(other, PyBullet, held))
+    assert failures(read_back_checks(other, PyBullet, actual))

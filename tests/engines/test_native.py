@@ -82,11 +82,13 @@ def test_laws_and_the_engines_own_controllers_work_side_by_side(name, loaded, qu
     """In two trees: each as if it were alone."""
     both = worlds.world((*chain().bodies, *dataclasses.replace(wheel(INERTIA)).bodies), physics=wheel(INERTIA).physics)
     law = driven(chain()).controllers[0]
-    own = native(wheel(INERTIA)).controllers[0]
+    controller = native(wheel(INERTIA)).controllers[0]
     joints = (*law.joints, "wheel_joint")
     q = [body.joint.position[0] for body in chain().bodies]
     trajectory = Trajectory(joints, (0.0,), ((*(x + 0.1 for x in q), 0.5),))
-    world = dataclasses.replace(both, controllers=(law, dataclasses.replace(own, name="own")), trajectory=trajectory)
+    world = dataclasses.replace(
+        both, controllers=(law, dataclasses.replace(controller, name="own")), trajectory=trajectory
+    )
     advance, control = at_work(loaded(world), world, quick)
     found = dict(zip(control.joints, advance(400), strict=True))
     assert control.joints[-1] == "wheel_joint"
@@ -109,10 +111,12 @@ def split_chain(law: str = "computed-torque") -> World:
     joints = [body.joint.name for body in whole.bodies]
     q = [body.joint.position[0] for body in whole.bodies]
     first = driven(whole, law, tuple(joints[:2])).controllers[0]
-    own = Controller("own", tuple(joints[2:]), "native", kp=(200.0,) * 2, kd=(2.0,) * 2, effort_limits=(None,) * 2)
+    controller = Controller(
+        "own", tuple(joints[2:]), "native", kp=(200.0,) * 2, kd=(2.0,) * 2, effort_limits=(None,) * 2
+    )
     rows = (tuple(q), tuple(x + 0.1 for x in q))
     trajectory = Trajectory(tuple(joints), (0.0, 0.4), rows)
-    return dataclasses.replace(whole, controllers=(first, own), trajectory=trajectory)
+    return dataclasses.replace(whole, controllers=(first, controller), trajectory=trajectory)
 
 
 def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
@@ -124,22 +128,22 @@ def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
     order = [list(reference(world).joints).index(joint) for joint in about["joints"]]
     (wanted,) = reference(world).position.at(found.time)
     np.testing.assert_allclose(found.arrays["control.target"], wanted[:, order], atol=1e-15)
-    own = np.array([joint in world.controllers[1].joints for joint in about["joints"]])
-    assert np.isnan(found.arrays["control.effort"][1:, own]).all()
-    assert np.isfinite(found.arrays["control.effort"][1:, ~own]).all()
+    native_columns = np.array([joint in world.controllers[1].joints for joint in about["joints"]])
+    assert np.isnan(found.arrays["control.effort"][1:, native_columns]).all()
+    assert np.isfinite(found.arrays["control.effort"][1:, ~native_columns]).all()
     # springs sag by what the weight is of kp, and pull the others along; motors lag by a fraction of a mm
     assert max(about["error"]) < (0.2 if declared(name).sags else 0.05)
-    assert [about["clipped"][k] for k in np.flatnonzero(own)] == [None, None]
-    assert [about["clipped"][k] for k in np.flatnonzero(~own)] == [0, 0]
+    assert [about["clipped"][k] for k in np.flatnonzero(native_columns)] == [None, None]
+    assert [about["clipped"][k] for k in np.flatnonzero(~native_columns)] == [0, 0]
     assert "efforts clipped, most steps of a joint" in summary(found)
 
 
 def test_the_same_run_twice_gives_the_same_bits(name):
     for base in (split_chain(), split_chain("pd"), with_targets(native(chain(), kp=200.0, kd=2.0), [0.1] * 4)):
         world = worlds.with_options(base, name)
-        one, two = (run(world, name) for _ in range(2))
-        assert one.failed is None
-        assert one.arrays["q"].tobytes() == two.arrays["q"].tobytes()
+        first, second = (run(world, name) for _ in range(2))
+        assert first.failed is None
+        assert first.arrays["q"].tobytes() == second.arrays["q"].tobytes()
 
 
 def robot(dt: float = 0.001) -> World:
@@ -147,7 +151,7 @@ def robot(dt: float = 0.001) -> World:
     world = simspec.load(SPECS / "ur10e.yaml").resolve()
     joints = tuple(body.joint.name for body in world.bodies if body.joint.kind == "hinge")
     limits = {body.joint.name: body.joint.effort_limit for body in world.bodies}
-    one = Controller(
+    controller = Controller(
         "robot",
         joints,
         "native",
@@ -162,7 +166,7 @@ def robot(dt: float = 0.001) -> World:
         physics=dataclasses.replace(world.physics, timestep=dt, steps=round(2.5 / dt)),
         record=Record(10, ()),
         expectations=(),
-        controllers=(one,),
+        controllers=(controller,),
         trajectory=Trajectory(joints, (0.0, 2.0), rows, interpolation="quintic"),
     )
 
@@ -172,8 +176,8 @@ def declared_lag(name: str, world: World) -> np.ndarray:
 
     An implicit spring meets the targets of a step's beginning at its end, and is behind by dt (v + a kd / kp) more.
     """
-    one, dt = world.controllers[0], world.physics.timestep
-    kp, kd = np.array(one.kp), np.array(one.kd)
+    controller, dt = world.controllers[0], world.physics.timestep
+    kp, kd = np.array(controller.kp), np.array(controller.kd)
     times = np.arange(world.physics.steps) * dt
     q, v, a = reference(world).position.at(times, 2)
     if not declared(name).sags:
@@ -197,12 +201,12 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
         # joints pull each other along, and a spring swings into its sag; DART leaves what is below its solver's tolerance
         assert error < 1.1 * lag[joint] + 1e-6, joint
     q = found.arrays["q"][-1]
-    held = np.abs(q - np.array(world.trajectory.positions[-1]))
+    error = np.abs(q - np.array(world.trajectory.positions[-1]))
     if declared(name).sags:
         sag = Oracle(world).bias_force(q, 0.0 * q) / np.array(world.controllers[0].kp)
         np.testing.assert_allclose(np.array(world.trajectory.positions[-1]) - q, sag, atol=1e-5)
     else:
-        assert held.max() < 1e-6
+        assert error.max() < 1e-6
 
 
 def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):

@@ -62,7 +62,7 @@ def lifted(name: str, feature: Feature, monkeypatch: pytest.MonkeyPatch) -> Worl
     engine = find_engine(name)
     for owner in (engine, type(dialects()[engine.DIALECT])):
         monkeypatch.setattr(owner, "SUPPORT", {**owner.SUPPORT, feature: EXACT})
-    every = tuple(one.value for one in Feature)
+    every = tuple(feature.value for feature in Feature)
     return worlds.with_options(world_of(feature), name, accept=every, outside=every)
 
 
@@ -83,12 +83,12 @@ def probes_agree(name: str, world: World, folder: Path) -> bool:
 def laws_are_held(name: str, world: World, folder: Path) -> bool:
     engine = load(name, world, folder)
     try:
-        held = engine.read_back()
+        back = engine.read_back()
     finally:
         engine.close()
-    shapes = [surface.hardness for body in held.bodies for shape in body.shapes for surface in shape.surfaces]
+    shapes = [surface.hardness for body in back.bodies for shape in body.shapes for surface in shape.surfaces]
     there = {
-        hardness.kind for hardness in (*shapes, *(pair.surface.hardness for pair in held.pairs)) if hardness is not None
+        hardness.kind for hardness in (*shapes, *(pair.surface.hardness for pair in back.pairs)) if hardness is not None
     }
     return {law.hardness.kind for law in meeting_laws(world).values()} <= there
 
@@ -96,9 +96,9 @@ def laws_are_held(name: str, world: World, folder: Path) -> bool:
 def own_controller_drives(name: str, world: World, folder: Path) -> bool:
     control = Control(world, reference(world))
     engine = load(name, world, folder)
-    own, at = control.native, control.native_places
+    native, at = control.native, control.native_places
     try:
-        engine.track(control.q_places[at], control.v_places[at], own.stiffness, own.damping, own.limit)
+        engine.track(control.q_places[at], control.v_places[at], native.stiffness, native.damping, native.limit)
     finally:
         engine.close()
     return True

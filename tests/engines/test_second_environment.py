@@ -32,11 +32,11 @@ def python(tmp_path_factory) -> str:
     """The interpreter of an environment with another version."""
     place = tmp_path_factory.mktemp("other")
     venv.create(place)
-    other = str(place / "bin" / "python")
+    second = str(place / "bin" / "python")
     # this environment's pip, and nothing compiled that is never imported
-    pip = [sys.executable, "-m", "pip", "--python", other, "--disable-pip-version-check"]
+    pip = [sys.executable, "-m", "pip", "--python", second, "--disable-pip-version-check"]
     subprocess.run([*pip, "install", "--quiet", "--no-compile", f"mujoco=={OTHER_VERSION}"], check=True)
-    return other
+    return second
 
 
 @pytest.mark.slow
@@ -47,20 +47,20 @@ def test_another_version_in_another_environment_holds_the_same_model(python, tmp
     there = call("mujoco", tmp_path / "artifacts", [Operation("read_back")], python=python)
     assert there.versions["engine_version"] == OTHER_VERSION
     assert here.versions["engine_version"] == find_engine("mujoco").version() != OTHER_VERSION
-    one, other = (from_plain(ReadBack, reply.answers[0].result) for reply in (here, there))
-    for held in (one, other):  # each by its own version's fields and defaults
-        (check,) = inventory_checks(find_engine("mujoco").expected_inventory(world, held.neutral), held.inventory)
+    first, second = (from_plain(ReadBack, reply.answers[0].result) for reply in (here, there))
+    for stored in (first, second):  # each by its own version's fields and defaults
+        (check,) = inventory_checks(find_engine("mujoco").expected_inventory(world, stored.neutral), stored.inventory)
         assert check.passed, check.detail
-    plain = (dataclasses.replace(held, inventory={}, neutral={}) for held in (one, other))
-    assert len({repr(held) for held in plain}) == 1
+    plain = (dataclasses.replace(actual, inventory={}, neutral={}) for actual in (first, second))
+    assert len({repr(actual) for actual in plain}) == 1
 
 
 @pytest.mark.slow
 def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatch):
     """Each is an engine with a label: a certificate and a run of its own, and every pair in the table of differences."""
     monkeypatch.chdir(tmp_path)
-    asked = ["--engine", "mujoco", "--engine", f"mujoco@3.8={python}", "--engine", "dart"]
-    done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *asked, "--set", "physics.duration=0.2"])
+    requested = ["--engine", "mujoco", "--engine", f"mujoco@3.8={python}", "--engine", "dart"]
+    done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *requested, "--set", "physics.duration=0.2"])
     assert done.exit_code == 0, done.output
     report = json.loads((tmp_path / "runs" / "double-pendulum" / "report.json").read_text())
     assert list(report["runs"]) == ["mujoco", "mujoco@3.8", "dart"]
@@ -69,8 +69,8 @@ def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatc
     assert versions == {"mujoco": HERE, "mujoco@3.8": OTHER_VERSION, "dart": find_engine("dart").version()}
     assert certificate.valid
     assert len(report["diffs"]) == 3
-    other = simspec.load_run(tmp_path / "runs" / "double-pendulum" / "mujoco@3.8")
-    assert other.label == f"mujoco@3.8 {OTHER_VERSION}"
+    second = simspec.load_run(tmp_path / "runs" / "double-pendulum" / "mujoco@3.8")
+    assert second.label == f"mujoco@3.8 {OTHER_VERSION}"
     assert "mujoco –" in done.output  # a label that is longer than its column is continued below
     assert "mujoco@3.8" in done.output
 

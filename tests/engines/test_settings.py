@@ -50,8 +50,8 @@ def test_wrong_values_are_located_errors_before_anything_is_written(engine, name
         options = EngineOptions(engine, ((name, value),))
         world = dataclasses.replace(base, engines=(options,))
         if allowed(setting, value):
-            beside = [(setting.needs[0], setting.needs[1][0])] if setting.needs else []
-            assert not check_settings(find_engine(engine), [*options.settings, *beside])
+            alongside = [(setting.needs[0], setting.needs[1][0])] if setting.needs else []
+            assert not check_settings(find_engine(engine), [*options.settings, *alongside])
             continue
         with pytest.raises(UnsupportedError) as caught:
             compile_world(world, [engine], lambda path: place)
@@ -107,7 +107,7 @@ def test_what_needs_another_setting_names_one_and_values_it_can_have():
     for engine, name, other, _ in IDLE:
         settings = find_engine(engine).SETTINGS
         setting = settings[name]
-        assert all(not check_settings(find_engine(engine), [(other, one)]) for one in setting.needs[1])
+        assert all(not check_settings(find_engine(engine), [(other, value)]) for value in setting.needs[1])
         assert settings[other].needs is None, "a chain of needs would need more than one look"
 
 
@@ -124,7 +124,7 @@ def test_a_setting_that_does_nothing_beside_another_is_a_located_error(engine, n
     assert problem.path == f"engines.{engine}.settings.{name}"
     assert problem.location == place
     assert f"has no effect with {other}: {str(value).lower()}" in problem.message
-    assert all(str(one).lower() in problem.hint for one in needs[1])
+    assert all(str(value).lower() in problem.hint for value in needs[1])
     assert not check_settings(known, [(name, default), (other, needs[1][0])])
     assert not check_settings(known, [(other, value)])
 

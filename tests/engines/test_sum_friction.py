@@ -49,8 +49,8 @@ def test_below_the_friction_the_sum_stays():
 
 
 def test_a_sum_with_friction_alone_is_one():
-    (one,) = world_of(0.1, dry_friction=0.2).sums
-    assert (one.dry_friction, one.stiffness, one.damping) == (0.2, 0.0, 0.0)
+    (joint_sum,) = world_of(0.1, dry_friction=0.2).sums
+    assert (joint_sum.dry_friction, joint_sum.stiffness, joint_sum.damping) == (0.2, 0.0, 0.0)
     with pytest.raises(SpecError, match="nothing acts along this sum"):
         world_of(0.1, dry_friction=0)
     with pytest.raises(SpecError, match="in units of an angle and of a length"):
@@ -71,5 +71,5 @@ def test_friction_of_tendons_is_imported(tmp_path):
         "</tendon></mujoco>"
     )
     (tmp_path / "scene.yaml").write_text("simspec: 1\nname: s\nmodels:\n  pair: {use: pair.xml}\n", encoding="utf-8")
-    (one,) = load(tmp_path / "scene.yaml").resolve().sums
-    assert (one.joints, one.dry_friction) == ((("pair/aj", 1.0), ("pair/bj", -2.0)), 0.3)
+    (joint_sum,) = load(tmp_path / "scene.yaml").resolve().sums
+    assert (joint_sum.joints, joint_sum.dry_friction) == ((("pair/aj", 1.0), ("pair/bj", -2.0)), 0.3)

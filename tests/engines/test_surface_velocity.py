@@ -74,9 +74,9 @@ def test_a_belt_and_a_turntable_carry_at_the_grip_of_friction(tmp_path):
 
 
 def test_nothing_is_carried_by_surfaces_that_stay(tmp_path):
-    still = carried(tmp_path, "visual: true", "visual: true", "0.1 s")
-    assert canonical_json(still).count("surface_velocity") == 1  # the crawler's
-    run = simspec.run(still, "mujoco")
+    world = carried(tmp_path, "visual: true", "visual: true", "0.1 s")
+    assert canonical_json(world).count("surface_velocity") == 1  # the crawler's
+    run = simspec.run(world, "mujoco")
     assert abs(run.arrays["velocity"][-1, 1, :2]).max() < 1e-9
 
 

@@ -66,12 +66,12 @@ def page() -> str:
 
 
 def _cell(losses: list, quantities: tuple[str, ...]) -> str:
-    told = [
+    texts = [
         f"{loss.element.removeprefix('joint.')} {len(loss.bodies) or 'file'}"
         for loss in losses
         if loss.element in quantities
     ]
-    return ", ".join(told) or "="
+    return ", ".join(texts) or "="
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def aims(world: World) -> dict[str, tuple[float, float, float]]:
     if world.name in REST:
         return REST[world.name]
     start = {body.joint.name: body.joint.position for body in world.bodies}
-    return {name: (start[name][0], 0.0, 0.0) for one in world.controllers for name in one.joints}
+    return {name: (start[name][0], 0.0, 0.0) for controller in world.controllers for name in controller.joints}
 
 
 def law(world: World, name: str, q: float, v: float, aim: tuple[float, float, float]) -> float:
@@ -82,7 +82,7 @@ def checked(world: World, aim: dict[str, tuple[float, float, float]]) -> int:
 @pytest.mark.parametrize("name", DRIVEN)
 def test_actuators_give_the_laws_efforts(name):
     world = exported_world(name)
-    assert checked(world, aims(world)) == 5 * sum(len(one.joints) for one in world.controllers)
+    assert checked(world, aims(world)) == 5 * sum(len(controller.joints) for controller in world.controllers)
 
 
 def test_a_reference_that_moves_and_feed_forward_are_in_the_control_at_the_start():
@@ -122,15 +122,15 @@ def test_drives_have_the_gains_in_units_of_the_schema(name, tmp_path):
     for drive in drives(world):
         joint = bodies[drive.joint]
         kind, degrees = ("angular", 180.0 / math.pi) if joint.kind == "hinge" else ("linear", 1.0)
-        held = UsdPhysics.DriveAPI(prims[drive.joint], kind)
-        assert held.GetTypeAttr().Get() == "force"
+        api = UsdPhysics.DriveAPI(prims[drive.joint], kind)
+        assert api.GetTypeAttr().Get() == "force"
         stiffness, damping = joint.spring_stiffness + drive.kp, joint.damping + drive.kd
-        assert held.GetStiffnessAttr().Get() * degrees == pytest.approx(stiffness, rel=1e-6)
-        assert held.GetDampingAttr().Get() * degrees == pytest.approx(damping, rel=1e-6)
+        assert api.GetStiffnessAttr().Get() * degrees == pytest.approx(stiffness, rel=1e-6)
+        assert api.GetDampingAttr().Get() * degrees == pytest.approx(damping, rel=1e-6)
         aim = aims(world)[drive.joint]
-        assert held.GetTargetPositionAttr().Get() / degrees == pytest.approx(aim[0], rel=1e-6, abs=1e-9)
-        assert held.GetTargetVelocityAttr().Get() == 0.0
-        assert held.GetMaxForceAttr().Get() == pytest.approx(drive.effort_limit or math.inf)
+        assert api.GetTargetPositionAttr().Get() / degrees == pytest.approx(aim[0], rel=1e-6, abs=1e-9)
+        assert api.GetTargetVelocityAttr().Get() == 0.0
+        assert api.GetMaxForceAttr().Get() == pytest.approx(drive.effort_limit or math.inf)
 
 
 def test_an_import_takes_gains_for_those_of_a_controller(tmp_path):

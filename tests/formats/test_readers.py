@@ -102,12 +102,12 @@ def test_a_reader_has_the_worlds_model_but_for_what_is_foreseen(language, profil
     ]
     taken = [row for row in rows if row not in refused]
     paths = [folder / language / (profile or "only") / name / file for name, file, _ in taken]
-    held = read_all(reader, paths, language) if paths else []
+    actual = read_all(reader, paths, language) if paths else []
     singly = [
         read(reader, folder / language / (profile or "only") / name / file, language) for name, file, _ in refused
     ]
     compared = 0
-    for (name, file, part), back in zip([*taken, *refused], [*held, *singly], strict=True):
+    for (name, file, part), back in zip([*taken, *refused], [*actual, *singly], strict=True):
         losses = plain_of(name, language, profile).losses
         rules = foreseen_differences(reader, part, profile, losses)
         found = {(REFUSED, FILE)} if back is None else differences(reader, part, back, losses)
@@ -121,7 +121,7 @@ def test_a_reader_has_the_worlds_model_but_for_what_is_foreseen(language, profil
 @pytest.mark.parametrize(("count", "dies"), [(13, False), (14, True)])
 def test_planes_and_many_moving_shapes_end_drake(count, dies, tmp_path):
     """The one reader that dies: the list says so where it happens, and only there."""
-    reader = next(one for one in readers("sdf") if one.name == "drake")
+    reader = next(reader for reader in readers("sdf") if reader.name == "drake")
     if not installed(reader):
         pytest.skip("drake is not installed")
     world = balls_on_a_plane(count)
@@ -166,21 +166,21 @@ CHANGES = {
 def test_a_changed_file_is_an_unforeseen_difference(quantity, name, tmp_path):
     """What the comparison finds is what the reader holds."""
     old, new = CHANGES[quantity]
-    reader = next(one for one in readers("urdf") if one.name == name)
+    reader = next(reader for reader in readers("urdf") if reader.name == name)
     plain = plain_of("quadruped", "urdf", "fixed-base")
     assert old in plain.files["trunk.urdf"]
     write({**plain.files, "trunk.urdf": plain.files["trunk.urdf"].replace(old, new)}, tmp_path)
     (part,) = parts("quadruped", "urdf", "fixed-base").values()
     found = differences(reader, part, read(reader, tmp_path / "trunk.urdf", "urdf"), plain.losses)
     unforeseen, missing = foreseen_differences(reader, part, "fixed-base", plain.losses).unlike(found)
-    assert quantity in {one for one, _ in unforeseen}
+    assert quantity in {name for name, _ in unforeseen}
     assert not missing
 
 
 def test_a_foreseen_difference_that_does_not_occur_is_told():
     """A row of the rules that no reader confirms fails, as does one that is missing."""
     (part,) = parts("quadruped", "urdf", "fixed-base").values()
-    reader = next(one for one in readers("urdf") if one.name == "yourdfpy")
+    reader = next(reader for reader in readers("urdf") if reader.name == "yourdfpy")
     losses = plain_of("quadruped", "urdf", "fixed-base").losses
     invented = Effect("joint.damping", "dry friction", "halves damping")
     more = dataclasses.replace(

@@ -21,10 +21,10 @@ def under_the_pyramid(world):
     return dataclasses.replace(world, contact=contact)
 
 
-def measured(asked, held, folder):
+def measured(requested, actual, folder):
     """The figures of the world ``asked`` in the files of the world ``held``."""
-    write_folder(compile_world(held, ["gazebo"])["gazebo"].files, folder)
-    with run.measure(asked, "gazebo", folder, None, 120.0, False) as measuring:
+    write_folder(compile_world(actual, ["gazebo"])["gazebo"].files, folder)
+    with run.measure(requested, "gazebo", folder, None, 120.0, False) as measuring:
         return measuring.wait()[0]
 
 

@@ -105,8 +105,8 @@ def test_any_relation_of_few_kinds_is_encoded_in_bits(seed):
     kind = {key: chance.randrange(6) for key in keys}
     table = {(a, b): chance.random() < 0.5 for a in range(6) for b in range(a, 6)}
 
-    def meet(one, other):
-        return table[min(kind[one], kind[other]), max(kind[one], kind[other])]
+    def meet(key, other):
+        return table[min(kind[key], kind[other]), max(kind[key], kind[other])]
 
     found = kinds(keys, meet)
     for index, other in itertools.combinations_with_replacement(keys, 2):

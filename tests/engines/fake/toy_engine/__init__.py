@@ -38,17 +38,17 @@ def place(element):
 
 class Toy(Engine):
     NAME, TITLE, DIALECT, DISTRIBUTION, EXTRA = "toy", "Toy", "urdf", "toy_engine", "toy"
-    SUPPORT = {one: EXACT if one in (*HAS, *MORE) else never("Toy knows nothing of it") for one in Feature}
+    SUPPORT = {feature: EXACT if feature in (*HAS, *MORE) else never("Toy knows nothing of it") for feature in Feature}
     SETTINGS, RULES, LAYERS = {}, Rules("max", "max"), False
     UNREADABLE = {"control.native": WHY, "collision_group": WHY}
     LACKS = dict.fromkeys(set(Capability) - {Capability.CONTACT_OFF, Capability.CONTACTS}, WHY)
     LACKS[Capability.MASS_MATRIX] = "Toy gives motion only"
 
     def load(self, folder, sidecar):
-        told = UrdfSidecar.of(sidecar)
-        self.gravity, self.dt = np.array(told.gravity), told.timestep
+        given = UrdfSidecar.of(sidecar)
+        self.gravity, self.dt = np.array(given.gravity), given.timestep
         trees, q, v = {}, [], []
-        for tree in told.instances:
+        for tree in given.instances:
             robot = ElementTree.parse(folder / tree.file).getroot()
             joints = {joint.find("child").get("link"): joint for joint in robot.iter("joint")}
             names, start = dict(zip([*tree.bodies], tree.joints, strict=True)), [*tree.position]
@@ -69,11 +69,11 @@ class Toy(Engine):
                 if inertial is not None:
                     part.c, turn = place(inertial)
                     (part.m,) = numbers(inertial.find("mass"), "value")
-                    held = numbers(inertial.find("inertia"), "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-                    part.I = turn @ held[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]] @ turn.T
+                    actual = numbers(inertial.find("inertia"), "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+                    part.I = turn @ actual[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]] @ turn.T
                 trees[name] = part
-        self.parts = [trees[body.name] for body in told.bodies]
-        for part, body in zip(self.parts, told.bodies, strict=True):
+        self.parts = [trees[body.name] for body in given.bodies]
+        for part, body in zip(self.parts, given.bodies, strict=True):
             part.offset = np.array(body.frame_offset)
             part.q, part.v = (slice(len(x), len(x) + len(y)) for x, y in ((q, part.start), (v, part.speed)))
             q, v = q + part.start, v + part.speed
@@ -144,6 +144,6 @@ class Toy(Engine):
             origin = Pose(tuple((part.r + offsets[part.parent]).tolist()), frames.from_matrix(part.R.tolist()))
             joint = (part.joint, part.kind, part.parent, origin, tuple(part.axis.tolist()))
             inertial = Inertial(part.m, tuple((part.c + part.offset).tolist()), (xx, yy, zz, xy, xz, yz))
-            told = Joint(*joint, position=tuple(state[0]), velocity=tuple(state[1]))
-            bodies.append(Body(part.name, part.model, inertial, told))
+            given = Joint(*joint, position=tuple(state[0]), velocity=tuple(state[1]))
+            bodies.append(Body(part.name, part.model, inertial, given))
         return ReadBack(tuple(bodies), tuple(self.gravity.tolist()), self.dt, unreadable=dict(self.UNREADABLE))
