@@ -112,7 +112,7 @@ def test_recovery_is_bounded_by_both_of_its_laws(overlap, steps, dt, share, spee
     assert Recovery(share).taken_back(overlap, steps, dt) == pytest.approx(by_share, abs=1e-12)
 
 
-def test_what_lies_on_a_body_moves_with_it():
+def test_resting_bodies_move_with_their_support():
     up = np.array([0.0, 0.0, 1.0])
     bodies = world().bodies[:4]
     actual = dataclasses.replace(world(), bodies=bodies)
@@ -175,7 +175,7 @@ def test_more_than_all_unexplained_has_a_reason():
     assert any(line.startswith("More than 100 %: ") for line in lines)
 
 
-def test_what_a_located_deviation_covers_is_not_called_unexplained():
+def test_differences_within_a_located_deviation_are_explained():
     declared = Declared("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
     other = dataclasses.replace(declared, engine="OTHER", what="hops")
     lines = told(declared=(declared, other))

@@ -50,7 +50,7 @@ def test_each_value_has_its_name_and_taking_it_back_leaves_nothing(change, name)
     assert not differences(a, taking(b, a, found))
 
 
-def test_all_together_are_told_apart_and_taken_one_by_one():
+def test_all_differences_are_distinguished_and_applied_singly():
     changes = [change for change in CHANGES if "hardness" not in change]
     a, b = world(), world(SCENE, *changes)
     found = differences(a, b)
@@ -62,14 +62,14 @@ def test_all_together_are_told_apart_and_taken_one_by_one():
         assert len(differences(a, left)) == len(found) - number
 
 
-def test_many_of_a_kind_are_one():
+def test_many_differences_of_a_kind_are_merged():
     a = simspec.load(simspec.find_spec("spheres-216")).resolve()
     b = simspec.load(simspec.find_spec("spheres-216"), sets=("bodies.ball.mass=11 kg",)).resolve()
     (difference,) = differences(a, b)
     assert difference.name == "mass and inertia of 216 things"
 
 
-def test_what_no_motion_depends_on_is_no_difference():
+def test_values_without_effect_on_motion_are_no_difference():
     assert not differences(
         world(), world(SCENE, "name=other", "record.every=2 ms", "bodies.ball.shapes.0.colour=[1,0,0]")
     )

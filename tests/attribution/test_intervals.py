@@ -22,7 +22,7 @@ def draws(kinds, quiet=None):
     return Draws(windows, np.ones(len(kinds), dtype=bool) if quiet is None else np.array(quiet))
 
 
-def test_what_closes_alike_in_every_window_has_a_point_for_an_interval():
+def test_equal_shares_in_every_window_give_an_interval_of_zero_width():
     whole = np.linspace(1.0, 2.0, 40)
     for low, high in draws([2] * 40).share(0.25 * whole, whole).values():
         assert low == pytest.approx(0.75)

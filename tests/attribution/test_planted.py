@@ -79,7 +79,7 @@ def test_windows_that_do_not_end_finite_are_left_out_and_counted(asking, monkeyp
     assert acting(explanation.causes)[0].name == "gravity"
 
 
-def test_what_acts_and_closes_nothing_is_said_to(asking, monkeypatch):
+def test_a_difference_that_acts_without_closing_anything_is_reported(asking, monkeypatch):
     monkeypatch.setattr(explaining, "probes", lambda pair: [])
     explanation = CASES["impratio-of-another"].explain(asking=asking)
     (cause,) = explanation.causes
@@ -107,7 +107,7 @@ def test_an_engine_begins_windows_with_the_contact_points_that_it_keeps(asking, 
     assert "40 % in contact" in line
 
 
-def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about(asking, monkeypatch):
+def test_a_non_default_setting_is_named_and_the_remainder_is_examined(asking, monkeypatch):
     monkeypatch.setattr(explaining, "MUCH", 2.0)  # not from the other side's states, too
     explanation = CASES["dart-erp-of-another"].explain(asking=asking)
     (cause,) = explanation.causes
@@ -128,7 +128,7 @@ def test_nothing_is_explained_where_nothing_differs(asking):
     assert "Nothing differs" in verdict(explanation)[0]
 
 
-def test_what_differs_and_does_not_act_is_told_as_such():
+def test_differences_without_effect_are_reported_as_such():
     world_a, world_b = world(FALL), world(FALL, "engines.pybullet.settings.contact_erp=0.2")
     sides = [simspec.Configuration(each, "pybullet") for each in (world_a, world_b)]
     explanation = simspec.explain(sides[0], sides[1])

@@ -112,7 +112,7 @@ def assert_same(found, expected):
     tolerance=st.sampled_from([0.0, 1e-8, 1e-4, 0.1]),
     block=st.sampled_from([1, 1_000, 10_000, 50_000]),
 )
-def test_blocks_of_any_size_give_what_one_gives(tmp_path_factory, seed, rows, noise, tolerance, block):
+def test_blocks_of_any_size_give_the_same_result(tmp_path_factory, seed, rows, noise, tolerance, block):
     folder = tmp_path_factory.mktemp("long")
     expected = all_of_it(seed, rows, noise, tolerance, folder / "one")
     with pytest.MonkeyPatch.context() as patch:

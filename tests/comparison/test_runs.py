@@ -99,7 +99,7 @@ def test_chaos_is_not_disagreement():
     assert "noise floor of first and second was not measured" in blind.notes[0]
 
 
-def test_a_difference_above_the_floor_is_one_even_in_noise():
+def test_a_difference_above_the_floor_counts_even_in_noise():
     a, b = pair(0.01)
     floor = quiet(a, 1e-4)
     found = diff(a, b, tolerance=1e-6, floor=[floor, quiet(b)])
@@ -190,7 +190,7 @@ def test_growing_noise_ends_the_comparison_where_it_passes_the_tolerance(noise):
     assert found.verdict == WITHIN
 
 
-def test_one_body_in_chaos_does_not_hide_the_bounded_noise_of_another_before():
+def test_a_chaotic_body_does_not_hide_the_bounded_noise_of_an_earlier_body():
     """The horizon is that of the body whose noise grows, not the time at which another's noise reaches its level."""
     a = run(FINE, apart)
     b = run(
@@ -252,7 +252,7 @@ def test_no_repeats_no_floor():
     assert measure_floor(run(TWO), []) is None
 
 
-def test_what_is_not_finite_is_out_of_tolerance():
+def test_non_finite_values_are_out_of_tolerance():
     a = run(TWO)
     b = run(TWO, lambda n, t: column(np.where((t > 0.65) & (n == "mover"), np.nan, 0.0), 0, 0), engine="second")
     found = diff(a, b, tolerance=1.0, floor=[quiet(a), quiet(b)])
@@ -260,7 +260,7 @@ def test_what_is_not_finite_is_out_of_tolerance():
     assert found.first_out.first_out == pytest.approx(0.7)
 
 
-def test_runs_recorded_at_other_times_are_compared_at_the_common_ones():
+def test_runs_recorded_at_different_times_are_compared_at_common_times():
     a = run(TWO)
     fine = dataclasses.replace(TWO, physics=dataclasses.replace(TWO.physics, timestep=0.005, steps=200))
     b = run(fine, drifting(0.01), engine="second")
@@ -269,7 +269,7 @@ def test_runs_recorded_at_other_times_are_compared_at_the_common_ones():
     assert "different worlds" in found.notes[0]
 
 
-def test_only_common_bodies_are_compared_and_fixed_ones_are_not():
+def test_only_common_moving_bodies_are_compared():
     wall = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed"))
     a = run(world(wall, free_body("mover"), free_body("gone")))
     b = run(world(free_body("new"), free_body("mover"), wall), drifting(0.01), engine="second")
@@ -329,7 +329,7 @@ def shifted(entry, by: float):
 
 
 @pytest.mark.parametrize("steps", [0.6, 1.0, 3.0, 5.0])
-def test_rows_more_than_half_a_step_apart_are_not_of_one_time(steps):
+def test_rows_that_differ_by_more_than_half_a_step_are_not_simultaneous(steps):
     """A body at 1 m/s is 10 mm further after each step: rows of neighbouring steps are not comparable."""
     a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), steps * TWO.physics.timestep)
     with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
@@ -358,7 +358,7 @@ def test_records_that_meet_now_and_then_are_compared_there_and_it_is_said():
     )
 
 
-def test_rows_within_half_a_step_are_of_one_time():
+def test_rows_within_half_a_step_are_simultaneous():
     a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), 0.4 * TWO.physics.timestep)
     assert diff(a, b).compared_until == 1.0
 
@@ -373,7 +373,7 @@ def saved_with_floor(folder, engine: str = "first"):
     return folder / FLOOR_FILE
 
 
-def test_a_floor_is_believed_only_beside_its_own_run(tmp_path):
+def test_a_floor_is_accepted_only_with_the_run_that_it_belongs_to(tmp_path):
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -43,7 +43,7 @@ def test_bodies_are_matched_by_name_not_by_place():
     assert diff_worlds(spheres, other) == []
 
 
-def test_added_and_removed_bodies_are_one_change_each():
+def test_each_added_or_removed_body_is_a_single_change():
     few, many = worlds.spheres(2), worlds.spheres(3)
     (added,) = diff_worlds(few, many)
     assert (added.path, added.kind, str(added)) == ("bodies.ball_2", "added", "+ bodies.ball_2")

@@ -54,7 +54,7 @@ def _offset(document: JsonWorld, sidecar):
         (lambda document, sidecar: (dataclasses.replace(document, friction_cone="pyramid-inscribed"), sidecar), "cone"),
     ],
 )
-def test_document_and_sidecar_are_of_one_world(change, said):
+def test_a_document_and_a_sidecar_of_different_worlds_are_rejected(change, said):
     given = lowered(WORLDS["surfaces"]("drake"))
     with pytest.raises(ValueError, match=said):
         DrakeDialect().raise_(*change(given.tree, given.sidecar))
@@ -79,7 +79,7 @@ def test_a_plan_that_lacks_a_number_is_an_error():
         DrakeDialect().lower(world, dataclasses.replace(target, plan=plan))
 
 
-def test_what_cannot_move_and_has_no_mass_has_no_moments_either():
+def test_a_fixed_massless_body_has_no_moments():
     """Drake refuses moments without mass; a spec may write them on what is fixed to the world."""
     world = WORLDS["model"]("drake")
     floor = dataclasses.replace(

@@ -12,11 +12,11 @@ from simspec.testing.worlds import accepting
 from tests import worlds
 from tests.planted import SHARED
 
-NOT_HELD = ("rolling", "meshes", "ground")
+NOT_STORED = ("rolling", "meshes", "ground")
 
 
 @pytest.mark.parametrize(
-    "world", [*(made for name, made in SHARED.items() if name not in NOT_HELD), lambda _: worlds.every_joint()]
+    "world", [*(made for name, made in SHARED.items() if name not in NOT_STORED), lambda _: worlds.every_joint()]
 )
 def test_lower_and_raise_are_inverse(world):
     world = accepting(world("gazebo"), "gazebo")

@@ -52,7 +52,7 @@ def test_a_table_that_differs_is_seen(change, name):
     assert {found for found, _, _ in failures(world, dataclasses.replace(model, laws=change(model.laws)))} == {name}
 
 
-def test_a_plan_of_more_than_meets_is_told_whole():
+def test_a_plan_with_pairs_that_cannot_meet_is_written_whole():
     """As in probes of two materials, of which not all pairs meet."""
     world = WORLDS["surfaces"]("ode")
     names = [body.name for body in world.bodies]

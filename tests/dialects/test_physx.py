@@ -28,7 +28,7 @@ def test_lower_and_raise_are_inverse(world):
     assert [(check.name, check.where, check.detail) for check in checks if not check.passed] == []
 
 
-def test_one_threshold_is_told():
+def test_a_single_restitution_threshold_is_written():
     world = ball_with_law(friction=0.3, restitution=0.5, restitution_threshold=0.25)
     assert lowered(world).sidecar.restitution_threshold == 0.25
     world = ball_with_law(friction=0.3, restitution=0.5)

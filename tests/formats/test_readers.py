@@ -177,7 +177,7 @@ def test_a_changed_file_is_an_unforeseen_difference(quantity, name, tmp_path):
     assert not missing
 
 
-def test_a_foreseen_difference_that_does_not_occur_is_told():
+def test_a_foreseen_difference_that_does_not_occur_is_reported():
     """A row of the rules that no reader confirms fails, as does one that is missing."""
     (part,) = parts("quadruped", "urdf", "fixed-base").values()
     reader = next(reader for reader in readers("urdf") if reader.name == "yourdfpy")
@@ -195,7 +195,7 @@ def test_a_foreseen_difference_that_does_not_occur_is_told():
     assert foreseen_differences(none, part, "fixed-base", losses).unlike(found) == (found, set())
 
 
-def test_every_case_is_used_and_every_rule_has_one():
+def test_every_case_is_used_and_every_rule_has_a_case():
     used = {effect.case for language, _ in LAYOUTS for reader in readers(language) for effect in reader.reads.effects}
     assert used == set(CASES)
     profiles = {(language, profile) for language, profile in LAYOUTS}

@@ -69,7 +69,7 @@ def test_a_placement_and_a_state_are_refused_alike(tmp_path):
     assert world.bodies[0].joint.position == (0.4,)
 
 
-def test_copies_of_a_model_are_one_problem(tmp_path):
+def test_a_fault_in_copies_of_a_model_is_reported_once(tmp_path):
     body = f"models:\n  m: {{bodies: {{{ARM}}}, array: {{grid: [5, 1, 1], spacing: [1, 1, 1]}}}}"
     assert len(refused(tmp_path, body)) == 1
 

@@ -80,7 +80,7 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
         ("m: {mimic: {joint: a}}", "no such key|unknown"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path, constraint, given):
+def test_errors_have_their_location(tmp_path, constraint, given):
     import re
 
     assert re.search(given, refused(tmp_path, FINGERS, constraint))

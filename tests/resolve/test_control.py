@@ -57,7 +57,7 @@ def armatures(found: Driven) -> dict[str, float]:
 # --- which joints, which numbers ---
 
 
-def test_joints_stand_in_the_order_of_the_bodies_whatever_was_written():
+def test_joints_are_in_the_order_of_the_bodies():
     kp = {"wrist": 3, "lift": 1, "elbow": 2}
     (found,) = driven(robot={"joints": ["wrist", "*l*"], "kp": kp, "kd": {"w*t": 0, "lift": 0, "el*": 5}}).controllers
     assert found.joints == ("lift", "elbow", "wrist")
@@ -79,7 +79,7 @@ def test_every_field_of_the_laws():
     assert compensated.gravity_compensation
 
 
-def test_an_actuator_has_no_gains_but_its_own():
+def test_an_actuator_has_no_gains_of_other_actuators():
     (speed,) = driven(r={"actuator": "velocity", "joints": ["elbow"], "kd": 3}).controllers
     assert (speed.kp, speed.kd) == ((0.0,), (3.0,))
     (effort,) = driven(r={"actuator": "effort", "joints": ["elbow", "wrist"]}).controllers
@@ -255,7 +255,7 @@ def test_on_a_free_base_no_hint_names_a_law_that_is_refused_there():
     at(0.99 * largest, GAINS, free)
 
 
-def test_what_no_timestep_helps_is_said(monkeypatch):
+def test_an_instability_at_any_timestep_is_reported(monkeypatch):
     from simspec.control import stability
 
     monkeypatch.setattr(stability, "unstable", lambda world: [stability.Instability("robot", 0.001, 0.0, 1.5)])
@@ -338,7 +338,7 @@ def test_a_run_ends_at_the_earlier_time(until, steps):
     assert shortened(whole, until).timestep == whole.timestep
 
 
-def test_a_run_that_is_cut_short_is_not_asked_for_the_end():
+def test_a_shortened_run_has_no_expectations_of_its_end():
     everything = [*FOR_ALL_TIMES, *OF_THE_END]
     names = [next(iter(entry)) for entry in everything]
     assert asked(everything, None) == asked(everything, 10.0) == asked(everything, 11.0) == names
@@ -346,13 +346,13 @@ def test_a_run_that_is_cut_short_is_not_asked_for_the_end():
 
 
 @pytest.mark.parametrize(("at_time", "kept"), [(3.0, True), (4.0, True), (4.001, False), (10.0, False)])
-def test_only_times_within_the_run_are_asked_for(at_time, kept):
+def test_only_expectations_within_the_run_are_kept(at_time, kept):
     expect = [{"position": {**PLACE, "at": at_time}}, {"comes_to_rest": {"speed": 1, "before": at_time}}]
     expect.append({"at_target": {"targets": {"arm": [0, 0, 0]}, "tolerance": 1, "at": at_time}})
     assert asked(expect, 4.0) == (["position", "comes_to_rest", "at_target"] if kept else [])
 
 
-def test_what_is_not_asked_is_checked_all_the_same():
+def test_dropped_expectations_are_validated_too():
     with pytest.raises(SpecError, match="after the end of the run"):
         asked([{"position": {**PLACE, "at": 11}}], 4.0)
     with pytest.raises(SpecError, match="no body 'amr'"):

@@ -33,7 +33,7 @@ def scenario(folder: Path, *forces: str, overrides: tuple[str, ...] = ()) -> Wor
     return simspec.load(path, sets=overrides).resolve()
 
 
-def test_forces_are_held_in_the_order_of_the_file(tmp_path):
+def test_forces_are_stored_in_the_order_of_the_file(tmp_path):
     world = scenario(
         tmp_path,
         "{body: trunk_1, force: [1 kN, 0, 0], at: [0, 0, 10 cm], from: 100 ms, until: 0.2}",
@@ -67,7 +67,7 @@ def test_forces_are_held_in_the_order_of_the_file(tmp_path):
         ("{body: trunk_0, force: [1, 0, 0], start: 0.1}", "from"),
     ],
 )
-def test_what_is_wrong_is_refused_at_its_place(tmp_path, force, message):
+def test_errors_are_reported_at_their_location(tmp_path, force, message):
     with pytest.raises(SpecError) as error:
         scenario(tmp_path, force)
     assert message in str(error.value)
@@ -101,7 +101,7 @@ def shares(force: Force, timestep: float, steps: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.003, 0.007, 0.1])
-def test_the_impulse_is_exact_whatever_the_timestep(timestep):
+def test_the_impulse_is_exact_at_every_timestep(timestep):
     force = Force("", start=0.0101, until=0.0473)
     acting = shares(force, timestep, 100)
     assert acting.sum() * timestep == pytest.approx(0.0372, rel=1e-12)
@@ -122,7 +122,7 @@ def test_a_proof_brings_forces_forward_with_their_shares():
     assert (third.start, third.until) == pytest.approx((0.063, 0.123))
 
 
-def test_nothing_is_asked_of_worlds_without_forces():
+def test_a_request_without_forces_is_empty():
     assert forces_to_request(simspec.load(simspec.find_spec("tumbling-body")).resolve()) == {}
     assert forces_from_request({}) is None
     assert isinstance(AppliedForces(simspec.load(simspec.find_spec("double-pendulum")).resolve()), AppliedForces)

@@ -60,7 +60,7 @@ def test_heights_stretch_what_the_numbers_say(folder):
 
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("filters", [None, [0, 1, 2, 3, 4], [4, 3]])
-def test_a_picture_is_read_whatever_its_filters(folder, depth, filters):
+def test_a_picture_is_read_with_every_filter(folder, depth, filters):
     shades = np.random.default_rng(depth).integers(0, 256 ** (depth // 8), (9, 6))
     (folder / "map.PNG").write_bytes(png(shades, depth, filters))
     np.testing.assert_array_equal(read_grid(folder / "map.PNG"), shades)
@@ -98,14 +98,14 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_wrong_is_told_with_its_place(folder, name):
+def test_errors_have_their_location(folder, name):
     field, path, said = BAD[name]
     (found, *_) = problems(folder, field)
     assert found.path == ".".join(filter(None, ("bodies.ground.shapes.0.heightfield", path)))
     assert said in found.message
 
 
-def test_only_what_cannot_move_has_one(folder):
+def test_only_fixed_bodies_have_height_fields(folder):
     field = {"rows": [[1, 2], [1, 2]], "size": [1, 1]}
     (found,) = problems(folder, field, fixed=False, mass=1.0, inertia={"principal": [1, 1, 1]})
     assert found.message == "a height field requires a body fixed to the world, and this body moves"
@@ -162,7 +162,7 @@ def test_a_wicked_text_is_an_error(folder, content, said):
         read_grid(folder / "map.txt")
 
 
-def test_a_world_has_no_more_heights_than_one_field_may(folder):
+def test_all_fields_of_a_world_share_the_limit_of_heights(folder):
     (folder / "map.csv").write_text("\n".join([",".join(["0"] * 500)] * 400))
     shape = {"heightfield": {"file": "map.csv", "size": [9, 9]}}
     data = {

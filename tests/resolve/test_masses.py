@@ -61,7 +61,7 @@ ALLOWED = {
 
 
 @pytest.mark.parametrize("name", ALLOWED)
-def test_a_rigid_group_needs_one_regular_inertia_together(name):
+def test_a_rigid_group_needs_a_regular_total_inertia(name):
     found = world(ALLOWED[name])
     tops = rigid_members(found.bodies)
     for members in tops.values():
@@ -92,7 +92,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_could_not_move_is_refused_with_its_place(name):
+def test_joints_with_singular_inertia_are_rejected_at_their_location(name):
     bodies, path, message = REFUSED[name]
     ((at, said),) = problems(bodies)
     assert at == path
@@ -109,7 +109,7 @@ def test_a_model_without_mass_may_be_attached_to_a_carrier():
         resolve(Spec.from_data({"name": "x", "models": {"arm": light, "tool": tool}}))
 
 
-def test_what_is_told_moves_as_what_is_meant():
+def test_combined_inertias_move_as_their_members():
     """The whole of a group on its topmost body has the mass matrix and the bias force of its members."""
     meant = worlds.weightless()
     inertials = lumped(meant)
@@ -160,7 +160,7 @@ def test_sums_are_those_of_the_parallel_axis_theorem():
     assert whole.inertia == pytest.approx(expected.inertia)
 
 
-def test_they_are_features_of_their_own():
+def test_massless_and_singular_bodies_are_separate_features():
     used = {need.feature: need.paths for need in needs(worlds.weightless())}
     assert used[Feature.MASSLESS][0] == "bodies.link0.mass"
     assert used[Feature.INERTIA_SINGULAR][0] == "bodies.link8.inertia"

@@ -130,7 +130,7 @@ def test_meshes_of_models_arrays_and_placements(files):
         ({"file": "meshes/l.obj", "units": "mm"}, "mesh.units", "unit"),
     ],
 )
-def test_what_is_wrong_is_said_where_it_stands(files, mesh, where, said):
+def test_errors_are_reported_at_their_location(files, mesh, where, said):
     found = problems(files, shapes=[{"mesh": mesh}], mass=1)
     assert any(p.path.endswith(where) and (said in p.message or said in str(p.hint)) for p in found), found
 
@@ -153,7 +153,7 @@ def test_a_surface_that_is_not_closed_needs_a_word(files):
     assert body_of(files, mass=1, shapes=seen).inertial.mass == 1
 
 
-def test_a_damaged_file_is_told_with_its_place(files):
+def test_a_damaged_file_is_reported_at_its_location(files):
     (files / "meshes" / "bad.stl").write_bytes(b"\0" * 100)
     path = files / "s.yaml"
     path.write_text(
@@ -167,7 +167,7 @@ def test_a_damaged_file_is_told_with_its_place(files):
     assert "where a binary STL has" in problem.message
 
 
-def test_what_a_hull_adds_and_loses_is_told(files):
+def test_volume_that_a_hull_adds_or_loses_is_reported(files):
     def given(body):
         found = spec(files, **body).warnings()
         return [p.message for p in found if "mesh" in p.path]

@@ -41,7 +41,7 @@ def scenario(folder: Path, motion: str, top: str = TOP) -> World:
     return simspec.load(path).resolve()
 
 
-def test_what_points_leave_out_stays_as_it_is(tmp_path):
+def test_joints_without_points_stay_in_place(tmp_path):
     world = scenario(
         tmp_path,
         "motion: {lift: {points: [{at: 0.1}, {at: 0.5, xyz: [0, 0, 2]}, {at: 1, rpy: [0, 0, 0]}], interpolation: linear}}",
@@ -107,7 +107,7 @@ def test_a_placed_model_is_kinematic(tmp_path):
         ("expect: [{follows_oracle: {tolerance: 1 mm}}]\nmotion: {lift: {points: [{at: 0}]}}", "no kinematic ones"),
     ],
 )
-def test_what_is_wrong_is_refused_at_its_place(tmp_path, motion, message):
+def test_errors_are_reported_at_their_location(tmp_path, motion, message):
     with pytest.raises(SpecError) as error:
         scenario(tmp_path, motion)
     assert message in str(error.value)

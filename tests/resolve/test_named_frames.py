@@ -82,7 +82,7 @@ def test_frames_are_copied_with_arrays():
     ]
 
 
-def test_a_nearer_frame_of_one_name_holds(tmp_path):
+def test_the_nearer_of_two_frames_with_equal_names_is_used(tmp_path):
     (tmp_path / "arm.yaml").write_text(
         "simspec: 1\nname: arm\nmodel:\n  bodies:\n    base: {fixed: true}\n"
         "    link: {parent: base, joint: {type: hinge, axis: [0, 0, 1]}, mass: 1, inertia: {principal: [1, 1, 1]}}\n"
@@ -170,7 +170,7 @@ def test_a_grasp_presses_with_a_frame():
     assert abs(by_frame) > 0.5
 
 
-def test_what_is_wrong_is_told_at_its_place():
+def test_errors_are_reported_at_their_location():
     assert "there is no body 'linc'" in wrong(models={"arm": {**ARM, "frames": {"tip": {**TIP, "body": "linc"}}}})
     assert "there is a body 'ball' already" in wrong(frames={"ball": {"body": "arm/link"}})
     assert "there is no body 'arm/tipp'" in wrong(forces=[{"body": "arm/tipp", "force": [1, 0, 0]}])

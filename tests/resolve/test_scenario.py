@@ -54,7 +54,7 @@ def exactly(values):
 # --- roots and joints ---
 
 
-def test_a_root_is_free_unless_it_is_held():
+def test_a_root_is_free_unless_it_has_a_joint():
     body = one(pose={"xyz": [1, 2, 3], "rpy": [0, 0, "90 deg"]}, velocity={"linear": [1, 0, 0], "angular": [0, 0, 2]})
     half = math.sqrt(0.5)
     assert body.joint.kind == "free"
@@ -146,7 +146,7 @@ def test_defaults_are_written_out():
     st.tuples(*[st.floats(-1e3, 1e3)] * 3).filter(lambda v: max(map(abs, v)) > 1e-3),
     st.sampled_from([1e-180, 1.0, 1e20]),
 )
-def test_an_axis_is_of_unit_length_whatever_was_written(axis, scale):
+def test_axes_are_normalised(axis, scale):
     found = np.array(one(joint={**HINGE, "axis": [value * scale for value in axis]}).joint.axis)
     assert np.linalg.norm(found) == pytest.approx(1.0, abs=4e-16)
     assert np.cross(found, axis) == pytest.approx(np.zeros(3), abs=1e-12 * max(map(abs, axis)))
@@ -193,7 +193,7 @@ def test_a_mass_is_spread_over_the_collision_shapes_by_volume():
     assert as_densities.inertia == exactly(found.inertia)
 
 
-def test_without_collision_shapes_the_visual_ones_carry_the_mass():
+def test_without_collision_shapes_visual_shapes_have_the_mass():
     visual = {"sphere": {"radius": 2}, "collision": False}
     assert inertial([visual], mass=5).inertia == exactly((8, 8, 8, 0, 0, 0))
 
@@ -204,7 +204,7 @@ def test_a_shape_of_density_zero_is_massless():
     assert inertial([ball, lid]) == inertial([ball])
 
 
-def test_what_cannot_move_needs_no_mass():
+def test_fixed_bodies_need_no_mass():
     bodies = {
         "post": {"fixed": True},
         "arm": {"parent": "post", "joint": {"type": "fixed"}},
@@ -247,7 +247,7 @@ def test_every_shape():
 # --- trees ---
 
 
-def test_parents_come_first_whatever_the_order_of_the_file():
+def test_parents_come_first_for_every_order_of_the_file():
     bodies = {
         "c": {**SOLID, "parent": "b", "joint": HINGE},
         "b": {**SOLID, "parent": "a", "joint": HINGE},
@@ -325,7 +325,7 @@ def test_uniform_jitter_is_three_draws_of_pythons_generator_per_element():
     assert (again != found).any()
 
 
-def test_radial_jitter_scales_each_offset_by_one_draw():
+def test_radial_jitter_scales_each_offset_by_a_single_draw():
     grid = {"grid": [3, 3, 3], "spacing": 0.21}
     _, static = positions(grid, pose={"xyz": [0, 0, 1]})
     _, found = positions({**grid, "jitter": {"radial": "0.1 %", "seed": 216}}, pose={"xyz": [0, 0, 1]})
@@ -432,7 +432,7 @@ def test_a_velocity_is_in_the_axes_that_the_pose_is_in():
     assert alone.bodies[0].joint.velocity == (1, 0, 0, 0, 1, 0)
 
 
-def test_implied_names_give_way_to_given_ones():
+def test_implied_names_avoid_given_names():
     hinge = {"type": "hinge", "axis": [0, 0, 1]}
     ball = {"sphere": {"radius": 0.1}}
     found = world(
@@ -543,7 +543,7 @@ def test_materials_groups_and_exclusions_of_model_files_come_with_each_placement
     assert list(found.excluded_bodies) == sorted(expected)
 
 
-def test_shapes_of_a_model_file_take_its_own_only_material():
+def test_shapes_of_a_model_file_use_the_only_material_of_the_file():
     bodies = by_name(load(TABLE).resolve())
     assert bodies["left/base"].shapes[0].material == "rubber"
     assert bodies["floor"].shapes[0].material == "wood"
@@ -731,7 +731,7 @@ def attached(tmp_path, old="", new=""):
     return load(path)
 
 
-def test_an_attached_model_is_one_tree_with_its_carrier(tmp_path):
+def test_an_attached_model_is_in_the_tree_of_its_carrier(tmp_path):
     world = attached(tmp_path).resolve()
     assert [body.name for body in world.bodies] == ["arm/base", "arm/fore", "hand/palm", "hand/finger"]
     palm = world.bodies[2].joint
@@ -762,7 +762,7 @@ def test_an_attached_model_is_one_tree_with_its_carrier(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_attached_is_refused(tmp_path, old, new, text):
+def test_invalid_attachments_are_rejected(tmp_path, old, new, text):
     with pytest.raises(SpecError, match=text):
         attached(tmp_path, old, new).resolve()
 
@@ -804,7 +804,7 @@ def test_joined_bodies_touch_where_they_are_let():
         (("hand", "hand"), "a pair is of two bodies"),
     ],
 )
-def test_what_cannot_be_let_touch_is_refused(pair, message):
+def test_invalid_contact_permissions_are_rejected(pair, message):
     with pytest.raises(SpecError) as error:
         chain(pair)
     (problem,) = error.value.problems

@@ -59,7 +59,7 @@ def test_the_body_moves_with_the_last_and_the_others_carry_it():
     assert not found[1].shapes
 
 
-def test_it_is_one_feature_with_the_place_of_the_joints():
+def test_several_joints_are_a_single_feature_located_at_the_joints():
     used = {need.feature: need.paths for need in needs(world({"joints": STEERED}))}
     assert used[Feature.JOINT_SEVERAL] == ("bodies.wheel.joints",)
     assert Feature.MASSLESS not in used
@@ -156,14 +156,14 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_with_its_place(name):
+def test_invalid_joint_lists_are_rejected_at_their_location(name):
     body, path, message = REFUSED[name]
     ((at, said),) = problems(body)
     assert at == path
     assert message in said
 
 
-def test_parallel_hinges_apart_are_a_linkage_and_allowed():
+def test_separate_parallel_hinges_are_an_allowed_linkage():
     assert world({"joints": [hinge(Z), hinge(Z, origin={"xyz": [1, 0, 0]})]})
 
 
@@ -193,7 +193,7 @@ def test_a_root_takes_a_pose_or_an_origin():
         Spec.from_data({"name": "x", "bodies": {"cart": loose}})
 
 
-def test_a_body_with_mass_keeps_it_whatever_its_name():
+def test_a_body_with_mass_keeps_it_under_any_name():
     """A world that is made in Python may have names with a point."""
     found = world({"joints": STEERED})
     heavy = dataclasses.replace(found.bodies[1], inertial=found.bodies[2].inertial)

@@ -52,7 +52,7 @@ OTHER = [
 
 
 @pytest.mark.parametrize("values", SAME, ids=lambda values: next(iter(values)))
-def test_what_does_not_change_the_motion_shares_the_solution(reach, values, monkeypatch):
+def test_changes_without_effect_on_the_motion_share_the_solution(reach, values, monkeypatch):
     spec, world = reach
     monkeypatch.setattr(programs, "Program", None)  # nothing may be solved
     other = changed(spec, **values, **({} if "trajectory.until" not in values else {"expect": []})).resolve()
@@ -60,7 +60,7 @@ def test_what_does_not_change_the_motion_shares_the_solution(reach, values, monk
 
 
 @pytest.mark.parametrize("values", OTHER, ids=lambda values: next(iter(values)))
-def test_what_changes_the_motion_is_solved_anew(reach, values):
+def test_changes_of_the_motion_are_solved_again(reach, values):
     spec, world = reach
     other = changed(spec, **values, expect=[])
     assert hash_of(other) != hash_of(spec)
@@ -110,7 +110,7 @@ def test_few_solutions_are_kept(reach, monkeypatch):
     assert len(programs._SOLVED) == 1
 
 
-def test_what_cannot_be_solved_is_not_kept_and_is_told_every_time(reach):
+def test_failed_solutions_are_reported_every_time_and_not_cached(reach):
     spec, _ = reach
     far = changed(spec, **{"trajectory.program.0.move.xyz": [9, 9, 9]})
     for _ in range(2):

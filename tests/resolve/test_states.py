@@ -53,7 +53,7 @@ def test_a_state_replaces_what_it_names(tmp_path):
     assert fore.position == (0.0, 1.0, 0.0, 0.0)
 
 
-def test_what_the_placement_says_comes_on_top(tmp_path):
+def test_a_placement_overrides_the_state_of_the_model(tmp_path):
     _, upper, fore = joints(scenario(tmp_path, "state: moving, positions: {shoulder: 0.7}, velocities: {shoulder: 0}"))
     assert (upper.position, upper.velocity, fore.position) == ((0.7,), (0.0,), (0.0, 1.0, 0.0, 0.0))
 
@@ -73,7 +73,7 @@ def test_the_nearer_state_of_a_name_holds(tmp_path):
     assert other.velocity == (3.0,)
 
 
-def test_a_state_that_nobody_chose_changes_nothing(tmp_path):
+def test_an_unused_state_changes_nothing(tmp_path):
     without = MODEL[: MODEL.index("  states:")]
     assert scenario(tmp_path, "pose: {xyz: [0, 0, 0]}") == scenario(tmp_path, "pose: {xyz: [0, 0, 0]}", without)
 
@@ -99,7 +99,7 @@ def test_the_place_of_a_value_is_that_of_the_state(tmp_path):
         ("fixed: true, state: moving", "velocity"),
     ],
 )
-def test_what_is_wrong_is_refused_at_its_place(tmp_path, placed, message):
+def test_errors_are_reported_at_their_location(tmp_path, placed, message):
     with pytest.raises(SpecError) as error:
         scenario(tmp_path, placed)
     assert message in str(error.value)

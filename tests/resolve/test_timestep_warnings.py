@@ -89,7 +89,7 @@ def test_a_rotation_that_diverges_says_when(tmp_path):
     assert values[int(0.3 * gain.time / 1e-3)] < 3 * values[0]
 
 
-def test_what_turns_slowly_evenly_or_about_a_principal_axis_is_not_warned_of(tmp_path):
+def test_slow_uniform_and_principal_axis_rotations_cause_no_warning(tmp_path):
     assert top(tmp_path, 30.0).warnings() == []
     assert top(tmp_path, 3000.0, across=0.0).warnings() == []
     equal = TOP.replace("0.02, 0.03]", "0.02, 0.02]").format(
@@ -149,7 +149,7 @@ def test_a_step_that_is_longer_than_a_wall_is_thick_is_warned_of(tmp_path):
     assert loaded(tmp_path, text, recommended(problem)).warnings() == []
 
 
-def test_what_is_not_in_the_way_is_not_warned_of(tmp_path):
+def test_obstacles_outside_the_path_cause_no_warning(tmp_path):
     assert wall(tmp_path, -100.0).warnings() == []
     assert wall(tmp_path, 100.0, wall="[5.5, 9, 0]").warnings() == []
     assert wall(tmp_path, 100.0, size="[4, 4, 4]").warnings() == [], "a thick wall stops it"
@@ -169,7 +169,7 @@ def test_the_speed_of_a_fall_counts(tmp_path):
     assert passage.speed == pytest.approx(math.sqrt(2 * 9.81 * 3.95), rel=0.02)
 
 
-def test_what_slides_on_ground_is_looked_at_too(tmp_path):
+def test_bodies_that_slide_on_the_ground_are_checked(tmp_path):
     wall(tmp_path, 100.0, gravity=-9.81, height=0.05)
     text = (tmp_path / "spec.yaml").read_text() + "  ground: {fixed: true, shapes: [{plane: {}}]}\n"
     assert [passage.obstacle for passage in passages(loaded(tmp_path, text).resolve())] == ["wall"]

@@ -162,7 +162,7 @@ def test_a_world_with_a_trajectory_reads_back_from_its_text():
     assert from_plain(World, to_plain(world)) == world
 
 
-def test_a_jump_that_is_held_has_no_speed():
+def test_a_jump_under_hold_interpolation_has_no_speed():
     points = [{"at": 0, "positions": {"arm/shoulder": 0}}, {"at": 0.01, "positions": {"arm/shoulder": 1}}]
     assert spec({"points": points, "interpolation": "hold"}).resolve().trajectory.interpolation == "hold"
     with pytest.raises(SpecError, match="exceeds its velocity limit"):
@@ -276,7 +276,7 @@ def test_a_turn_is_the_shortest_and_goes_with_the_move():
         assert pose[:3] == pytest.approx([0.2, 0.8, 0.6], abs=3e-8)
 
 
-def test_joints_go_their_own_way_when_the_move_is_not_straight():
+def test_joints_move_independently_without_a_straight_path():
     move = {"move": {"xyz": [0.3, 0.5, 0], "free_orientation": True}, "in": 2, "straight": False}
     world = solved(move)
     rows, times = np.array(world.trajectory.positions), np.array(world.trajectory.times)
@@ -285,7 +285,7 @@ def test_joints_go_their_own_way_when_the_move_is_not_straight():
     assert rows == pytest.approx(rows[0] + share * (rows[-1] - rows[0]), abs=2e-8)
 
 
-def test_what_a_move_leaves_out_stays():
+def test_quantities_that_a_move_omits_are_constant():
     """Only the orientation, about the tool's own point: on three hinges in a plane."""
     bodies = {**BODIES, "left": joined("fore", "jaw", "hinge", origin={"xyz": [0.3, 0, 0]})}
     data = {
@@ -321,7 +321,7 @@ def test_a_way_past_a_singular_pose_is_refused():
     assert spec({**data, "program": [ready, {**past, "straight": False}]}).resolve().trajectory.times[-1] == 6.0
 
 
-def test_a_wait_is_still():
+def test_joints_are_at_rest_during_a_wait():
     """A spline that ran on from the move's last points would swing for as long as the wait lasts."""
     world = solved(
         {"move": {"xyz": [0.5, 0.3, 0], "free_orientation": True}, "in": 1},

@@ -42,7 +42,7 @@ def of_world(**changes) -> str:
         lambda: key(versions=dict(reversed(VERSIONS.items()))),
     ],
 )
-def test_what_no_run_depends_on_is_not_in_the_key(same):
+def test_fields_without_effect_on_a_run_are_not_in_the_key(same):
     assert same() == key()
 
 
@@ -60,11 +60,11 @@ def test_what_no_run_depends_on_is_not_in_the_key(same):
         lambda: key(versions={**VERSIONS, "engine_version": "3"}),
     ],
 )
-def test_what_changes_a_run_changes_its_key(other):
+def test_fields_that_change_a_run_change_its_key(other):
     assert other() != key()
 
 
-def test_keys_of_perturbed_cases_tell_seeds_apart():
+def test_keys_of_perturbed_cases_differ_by_seed():
     keys = {key(perturb=1e-15, seed=seed) for seed in (None, 0, 1)}
     assert len(keys) == 3
 

@@ -280,7 +280,7 @@ def test_an_apex_that_the_record_does_not_reach_is_not_measured(steps, seen, gra
 
 
 @pytest.mark.parametrize("rise", [0.0, 1e-12, 1e-6])
-def test_what_rests_has_an_apex_where_it_rests(rise):
+def test_a_resting_body_has_its_apex_in_place(rise):
     """Overlaps are taken back ever slower, so that the last record is the highest."""
     expectation = expect("apex_height", body="ball", height=0.1, tolerance=1e-3, after=0.2)
     found = outcome(
@@ -317,7 +317,7 @@ def test_stays_within(upper, passed):
 
 
 @pytest.mark.parametrize(("at_least", "passed"), [(0.5, True), (0.51, False)])
-def test_bodies_apart(at_least, passed):
+def test_the_separation_of_bodies_is_measured(at_least, passed):
     place = {"a": lambda t: 0 * t, "b": lambda t: 0.5 + np.abs(t - 0.5)}
     found = outcome(
         expect("bodies_apart", first="a", second="b", at_least=at_least),

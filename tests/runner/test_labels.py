@@ -40,7 +40,7 @@ def shaped(groups=(("ball_0", "ball_2"),), contacts=((1, 0, 1, -0.002, 3.0), (4,
     return dataclasses.replace(entry, arrays={**entry.arrays, "contact.shape": sides})
 
 
-def test_units_of_the_same_shapes_are_one_side():
+def test_units_of_the_same_shapes_are_merged_into_a_side():
     values = np.array([(1, 0), (3, 1), (2, 1)], dtype=np.int64)
     sides, groups = contact_sides(WORLD, UNITS, values)
     assert groups == [["ball_0", "ball_2"]]

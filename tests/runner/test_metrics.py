@@ -44,7 +44,7 @@ def test_rotation_uses_the_tensor_in_world_axes():
     assert np.allclose(angular, [0.0, 12.0, 0.0])
 
 
-def test_products_of_inertia_count_with_their_own_sign():
+def test_products_of_inertia_keep_their_sign():
     body = free_body("odd", inertia=(1.0, 1.0, 1.0, 0.5, 0.0, 0.0))
     entry = run(world(body), None, lambda n, t: column(0 * t, 0, 0, 1.0, 1.0, 0.0))
     assert metrics.energy(entry.world, entry.arrays)[0][0] == pytest.approx(0.5 * (1 + 1 + 2 * 0.5))

@@ -59,7 +59,7 @@ def test_a_run_and_its_provenance(engine, tmp_path):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_the_engines_own_energy_is_that_of_the_metrics(engine):
+def test_the_energy_of_the_engine_equals_that_of_the_metrics(engine):
     world = short(worlds.every_joint())
     entry = run(world, engine)
     kinetic, potential = metrics.energy(world, entry.arrays)
@@ -82,7 +82,7 @@ def test_following_the_oracle_is_measured(engine):
     assert found.detail.startswith(world.bodies[-1].name)
 
 
-def test_what_the_oracle_leaves_out_is_said():
+def test_features_that_the_oracle_omits_are_reported():
     limited = dataclasses.replace(
         short(worlds.limits_and_armature(), 2000), expectations=(Expectation("follows_oracle", (("tolerance", 1.0),)),)
     )
@@ -109,7 +109,7 @@ def test_given_artifacts_are_used_and_checked(tmp_path):
         run(world, "mujoco", artifacts=tmp_path)
 
 
-def test_another_record_replaces_the_worlds_own():
+def test_another_record_replaces_the_record_of_the_world():
     entry = run(short(worlds.spheres(2)), "mujoco", record=Record(50, ("pose",)))
     assert entry.time.tolist() == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
     assert "contact.row" not in entry.arrays
@@ -154,7 +154,7 @@ def test_a_state_that_stops_being_finite_is_the_runs_result(engine):
     assert found.provenance.get("steps", 0) < 200
 
 
-def test_one_engine_that_fails_leaves_the_others_alone(monkeypatch):
+def test_a_failed_engine_does_not_affect_others(monkeypatch):
     world = short(worlds.spheres(2))
     monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
     with pytest.raises(EngineError, match="not installed"):

@@ -108,7 +108,7 @@ def test_a_failed_run_in_another_interpreter_has_its_version(monkeypatch):
     assert requested == [("/other", "mujoco@9.9"), ("/broken", "mujoco@9.9")]
 
 
-def test_what_fails_in_another_interpreter_is_told_with_it(monkeypatch):
+def test_failures_in_another_interpreter_name_the_interpreter(monkeypatch):
     requested = []
     monkeypatch.setattr(execution, "version_in", lambda python, label: requested.append(python) or "9.9")
     runs = run_all(worlds.spheres(2), ["mujoco"], pythons={"mujoco": "/no/such/python"})
@@ -217,7 +217,7 @@ def test_the_columns_of_states_and_control_have_names(tmp_path):
         again.effort("wrist")
 
 
-def test_a_free_body_and_a_ball_joint_of_one_name_keep_columns_of_their_own():
+def test_a_free_body_and_a_ball_joint_of_equal_name_keep_separate_columns():
     ball = dataclasses.replace(
         free_body("hand"), joint=Joint("base", "ball", "base", position=(1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 3)
     )

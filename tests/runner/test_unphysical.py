@@ -83,7 +83,7 @@ def test_energy_of_what_is_driven_is_not_judged_and_says_why():
     assert run_data(entry)["not_judged"] == entry.unphysical.not_judged
 
 
-def test_a_bounce_that_gains_is_found_and_one_that_does_not_is_not():
+def test_only_a_bounce_that_gains_energy_is_found():
     top, g = 1.0, 10.0
     hit = math.sqrt(2 * top / g)
     of = scene(free_body("ball"), gravity=-g, steps=80)
@@ -101,7 +101,7 @@ def test_a_bounce_that_gains_is_found_and_one_that_does_not_is_not():
     assert kinds(bouncing(0.9)) == kinds(bouncing(1.0)) == []
 
 
-def test_what_contact_stores_and_gives_back_is_no_gain_and_what_comes_after_it_is():
+def test_energy_returned_by_contact_is_no_gain_and_later_energy_is():
     """A ball without gravity that a compliant wall stops and throws back: at the turn all energy is in the contact."""
     of = scene(ball(at=(-1.0, 0.0, 0.0)), static("box", (0.2, 4.0, 4.0)))
 
@@ -118,7 +118,7 @@ def test_what_contact_stores_and_gives_back_is_no_gain_and_what_comes_after_it_i
     assert kinds(thrown(0.5, [])) == [ENERGY], "nothing touched while it had none"
 
 
-def test_what_is_not_finite_or_far_away_has_left_the_world():
+def test_non_finite_and_distant_bodies_have_left_the_world():
     of = scene(ball())
     lost = made(of, lambda t: column(np.where(t > 5.0, np.nan, 0.0), 0.0, 0.0), lambda t: column(0.0 * t, 0.0, 0.0))
     assert kinds(lost) == [GONE]
@@ -178,7 +178,7 @@ def test_no_way_around_a_wall_is_taken_for_a_passage(radius, turns, begin, rows)
     assert PASSED not in kinds(made(of, way, speed))
 
 
-def test_what_falls_off_a_table_has_left_the_world_and_what_falls_on_a_plane_has_not():
+def test_a_body_that_falls_off_a_table_has_left_the_world_and_on_a_plane_has_not():
     table = scene(ball(), static("box", (1.0, 1.0, 0.1)), gravity=-10.0)
     falls = made(table, lambda t: column(2.0, 0.0, 1.0 - 5.0 * t * t), lambda t: column(0.0, 0.0, -10.0 * t))
     assert kinds(falls) == [GONE]
@@ -194,7 +194,7 @@ def sinking(depth, slides: float = 0.0) -> Run:
     return made(of, lambda t: column(slides * t, 0.0, 0.1 + 0.0 * t), contacts=contacts)
 
 
-def test_what_sinks_without_end_is_found_and_what_settles_is_not():
+def test_endless_sinking_is_found_and_settling_is_not():
     (finding,) = sinking(lambda share: 0.01 * share).unphysical.findings
     assert finding.kind == SINKS
     assert "sinks by 0.001 m/s" in finding.text
@@ -204,7 +204,7 @@ def test_what_sinks_without_end_is_found_and_what_settles_is_not():
     assert kinds(sinking(lambda share: 0.01 * share, slides=0.1)) == [], "it does not rest"
 
 
-def test_engines_that_agree_on_it_are_told_in_one_line_and_the_comparison_says_so():
+def test_engines_that_agree_on_it_share_a_line_and_the_comparison_reports_it():
     of = scene(ball(), static("box", (0.2, 4.0, 4.0)))
     first, second = made(of, straight(10.0)), made(of, straight(10.0), engine="second")
     (line,) = together({"first": first.unphysical, "second": second.unphysical})

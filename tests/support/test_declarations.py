@@ -52,7 +52,7 @@ def test_the_weaker_of_dialect_and_engine_holds():
     assert both[Feature.ARMATURE].level is Level.EXACT
 
 
-def test_of_one_level_both_texts_are_kept_but_for_one_reason_why_not():
+def test_at_equal_levels_both_texts_are_kept_and_a_single_absence_reason():
     file = TABLE | {Feature.DAMPING: via_api("beside"), Feature.SPRING: never("no"), Feature.GRAVITY: EXACT}
     engine = TABLE | {
         Feature.DAMPING: via_api("by a call"),
@@ -66,7 +66,7 @@ def test_of_one_level_both_texts_are_kept_but_for_one_reason_why_not():
     assert combine(file, file)[Feature.DAMPING].how == "beside"
 
 
-def test_what_can_never_be_outweighs_what_nobody_has_built():
+def test_never_outweighs_not_yet():
     later = not_yet("nobody wrote it", Attempt.CONTACT_PROBES)
     for file, engine in ((later, never("no such thing")), (never("no such thing"), later)):
         both = combine(TABLE | {Feature.SPRING: file}, TABLE | {Feature.SPRING: engine})[Feature.SPRING]
@@ -106,7 +106,7 @@ def test_a_refinement_takes_the_place_of_what_it_names():
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_refinement_of_either_side_holds_whatever_the_other_declares(swapped):
+def test_a_refinement_of_either_side_applies_under_any_declaration_of_the_other(swapped):
     """A dialect's "not in this world" must not be lost because the engine's declaration is the weaker one."""
     refusing = Support(Level.EXACT, refine=lambda world: unsupported_if("too many"))
     other = approximate("soft", lambda world: Refinement(Level.VIA_API, "nothing shows it"))

@@ -28,7 +28,7 @@ def test_mujoco_refuses_what_it_does_not_take():
     assert heavy_enough(light(1e-20, kinds=("fixed",))) is None, "it does not move"
 
 
-def test_drake_refuses_what_is_round_off_beside_the_arm_of_the_mass():
+def test_drake_rejects_moments_below_the_round_off_of_the_mass_arm():
     assert inertia_supported(light(1e-20)) is not None
     assert inertia_supported(light(1e-20, centre=(0.0, 0.0, 0.0))) is None
     assert inertia_supported(light(1e-7)) is None

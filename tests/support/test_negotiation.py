@@ -27,7 +27,7 @@ from tests import worlds
 TABLE = dict.fromkeys(Feature, EXACT)
 
 
-def test_what_is_approximate_elsewhere_needs_no_acceptance_where_it_is_exact():
+def test_exact_engines_need_no_acceptance_of_approximations_elsewhere():
     world = worlds.damped_springs()
     requested = []
 
@@ -68,7 +68,7 @@ def test_all_problems_come_at_once_with_their_places():
         assert part in text
 
 
-def test_what_was_accepted_or_asked_for_by_name_is_decided():
+def test_accepted_and_requested_features_are_decided():
     table = TABLE | {Feature.SPRING: approximate("soft"), Feature.BALL_SPRING: outside("at each step")}
     world = worlds.with_options(
         worlds.damped_springs(), "engine", accept=("joint.spring",), outside=("joint.ball.spring",)
@@ -87,7 +87,7 @@ def test_outside_is_refused_where_it_would_not_be_exact():
         negotiate(world, "engine", table)
 
 
-def test_what_a_setting_asks_for_needs_no_name_and_what_none_does_needs_one():
+def test_features_requested_by_a_setting_need_no_name_and_others_do():
     world = worlds.damped_springs()
     refinement = Refinement(Level.OUTSIDE, "a loop", asked=True)
     table = TABLE | {Feature.SPRING: approximate("soft", lambda world: refinement)}
@@ -146,7 +146,7 @@ def test_an_earlier_release_may_have_a_feature_approximately():
         negotiate(world, "engine", table, version="main")
 
 
-def test_what_a_file_and_an_engine_have_in_earlier_releases():
+def test_support_in_earlier_releases_is_declared_for_files_and_engines():
     world = worlds.damped_springs()
 
     def half(world):

@@ -64,7 +64,7 @@ def moved(matrix, away):
     return shift @ matrix @ shift.T
 
 
-def test_a_free_body_is_held_at_its_centre_of_mass():
+def test_the_anchor_of_a_free_body_is_its_centre_of_mass():
     world = far_world()
     stone = next(body for body in world.bodies if body.name == "stone")
     centre = frames.compose(poses(world)["stone"], Pose(stone.inertial.centre_of_mass)).position
@@ -76,7 +76,7 @@ def test_a_free_body_is_held_at_its_centre_of_mass():
     assert left_by_a_sweep(there) < 0.2, "a dozen"
 
 
-def test_two_free_bodies_are_held_between_them():
+def test_the_anchor_of_two_free_bodies_is_between_them():
     """At a point where forces move them less than at any other near it."""
     world = far_world("other")
     given = mobility(world)
@@ -87,7 +87,7 @@ def test_two_free_bodies_are_held_between_them():
     assert anchors(world) == {}, "what turns is held as the law has it"
 
 
-def test_what_cannot_turn_is_held_where_it_is_told():
+def test_bodies_that_cannot_rotate_are_anchored_at_the_given_point():
     """On a slide T is zero; on a hinge the point is the nearest on its axis."""
     joint = {"origin": {"xyz": [0.4, 0.3, 1]}, "axis": [0, 0, 1]}
     for kind, wanted in (("slide", (0, 0, 0)), ("hinge", (0.4, 0.3, 0))):
@@ -112,7 +112,7 @@ def test_the_mass_matrix_is_the_oracles(seed):
     )
 
 
-def test_a_weld_far_from_the_body_is_as_stiff_as_one_in_it():
+def test_a_weld_far_from_the_body_is_as_stiff_as_a_weld_inside_it():
     """Held at the ground's origin, PyBullet's 2,000 sweeps left 1e-6 of the same weld, MuJoCo's softness 1e-9 and more."""
     world = far_world()
     pushed = dataclasses.replace(world, forces=(Force("stone", (3.0, -2.0, 1.0), (0.1, 0.2, -0.3)),))

@@ -33,7 +33,7 @@ def test_a_world_survives_its_json(world):
     assert canonical_json(again) == text
 
 
-def test_negative_zero_and_its_positive_are_one_world():
+def test_worlds_with_negative_and_positive_zero_are_equal():
     world = worlds.spheres(1)
     other = dataclasses.replace(world, physics=dataclasses.replace(world.physics, gravity=(-0.0, 0.0, -9.81)))
     assert sha256(other) == sha256(world)
@@ -53,7 +53,7 @@ def test_nan_has_no_text():
         canonical_json(dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=float("nan"))))
 
 
-def test_expectations_keep_numbers_words_and_vectors_apart():
+def test_expectations_distinguish_numbers_words_and_vectors():
     expectation = Expectation("x", (("at", 1.0), ("body", "ball"), ("xyz", (0.0, 1.0, 2.0))))
     assert from_plain(Expectation, json.loads(json.dumps(to_plain(expectation)))) == expectation
 

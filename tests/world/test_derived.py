@@ -35,7 +35,7 @@ def test_it_is_called_once_for_each_world_and_argument():
         length(entry, factor=2)
 
 
-def test_what_is_kept_ends_with_the_world():
+def test_cached_values_are_released_with_the_world():
     """Looked up by the world's own key: worlds of other tests may end in between, whenever the collector comes."""
     world = worlds.gripper()
     key = id(world)
@@ -58,7 +58,7 @@ def test_a_hash_is_worked_out_once(monkeypatch):
     assert sha256(world) == first
 
 
-def test_what_is_shared_cannot_be_changed():
+def test_shared_values_are_immutable():
     world = worlds.gripper()
     for kept in (rigid_groups(world), trees(world), meeting_laws(world)):
         with pytest.raises(TypeError):

@@ -68,7 +68,7 @@ def test_right_angles_are_exact(quarters):
     assert frames.sine_cosine(quarters * (math.pi / 2)) == [(0, 1), (1, 0), (0, -1), (-1, 0)][quarters % 4]
 
 
-def test_a_neighbour_of_a_right_angle_is_not_one():
+def test_a_neighbour_of_a_right_angle_is_not_a_right_angle():
     """Only the double nearest to π/2 stands for π/2: the next one has the cosine that it has."""
     x = math.nextafter(math.pi / 2, 2)
     assert frames.sine_cosine(x)[1] == series(x, 0) != 0.0
@@ -118,7 +118,7 @@ def test_half_turns_come_through_a_matrix(q):
 
 
 @given(st.tuples(*[st.floats(-100, 100)] * 4))
-def test_normalised_quaternions_have_one_form(raw):
+def test_normalised_quaternions_are_unique(raw):
     assume(sum(x * x for x in raw) > 1e-6)
     q = frames.normalise(raw)
     assert math.fsum(x * x for x in q) == pytest.approx(1, abs=1e-15)

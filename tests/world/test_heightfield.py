@@ -80,7 +80,7 @@ def test_the_distance_of_two_fields_tells_diagonals_and_single_heights():
         ((2.0, 2.0, 1.0, 1.0, 1.0, 0.0, math.inf, 0.0, 0.0), "not finite"),
     ],
 )
-def test_a_size_that_is_none_is_told(size, said):
+def test_an_invalid_size_is_reported(size, said):
     assert said in (heightfield_fault(size) or "")
     assert heightfield_fault(ROUGH) is None
 

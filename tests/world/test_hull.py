@@ -61,7 +61,7 @@ def test_of_a_box_of_points_its_corners_are_left():
     )
 
 
-def test_a_cube_has_its_own_axes_wherever_it_is():
+def test_a_cube_has_body_axes_in_every_pose():
     """All its moments are equal: round-off alone would choose the axes."""
     frame, _ = centred(CUBE * 0.1 + (0.7, 0.3, -11.0))
     assert frame.quaternion == (1.0, 0.0, 0.0, 0.0)
@@ -120,7 +120,7 @@ def test_many_faces_come_near_a_sphere():
     ],
     ids=["three", "plane", "point", "line", "nan", "infinite", "thin"],
 )
-def test_what_has_no_volume_is_refused(points):
+def test_points_without_volume_are_rejected(points):
     with pytest.raises(FlatError):
         corners(points)
 

@@ -79,7 +79,7 @@ def test_the_collision_filter(first, second, expected):
     assert touching.may_touch(second, first) is expected
 
 
-def test_bodies_without_shapes_and_rigidly_joined_ones_never_touch():
+def test_bodies_without_shapes_and_rigidly_joined_bodies_never_touch():
     shape = (Shape("s", "sphere", (0.1,)),)
     bodies = tuple(
         dataclasses.replace(body, shapes=() if body.name == "link3" else shape)

@@ -64,7 +64,7 @@ def test_no_body_breaks_the_triangle_inequality(found):
 
 @settings(max_examples=40)
 @given(parts())
-def test_one_part_keeps_its_centre_and_mass_to_the_bit(entry):
+def test_a_single_part_keeps_its_centre_and_mass_to_the_bit(entry):
     whole = mass.combined_inertial([entry])
     assert (whole.mass, whole.centre_of_mass) == (entry.mass, entry.pose.position)
 
@@ -83,7 +83,7 @@ def test_a_box_cut_in_two_is_the_box():
     assert whole.inertia == pytest.approx(expected, rel=1e-15, abs=1e-16)
 
 
-def test_a_product_of_inertia_has_the_tensors_own_sign():
+def test_a_product_of_inertia_has_the_sign_of_the_tensor():
     """Two balls on the line x = y lie where x y > 0: Ixy = −∫ x y dm is negative."""
     balls = [mass.shape_part("sphere", (0.1,), Pose((s, s, 0.0)), 1.0) for s in (-1.0, 1.0)]
     assert mass.combined_inertial(balls).inertia[3] == pytest.approx(-2.0)

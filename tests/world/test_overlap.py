@@ -118,7 +118,7 @@ def test_depths_are_those_of_an_independent_library(first, second):
     assert close >= number - 1  # the library's own search stops early at times
 
 
-def test_what_does_not_touch_by_rule_does_not_overlap():
+def test_pairs_excluded_from_contact_do_not_overlap():
     contact = Contact(materials=(Material("m"),), pairs=(PairContact("m", "m", 0.0, 0.0, collide=False),))
     shapes = at("sphere"), at("sphere", 0.05, 0.0, 0.0)
     assert deep_overlaps(scene(*shapes))
@@ -155,7 +155,7 @@ def test_a_crowd_is_sought_with_a_tree_and_the_same_is_found(monkeypatch):
     assert any("b/deep" in (deep_overlap.first_body, deep_overlap.second_body) for deep_overlap in deep_overlaps(sunk))
 
 
-def test_a_heap_in_one_place_is_bounded(monkeypatch):
+def test_the_overlaps_of_a_heap_are_bounded(monkeypatch):
     monkeypatch.setattr(overlap, "MOST_AT_ONCE", 20)
     monkeypatch.setattr(overlap, "MOST_NEIGHBOURS", 1_000)
     monkeypatch.setattr(overlap, "MOST_PAIRS", 100)

@@ -92,7 +92,7 @@ def test_a_rotation_vector_of_any_length_has_its_rotation(vector):
 
 
 @given(QUATERNIONS, QUATERNIONS, VECTORS)
-def test_one_and_many_are_the_same(a, b, v):
+def test_single_and_vectorised_rotations_are_equal(a, b, v):
     many = np.tile(a, (5, 2, 1)), np.tile(b, (5, 2, 1)), np.tile(v, (5, 2, 1))
     for function, places in (
         (rotations.multiply, (0, 1)),
@@ -124,7 +124,7 @@ def test_plain_floats_are_the_same_as_arrays(a, b, v):
 
 
 @given(QUATERNIONS, QUATERNIONS, VECTORS)
-def test_arrays_are_the_same_as_the_worlds_own_frames(a, b, v):
+def test_array_functions_agree_with_the_frames_of_the_world(a, b, v):
     entry, other = tuple(a.tolist()), tuple(b.tolist())
     assert same(frames.multiply(entry, other), rotations.multiply(a, b))
     assert same(frames.conjugate(entry), rotations.conjugate(a))

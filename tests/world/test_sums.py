@@ -78,7 +78,7 @@ def test_a_sum_is_resolved():
         ({"stiffness": 1e9}, "explicit spring at the sum 'tendon' of joint positions is unstable"),
     ],
 )
-def test_what_is_wrong_is_told_where_it_stands(content, given):
+def test_errors_are_reported_at_their_location(content, given):
     text = refused(**content)
     assert given in text
     assert text.startswith("constraints.tendon.sum")
@@ -115,7 +115,7 @@ def test_efforts_are_the_gradient_of_the_energy_and_take_power_out():
     np.testing.assert_allclose([kinetic[0], potential[0]], oracle.energy(q, v), rtol=1e-12)
 
 
-def test_the_largest_stable_step_is_that_of_one_mass_on_the_spring():
+def test_the_largest_stable_step_is_that_of_a_single_mass_on_the_spring():
     """m L̈ = −k L with 1/m = c M⁻¹ cᵀ is stable while k dt² < 4 m."""
     world = dataclasses.replace(sums(""), sums=(dataclasses.replace(sums("").sums[0], stiffness=5e6, damping=0.0),))
     oracle, weights = Oracle(world), JointSums(world.bodies, world.sums).weights[0]
@@ -182,7 +182,7 @@ def test_a_limit_that_does_not_act_is_noticed():
     assert not check.passed
 
 
-def test_what_no_limit_of_a_sum_stops_says_why():
+def test_sums_without_an_effective_limit_give_a_reason():
     world = limited("")
     assert limits.nothing_stops(world) == ""
     assert "no sum" in limits.nothing_stops(sums(""))

@@ -183,7 +183,7 @@ COPY = ".//body[@name='ice_cube.1']"
         (drop_filter_and_its_reason, "meet 2 times"),
     ],
 )
-def test_the_reader_notices_a_copy_that_is_not_one(change, message, tmp_path):
+def test_the_reader_rejects_an_inexact_copy(change, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         DartDialect().read(write(edited(change), tmp_path))
 

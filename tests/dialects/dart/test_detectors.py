@@ -156,7 +156,7 @@ def mixed(**options):
     return scene(body("floor", "box"), *(body(k, k, (i, 0.0, 1.0)) for i, k in enumerate(kinds)), **options)
 
 
-def test_what_no_detector_gets_right_is_refused_until_it_is_accepted():
+def test_pairs_that_no_detector_supports_are_rejected_until_accepted():
     with pytest.raises(UnsupportedError) as caught:
         compile_world(mixed(), ["dart"])
     assert {problem.path for problem in caught.value.problems} == {"bodies.capsule.shapes.0"}
@@ -166,12 +166,12 @@ def test_what_no_detector_gets_right_is_refused_until_it_is_accepted():
     assert detector_of(mixed(accept=("shape.cylinder", "shape.capsule"))) == "ode"
 
 
-def test_what_is_accepted_decides_between_detectors():
+def test_accepted_shapes_decide_between_detectors():
     assert choose(mixed(), "dart") == "ode"
     assert choose(mixed(accept=("shape.cylinder",)), "dart") == "dart"
 
 
-def test_an_asked_for_detector_is_held_to_the_same():
+def test_a_requested_detector_follows_the_same_rules():
     world = scene(body("floor", "plane"), body("b", "box", (0.0, 0.0, 1.0)), collision_detector="dart")
     with pytest.raises(UnsupportedError, match="170 mm"):
         compile_world(world, ["dart"])
@@ -240,13 +240,13 @@ def test_with_the_chosen_detector_bodies_do_not_sink(floor, kind, turn, tmp_path
         ("fcl", "box", "cylinder", LYING),
     ],
 )
-def test_what_is_refused_is_really_wrong(detector, floor, kind, turn, tmp_path):
+def test_rejected_pairs_are_wrong_in_dart(detector, floor, kind, turn, tmp_path):
     """If a version of DART gets one of these right, the table must be measured again."""
     options = {"accept": (f"shape.{kind}",), "collision_detector": detector}
     assert sunk(tmp_path, floor, kind, turn, **options) > 5e-3
 
 
-def test_what_is_accepted_of_a_detector_is_said():
+def test_accepted_faults_of_a_detector_are_reported():
     """With the pair and the detector's fault; nothing where the detector in use has none, or is not accepted."""
 
     def said(kind, **more):
@@ -265,7 +265,7 @@ def test_what_is_accepted_of_a_detector_is_said():
         said("cylinder", collision_detector="bullet")
 
 
-def test_what_the_detector_overlooks_is_said_where_a_world_has_such_pairs():
+def test_pairs_that_the_detector_overlooks_are_reported():
     def said(*bodies, **more):
         decisions = compile_world(scene(body("floor", "plane"), *bodies, **more), ["dart"])["dart"].decisions
         return {decision.feature.value: decision.how for decision in decisions if "overlooks" in decision.how}

@@ -105,7 +105,7 @@ def skeletons(text):
     return list(ElementTree.fromstring(text.encode()).iter("skeleton"))
 
 
-def test_there_is_one_skeleton_for_each_tree_and_static_ones_are_not_mobile():
+def test_each_tree_is_a_skeleton_and_static_trees_are_not_mobile():
     found = skeletons(emit(worlds.shapes_world(("box", "sphere")))[WORLD])
     assert [entry.attrib["name"] for entry in found] == ["floor", "box", "sphere"]
     assert [entry.findtext("mobile") for entry in found] == ["false", "true", "true"]
@@ -211,7 +211,7 @@ def refusals(world):
     return str(caught.value)
 
 
-def test_what_cannot_be_had_is_refused_by_name():
+def test_unsupported_features_are_rejected_by_name():
     assert "contact.cone.pyramid-inscribed" in refusals(with_cone("pyramid-inscribed"))
     assert "joint.armature" in refusals(worlds.limits_and_armature(armature=0.1))
 

@@ -38,7 +38,7 @@ def _read(folder, files):
         ("<sphere><radius>", "<sphere><size>1</size><radius>", "<size>: is not known here in <sphere>"),
     ],
 )
-def test_what_simspec_does_not_say_is_refused(files, tmp_path, what, by, said):
+def test_content_that_simspec_does_not_write_is_rejected(files, tmp_path, what, by, said):
     assert what in files[WORLD]
     with pytest.raises(ValueError, match=said):
         _read(tmp_path, {**files, WORLD: files[WORLD].replace(what, by, 1)})

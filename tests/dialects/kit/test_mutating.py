@@ -56,7 +56,7 @@ def test_every_field_of_json_is_changed_in_every_way():
     assert changes(found, "count") == {"moved": 1, "field removed": 1}
 
 
-def test_each_is_one_change_of_the_whole_file_and_unlike_all_others():
+def test_each_mutation_is_a_distinct_single_change_of_the_file():
     found = made()
     assert len({(entry.file, entry.text) for entry in found}) == len(found)
     assert len({entry.name for entry in found}) == len(found)
@@ -76,7 +76,7 @@ def test_words_integers_and_zeros_are_as_the_table_says():
     assert '"1 7"' in next(entry.text for entry in found if entry.kind == "moved" and entry.site == "a@size")
 
 
-def test_what_could_stand_there_is_added_to_each_place():
+def test_possible_elements_and_attributes_are_added_to_each_place():
     rows = (
         Addition("a", "5", "more"),
         Addition("a", "5", "size"),
@@ -108,7 +108,7 @@ def test_what_could_stand_there_is_added_to_each_place():
         (Inert("a@size", "why", without=".//q"), True),
     ],
 )
-def test_what_is_declared_inert(row, declared):
+def test_mutations_match_their_inert_declaration(row, declared):
     mutation = next(entry for entry in made() if entry.site == "a@size" and entry.kind == "scaled")
     assert (MutationTable(inert=(row,)).inertness(mutation) is row) == declared
 

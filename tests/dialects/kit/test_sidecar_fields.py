@@ -52,7 +52,7 @@ def test_the_emitters_are_of_the_form(name):
         (lambda content: content["collision_filter"]["classes"][0]["links"].append("cube"), "twice"),
     ],
 )
-def test_what_is_not_is_refused(sound, change, said):
+def test_other_sidecars_are_rejected(sound, change, said):
     content = copy.deepcopy(sound)
     change(content)
     with pytest.raises(ValueError, match=re.escape(said)):
@@ -80,7 +80,7 @@ def skel():
         (setting(None, "settings"), "sidecar.settings is None, should be an object"),
     ],
 )
-def test_what_is_not_of_a_skel_is_refused(skel, change, said):
+def test_sidecars_with_other_than_skel_fields_are_rejected(skel, change, said):
     DartSidecar.of(skel)
     content = copy.deepcopy(skel)
     change(content)

@@ -22,12 +22,12 @@ ALL = list(mutations(FILES, MutationTable()))
 TOGETHER = Together(FILES)
 
 
-def test_one_alone_is_the_mutation_itself():
+def test_a_group_of_a_single_mutation_is_that_mutation():
     for mutation in ALL:
         assert TOGETHER.files([mutation]) == {mutation.file: mutation.text}, mutation.name
 
 
-def test_each_is_in_one_group():
+def test_each_mutation_is_in_exactly_one_group():
     names = [mutation.name for group in TOGETHER.groups(ALL) for mutation in group]
     assert sorted(names) == sorted(mutation.name for mutation in ALL)
 
@@ -40,7 +40,7 @@ def groups_of(*kinds_and_places: tuple[str, str]):
     return [len(group) for group in TOGETHER.groups(chosen)]
 
 
-def test_what_is_in_one_element_or_around_it_is_apart():
+def test_mutations_of_an_element_and_its_parents_are_in_separate_groups():
     assert groups_of(("scaled", "root/a[one]@size"), ("scaled", "root/b/a[two]@size")) == [2]
     assert groups_of(("scaled", "root/a[one]@size"), ("word", "root/a[one]@name")) == [1, 1]
     assert groups_of(("scaled", "root/b/a[two]@size"), ("element removed", "root/b")) == [1, 1]

@@ -40,7 +40,7 @@ def differences(want: object, got: object, path: str = "") -> list[str]:
     return [] if want == got else [f"{path}: {want!r} {got!r}"]
 
 
-def as_held(world: World) -> tuple[Body, ...]:
+def as_stored(world: World) -> tuple[Body, ...]:
     """The world's bodies as a file holds them: surfaces as numbers in place of materials, no names of groups."""
     plan = contact_plan(world, MuJoCo.RULES, MuJoCo.LAYERS)
 

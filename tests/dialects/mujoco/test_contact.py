@@ -73,7 +73,7 @@ def test_pairs_are_explicit_only_where_needed():
     assert listed(dataclasses.replace(world, contact=pyramid)) == {}
 
 
-def test_what_no_numbers_give_is_explicit_under_every_cone():
+def test_laws_that_no_shape_numbers_give_are_explicit_pairs_under_every_cone():
     world = worlds.table(TABLE)
     contact = dataclasses.replace(world.contact, friction_cone="pyramid-inscribed")
     found = listed(dataclasses.replace(world, contact=contact))
@@ -125,7 +125,7 @@ def test_hardness_is_read_as_written(kind, friction, tmp_path):
 
 
 @pytest.mark.parametrize("kind", HARDNESS)
-def test_hardness_of_one_pair_alone_is_read_as_written(kind, tmp_path):
+def test_the_hardness_of_a_single_pair_is_read_as_written(kind, tmp_path):
     world = worlds.table(dict.fromkeys(TABLE, 0.3))
     pairs = tuple(
         dataclasses.replace(p, hardness=HARDNESS[kind]) if p.first != p.second else p for p in world.contact.pairs
@@ -270,7 +270,7 @@ def test_more_classes_than_bits_become_excluded_bodies(count):
     assert touching(world) == wanted(world)
 
 
-def test_kinds_that_keep_apart_from_the_same_others_share_a_bit():
+def test_kinds_with_the_same_excluded_kinds_share_a_bit():
     """40 materials that all pass through one: two classes, not 41."""
     kinds = [("g", f"m{index:02}") for index in range(40)] + [("g", "x")]
     world = shapes_of(kinds, passing={(f"m{index:02}", "x") for index in range(40)}, per_body=2)

@@ -17,7 +17,7 @@ from simspec.formats.mjcf.format import MODEL
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds
-from tests.dialects.mujoco.saying import WORLDS, as_held, box_world, differences, emit, frictional
+from tests.dialects.mujoco.saying import WORLDS, as_stored, box_world, differences, emit, frictional
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -25,7 +25,7 @@ def test_the_independent_reader_finds_the_world(name, tmp_path):
     world = WORLDS[name]
     write_folder(emit(world), tmp_path / "a")
     found = MujocoDialect().read(tmp_path / "a")
-    assert differences(as_held(world), found.bodies) == []
+    assert differences(as_stored(world), found.bodies) == []
     assert found.gravity == world.physics.gravity
     assert found.timestep == world.physics.timestep
     assert found.friction_cone == world.contact.friction_cone
@@ -50,7 +50,7 @@ def test_ratings_and_flags_of_shapes_survive(tmp_path):
     contact = dataclasses.replace(base.contact, materials=(worlds.MATERIAL,))
     world = dataclasses.replace(base, bodies=bodies, contact=contact)
     write_folder(emit(world), tmp_path / "a")
-    assert differences(as_held(world), MujocoDialect().read(tmp_path / "a").bodies) == []
+    assert differences(as_stored(world), MujocoDialect().read(tmp_path / "a").bodies) == []
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_changed_file_is_read_as_changed(old, new, tmp_path):
     assert changed != files[MODEL]
     write_folder({**files, MODEL: changed}, tmp_path / "a")
     found = MujocoDialect().read(tmp_path / "a")
-    wrong = differences(as_held(world), found.bodies)
+    wrong = differences(as_stored(world), found.bodies)
     assert wrong or found.gravity != world.physics.gravity
 
 
@@ -101,7 +101,7 @@ def test_damaged_files_are_refused(tmp_path):
 def test_restitution_is_read_at_any_timestep(restitution, timestep, tmp_path):
     world = dataclasses.replace(frictional(restitution, 100), physics=Physics(timestep=timestep))
     write_folder(emit(world), tmp_path / "a")
-    assert differences(as_held(world), MujocoDialect().read(tmp_path / "a").bodies) == []
+    assert differences(as_stored(world), MujocoDialect().read(tmp_path / "a").bodies) == []
 
 
 def touching_by_the_file(world: World) -> set[tuple[str, str]]:
@@ -206,7 +206,7 @@ def test_a_deep_chain_is_written_in_linear_size_and_read(tmp_path):
     assert [body.name for body in found.bodies] == [body.name for body in bodies]
 
 
-def test_the_file_is_depth_first_whatever_the_worlds_order():
+def test_the_file_is_depth_first_for_every_order_of_the_world():
     bodies = worlds.tree(["fixed", "hinge", "hinge", "hinge", "hinge"], 3, [-1, 0, 0, 1, 2])
     order = depth_first(worlds.world(bodies))
     assert [row.body.name for row in order] == ["link0", "link1", "link3", "link2", "link4"]

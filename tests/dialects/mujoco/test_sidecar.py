@@ -17,7 +17,7 @@ from tests import worlds
 from tests.dialects.mujoco.saying import emit
 
 
-def test_what_is_lowered_is_what_is_read(tmp_path):
+def test_the_lowered_tree_equals_the_read_tree(tmp_path):
     world = worlds.gripper()
     write_folder(emit(world), tmp_path / "a")
     lowered = MujocoDialect().lower(world, target_of(world, MuJoCo)).sidecar
@@ -53,7 +53,7 @@ def test_damage_is_refused_by_the_reader_and_by_the_engine(name, tmp_path):
         MuJoCo().load(tmp_path / "a", content)
 
 
-def test_an_engine_that_lacks_a_setting_of_the_dialect_is_told_which():
+def test_an_engine_without_a_setting_of_the_dialect_gets_an_error_with_its_name():
     """A second engine of the dialect is told at its door, and at the latest here, not by a KeyError."""
     world = worlds.gripper()
     target = target_of(world, MuJoCo)

@@ -54,7 +54,7 @@ def test_unlimited_joints_read_as_unlimited(tmp_path):
     assert [body.joint.effort_limit for body in found.bodies] == [None, None]
 
 
-def test_equal_trees_share_one_file_whatever_their_names_places_and_speeds():
+def test_trees_that_differ_in_name_place_and_speed_share_a_file():
     files = emit(worlds.spheres(30))
     assert sorted(files) == ["ball_0.urdf", "floor.urdf", SIDECAR]
     content = json.loads(files[SIDECAR])
@@ -121,7 +121,7 @@ def test_nothing_is_left_to_a_default():
     assert all(largest <= small + middle for small, middle, largest in moments), "PyBullet zeroes others"
 
 
-def test_a_root_on_a_joint_hangs_on_a_massless_link_with_a_name_of_its_own(tmp_path):
+def test_a_root_with_a_joint_is_attached_to_a_massless_link_with_a_unique_name(tmp_path):
     bodies = worlds.tree(["hinge", "fixed"], 2)
     clash = dataclasses.replace(bodies[1], name="link0__world")
     world = worlds.world((bodies[0], clash))
@@ -212,7 +212,7 @@ def refusals(world):
     return str(caught.value)
 
 
-def test_what_cannot_be_said_is_refused_by_name():
+def test_inexpressible_features_are_rejected_by_name():
     assert "shape.ellipsoid" in refusals(worlds.shapes_world(("ellipsoid",)))
     assert "tree.size" in refusals(worlds.world(worlds.tree(["free"] + ["fixed"] * 128, 1)))
     inscribed = worlds.shapes_world()
@@ -261,7 +261,7 @@ def test_three_materials_that_no_product_gives_get_copies(tmp_path):
                 PybulletDialect().read(write({**files, name: head + new + tail}, tmp_path))
 
 
-def test_what_is_one_for_all_pairs_is_refused_where_pairs_differ():
+def test_pairs_that_differ_in_a_global_parameter_are_rejected():
     world = three_materials()
     contact = world.contact
 

@@ -32,14 +32,14 @@ def files():
     return emit(worlds.limits_and_armature(armature=0.2, dry_friction=0.3))
 
 
-def test_the_sidecar_is_of_its_own_type(files):
+def test_the_sidecar_has_its_declared_type(files):
     sidecar = PybulletSidecar.of(json.loads(files[SIDECAR]))
     assert sidecar.armature[0].armature == 0.2
     assert sidecar.plain() == json.loads(files[SIDECAR])
 
 
 @pytest.mark.parametrize("row", [row for row in URDF_ADDITIONS if row.where in ("link", "joint", "robot", "contact")])
-def test_whatever_is_added_to_a_file_is_refused(row, files, tmp_path):
+def test_additions_to_a_file_are_rejected(row, files, tmp_path):
     name = next(name for name in files if name.endswith(".urdf") and "<limit" in files[name])
     value = row.value.replace("{link[0]}", "link0").replace("{joint[0]}", "joint0").replace("{link[1]}", "link1")
     text = files[name]
@@ -64,7 +64,7 @@ def test_whatever_is_added_to_a_file_is_refused(row, files, tmp_path):
         ("<contact>", '<contact margin="1">', "that simspec does not write"),
     ],
 )
-def test_what_is_damaged_is_refused_with_its_place(old, new, said, files, tmp_path):
+def test_damaged_files_are_rejected_with_their_location(old, new, said, files, tmp_path):
     name = next(name for name in files if name.endswith(".urdf") and old in files[name])
     with pytest.raises(ValueError, match=rf"{name}:\d+: .*({said})"):
         read({**files, name: files[name].replace(old, new, 1)}, tmp_path)

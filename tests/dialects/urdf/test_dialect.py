@@ -78,7 +78,7 @@ def self_test(name):
     return without_ball(world) if world.constraints else world
 
 
-HELD = {
+WRITTEN = {
     "arms": lambda: worlds.world(worlds.tree(["free", "hinge", "slide", "fixed"], 3)),
     "hung": lambda: worlds.world(worlds.tree(["slide", "hinge"], 4, velocity_limit=2.0)),
     "limits": lambda: worlds.limits_and_armature(armature=0.2, dry_friction=0.3),
@@ -90,9 +90,9 @@ HELD = {
 }
 
 
-@pytest.mark.parametrize("name", HELD)
-def test_what_was_said_is_understood(name, tmp_path):
-    world = HELD[name]()
+@pytest.mark.parametrize("name", WRITTEN)
+def test_written_files_are_read_back_equal(name, tmp_path):
+    world = WRITTEN[name]()
     files = emit(world)
     write(files, tmp_path)
     assert failures(world, tmp_path) == []
@@ -109,9 +109,9 @@ def test_what_was_said_is_understood(name, tmp_path):
     assert emit(world) == files, "same input, same bytes"
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", WRITTEN)
 def test_the_files_are_plain_urdf(name, tmp_path):
-    write(emit(HELD[name]()), tmp_path)
+    write(emit(WRITTEN[name]()), tmp_path)
     for robot in Urdf().read(tmp_path).robots.values():
         assert list(unknown_parts(robot)) == []
         demanding = [joint for joint in robot.joints if joint.type in ("revolute", "prismatic")]
@@ -143,7 +143,7 @@ def test_every_defect_is_planted_or_says_why():
     assert isinstance(dialects()["urdf"], UrdfDialect)
 
 
-def test_the_law_of_every_two_materials_is_told():
+def test_the_law_of_every_pair_of_materials_is_written():
     world = SELF_TEST["surfaces"]("mujoco")
     sidecar = UrdfDialect().lower(world, target(world)).sidecar
     assert sidecar.laws == world.contact.pairs
@@ -152,7 +152,7 @@ def test_the_law_of_every_two_materials_is_told():
     assert again == sidecar
 
 
-def test_equal_trees_share_a_file_unless_other_shapes_stand_beside_it():
+def test_equal_trees_share_a_file_unless_their_sidecar_shapes_differ():
     world = worlds.spheres(4)
     capsule = Shape("own", "capsule", (0.1, 0.2), Pose(), "default")
 
@@ -175,14 +175,14 @@ def test_equal_trees_share_a_file_unless_other_shapes_stand_beside_it():
         (["slide"], {"position_limits": (-1e9, 0.0)}, "where a joint has none"),
     ],
 )
-def test_what_has_no_place_is_refused(kinds, more, said):
+def test_features_without_a_place_in_the_file_are_rejected(kinds, more, said):
     bodies = worlds.tree(kinds, 1)
     last = dataclasses.replace(bodies[-1], joint=dataclasses.replace(bodies[-1].joint, **more))
     with pytest.raises(UnsupportedError, match=said):
         emit(worlds.world((*bodies[:-1], last)))
 
 
-def test_what_has_no_place_is_refused_by_negotiation_too():
+def test_negotiation_rejects_features_without_a_place_in_the_file():
     with pytest.raises(UnsupportedError, match=r"joint\.ball"):
         negotiate(worlds.world(worlds.tree(["ball"], 1)), "toy", UrdfDialect.SUPPORT)
 
@@ -216,7 +216,7 @@ def test_sidecars_that_do_not_fit_together_are_refused(sound, change, said):
 
 
 def test_files_that_do_not_fit_the_sidecar_are_refused(tmp_path):
-    world = HELD["arms"]()
+    world = WRITTEN["arms"]()
     files = emit(world)
     (name,) = [name for name in files if name.endswith(".urdf")]
     for old, new, said in (
@@ -244,7 +244,7 @@ def test_hardness_is_carried_by_material():
 
 
 def test_the_link_that_stands_for_the_world_carries_nothing(tmp_path):
-    files = emit(HELD["hung"]())
+    files = emit(WRITTEN["hung"]())
     (name,) = [name for name in files if name.endswith(".urdf")]
     ball = '<collision name="c"><geometry><sphere radius="1"/></geometry></collision>'
     heavy = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'

@@ -43,7 +43,7 @@ PLAIN = {
 }
 
 
-def test_plain_data_and_dataclasses_are_one():
+def test_plain_data_and_dataclasses_are_equivalent():
     assert plain(WHOLE) == PLAIN
     check_fields(PLAIN, form_of(Whole), "it")
     assert typed(Whole, PLAIN) == WHOLE

@@ -74,7 +74,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_no_height_field_is_told(name):
+def test_triangles_that_are_not_a_height_field_are_rejected(name):
     made, said = BAD[name]
     with pytest.raises(ValueError, match=said):
         field_of_triangles(made())

@@ -27,7 +27,7 @@ GRID = hull([(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.05
 
 
 @pytest.mark.parametrize("size", [hull(TETRAHEDRON), GRID, ball(40), ball(500), ball(60, 2, (1.0, 1.0, 1e-3))], ids=str)
-def test_what_is_written_is_read_to_the_last_digit(size, tmp_path):
+def test_written_meshes_are_read_to_the_last_digit(size, tmp_path):
     for name, text in mesh_files([size, size]).items():
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text(text, encoding="utf-8")
@@ -74,7 +74,7 @@ def changed(number, line):
         ),
     ],
 )
-def test_what_is_no_hull_is_refused(text, why):
+def test_files_that_are_not_hulls_are_rejected(text, why):
     with pytest.raises(ValueError, match=why) as raised:
         triangles(text.encode(), "h.obj")
     assert "h.obj" in str(raised.value)

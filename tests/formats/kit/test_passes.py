@@ -75,10 +75,10 @@ def test_numbers_round_trip(value):
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-def test_what_is_not_a_number_is_not_written(value):
+def test_non_finite_numbers_are_not_written(value):
     with pytest.raises(ValueError, match="cannot be written"):
         number(value)
 
 
-def test_sidecars_keep_short_lists_on_one_line():
+def test_sidecars_keep_short_lists_on_a_single_line():
     assert sidecar_text({"b": [1.0, 2.5], "a": {"c": []}}) == '{\n  "a": {\n    "c": []\n  },\n  "b": [1.0, 2.5]\n}\n'

@@ -53,7 +53,7 @@ def test_declared_encodings_are_read(encoding):
         (b"<a " + b" ".join(b"x%d=''" % number for number in range(300)) + b"/>", "more than 256 attributes"),
     ],
 )
-def test_what_is_no_sound_xml_is_refused_with_its_line(content, message):
+def test_malformed_xml_is_rejected_with_its_line(content, message):
     with pytest.raises(ValueError, match=message):
         parse_xml(content, "f.xml")
 
@@ -127,7 +127,7 @@ def test_a_text_is_the_same_wherever_a_chunk_ends_and_however_it_is_written(piec
 
 
 @pytest.mark.parametrize("place", [*range(2**20 - 24, 2**20 + 2), *range(2**13 - 24, 2**13 + 2)])
-def test_a_number_that_lies_across_the_end_of_a_chunk_is_one_number(place):
+def test_a_number_across_the_end_of_a_chunk_is_read_whole(place):
     """Of the true chunk, and of the buffer in which the parser collects texts."""
     before = "<a><b>"
     root = parse_xml(f"{before}{' ' * (place - len(before))}0.8400000000001</b></a>".encode(), "f.xml")

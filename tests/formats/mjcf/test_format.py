@@ -21,7 +21,7 @@ def written_and_read(model: MjcfModel, tmp_path) -> MjcfDocument:
     return Mjcf().read(tmp_path / "files")
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_written_files_are_read_back(tmp_path):
     document = written_and_read(FULL, tmp_path)
     assert document.root.attributes["model"] == FULL.name
     assert document.compiler.values == {"angle": "radian", "autolimits": "false", "boundmass": "0"}

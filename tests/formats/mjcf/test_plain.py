@@ -151,7 +151,7 @@ def test_bodies_that_may_touch_are_the_worlds(name):
 FRICTIONS = {("a", "a"): 0.5, ("b", "b"): 0.9, ("a", "b"): 0.3}
 
 
-def test_the_law_of_every_pair_is_its_own_friction():
+def test_the_law_of_every_pair_has_the_friction_of_the_pair():
     """What is felt where two geoms meet: the larger number, or the explicit pair's."""
     world = worlds.table(FRICTIONS)
     _, model, _ = loaded(world)
@@ -221,7 +221,7 @@ def test_restitution_and_the_common_law_are_listed():
     assert Feature.FRICTION.value not in features
 
 
-def one_joint(**more):
+def single_joint(**more):
     base = worlds.world(worlds.tree(["hinge"], 2))
     body = base.bodies[0]
     return dataclasses.replace(
@@ -230,10 +230,10 @@ def one_joint(**more):
 
 
 def test_effort_ratings_hold_for_actuators_and_a_rating_of_zero_is_listed():
-    _, model, _ = loaded(one_joint(effort_limit=7.0))
+    _, model, _ = loaded(single_joint(effort_limit=7.0))
     assert tuple(model.jnt_actfrcrange[0]) == (-7.0, 7.0)
     assert model.jnt_actfrclimited[0]
-    plain, model, _ = loaded(one_joint(effort_limit=0.0))
+    plain, model, _ = loaded(single_joint(effort_limit=0.0))
     assert not model.jnt_actfrclimited[0]
     (loss,) = [loss for loss in plain.losses if loss.feature == Feature.LIMIT_EFFORT.value]
     assert loss.of_the_model
@@ -241,7 +241,7 @@ def test_effort_ratings_hold_for_actuators_and_a_rating_of_zero_is_listed():
 
 def test_equal_limits_are_refused():
     with pytest.raises(UnsupportedError, match="equal"):
-        Mjcf().plain(one_joint(position_limits=(0.1, 0.1)))
+        Mjcf().plain(single_joint(position_limits=(0.1, 0.1)))
 
 
 def test_a_body_called_world_is_renamed_and_listed():

@@ -76,7 +76,7 @@ def test_bodies_know_their_parents_and_the_frames_around_them():
     assert document.bodies[2].all("geom")[0].frame is None  # in its body, and that in the frame
 
 
-def test_one_orientation_holds_in_whichever_words_it_is_said():
+def test_equal_orientations_in_different_notations_are_read_equal():
     text = '<mujoco><default><geom euler="1 0 0" size="1"/></default><worldbody>{}</worldbody></mujoco>'
     (mjcf_item,) = read(text.format('<geom quat="0 0 0 1"/>')).world
     assert mjcf_item.values == {"quat": "0 0 0 1", "size": "1"}
@@ -101,7 +101,7 @@ def test_actuators_of_all_kinds_share_what_all_kinds_have():
     ]
 
 
-def test_sections_that_stand_twice_are_one():
+def test_repeated_sections_are_merged():
     document = read(
         '<mujoco><option timestep="1" cone="elliptic"><flag limit="disable"/></option><contact><exclude body1="a"/></contact>'
         '<option timestep="2"><flag contact="disable"/></option><contact><exclude body1="b"/></contact></mujoco>'
@@ -126,7 +126,7 @@ def test_includes_are_kept_and_never_opened(tmp_path):
     assert document.missing_classes == {"elsewhere"}
 
 
-def test_what_is_not_known_is_kept_with_its_line():
+def test_unknown_elements_are_kept_with_their_line():
     document = read(
         "<mujoco>\n<rocket thrust='9'><stage/></rocket>\n<worldbody>\n<body name='a'>\n<thruster power='3'/>\n<geom mass='1'/>"
         "</body></worldbody>\n<sensor><smell site='nose'/></sensor></mujoco>"
@@ -157,12 +157,12 @@ def test_what_is_not_known_is_kept_with_its_line():
         ),
     ],
 )
-def test_what_is_no_mjcf_is_refused_with_its_line(text, message):
+def test_documents_that_are_not_mjcf_are_rejected_with_their_line(text, message):
     with pytest.raises(ValueError, match=message):
         read(text)
 
 
-def test_attributes_that_are_not_what_is_asked_for_are_refused_with_their_place():
+def test_attributes_of_the_wrong_type_are_rejected_with_their_location():
     (geom,) = read("<mujoco><worldbody>\n<geom name='g' size='1 b' pos='1 2' mass='nan'/></worldbody></mujoco>").world
     for call, message in (
         (lambda: geom.numbers("size"), "robot.xml:2: <geom> 'g': size is '1 b', should be numbers"),

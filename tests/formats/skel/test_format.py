@@ -48,7 +48,7 @@ def _read(folder, text):
     return Skel().read(folder)
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_written_files_are_read_back(tmp_path):
     document = _read(tmp_path, Skel().write(TREE)[WORLD])
     assert (document.timestep, document.gravity, document.collision_detector) == (0.001, (0.0, 0.0, -9.81), "ode")
     (skeleton,) = document.skeletons
@@ -85,7 +85,7 @@ def test_what_is_written_is_read(tmp_path):
         (' type="weld"', "", "no attribute 'type'"),
     ],
 )
-def test_what_is_no_skel_is_refused_by_file_and_line(tmp_path, what, by, said):
+def test_invalid_skel_files_are_rejected_with_file_and_line(tmp_path, what, by, said):
     text = Skel().write(TREE)[WORLD]
     assert what in text
     with pytest.raises(ValueError, match=said):
@@ -101,7 +101,7 @@ def test_what_is_no_skel_is_refused_by_file_and_line(tmp_path, what, by, said):
         ("<skeleton ", "<wind>1 0 0</wind><skeleton ", "<wind>: is not known here in <world>"),
     ],
 )
-def test_what_is_not_of_the_language_is_kept_and_named(tmp_path, what, by, said):
+def test_unknown_elements_are_kept_and_named(tmp_path, what, by, said):
     document = _read(tmp_path, Skel().write(TREE)[WORLD].replace(what, by, 1))
     (unknown,) = unknown_parts(document)
     assert unknown.startswith("world.skel:")
@@ -118,7 +118,7 @@ def test_visual_shapes_are_taken_out():
     assert without_visual_shapes("<skel>") == ("<skel>", False)
 
 
-def test_what_cannot_be_written_is_an_error():
+def test_unwritable_values_are_an_error():
     with pytest.raises(ValueError, match="nan cannot be written"):
         Skel().write(SkelWorld("x", float("nan"), (0.0, 0.0, 0.0), "ode", ()))
     body = SkelBody("b", Pose(), INERTIAL, (), (SkelShape("cone", (), Pose()),))

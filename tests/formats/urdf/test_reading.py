@@ -59,7 +59,7 @@ def test_everything_stands_there_with_its_line():
     assert shoulder.node.line == 16
 
 
-def test_strangers_are_kept_with_their_places():
+def test_unknown_elements_are_kept_with_their_locations():
     found = [(unknown.path, unknown.name, unknown.node.line) for unknown in unknown_parts(read(ARM))]
     assert found == [
         ("robot/link/self_collide", None, 14),
@@ -73,7 +73,7 @@ def test_strangers_are_kept_with_their_places():
     assert read(twice).links[1].inertial.mass == 2.0, "the first counts, and the second is not hidden"
 
 
-def test_what_is_absent_has_the_languages_value():
+def test_absent_attributes_have_the_default_of_the_language():
     upper = read(ARM).links[1]
     assert pose_of(None) == Pose()
     assert pose_of(upper.inertial.origin) == Pose((0.0, 0.0, 0.5))
@@ -112,7 +112,7 @@ def test_every_element_of_the_language_is_known_below_another():
         ),
     ],
 )
-def test_what_is_not_of_the_language_is_told_with_its_place(old, new, said):
+def test_invalid_urdf_is_rejected_with_its_location(old, new, said):
     assert old in ARM
     with pytest.raises(ValueError, match=re.escape(said)) as refused:
         read(ARM.replace(old, new, 1))

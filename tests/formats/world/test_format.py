@@ -101,14 +101,14 @@ def _read(folder, text):
     return WorldJson().read(folder)
 
 
-def test_what_is_written_is_read_to_the_last_bit(tmp_path):
+def test_written_worlds_are_read_to_the_last_bit(tmp_path):
     (text,) = WorldJson().write(DOCUMENT).values()
     again = _read(tmp_path, text)
     assert again == DOCUMENT
     assert WorldJson().write(again) == {WORLD: text}
 
 
-def test_what_is_not_there_is_left_out_or_null():
+def test_absent_values_are_omitted_or_null():
     content = json.loads(WorldJson().write(DOCUMENT)[WORLD])
     base, arm, bob, stone = content["bodies"]
     assert "hardness" not in base["shapes"][0]["copies"][0]
@@ -162,7 +162,7 @@ def test_parents_and_states_of_every_kind_of_joint():
         (setting(0.1, "bodies", 1, "drag"), "'drag'"),
     ],
 )
-def test_what_does_not_fit_together_is_refused_by_its_place(tmp_path, change, said):
+def test_inconsistent_content_is_rejected_with_its_location(tmp_path, change, said):
     content = json.loads(WorldJson().write(DOCUMENT)[WORLD])
     sound = copy.deepcopy(content)
     change(content)
@@ -172,7 +172,7 @@ def test_what_does_not_fit_together_is_refused_by_its_place(tmp_path, change, sa
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "null", '{"schema": NaN}', "[" * 100_000, "\ud800"])
-def test_what_is_no_such_file_is_refused(tmp_path, text):
+def test_other_files_are_rejected(tmp_path, text):
     (tmp_path / WORLD).write_bytes(text.encode("utf-8", "surrogatepass"))
     with pytest.raises(ValueError, match=r"world\.json"):
         WorldJson().read(tmp_path)
