@@ -127,7 +127,7 @@ class Planted:
     shared: tuple[str, ...] = ()
 
     def explain(self, windows: int = MOST_WINDOWS, asking: Asking = COLD) -> Explanation:
-        """What ``simspec explain`` makes of it; ``asking``: with warm processes of several cases."""
+        """Its explanation by ``simspec explain``; ``asking``: with warm processes of several cases."""
         sides = (world(SCENE, *self.shared), world(SCENE, *self.shared, *self.sets))
         first, second = (Configuration(side, engine) for side, engine in zip(sides, self.engines, strict=True))
         return explain_sides(first, second, ("A", "B"), most=windows, asking=asking)

@@ -132,7 +132,7 @@ def test_the_deepest_point_of_the_first_row_counts():
     assert found[1, 2][2] == 1
 
 
-def told(**changes):
+def explanation_of(**changes):
     """An explanation of made-up figures."""
     nothing = Joint((), {}, {})
     gap = {"contact": 1e-3, "all": 1e-3}
@@ -160,17 +160,17 @@ def told(**changes):
 
 def test_a_negative_share_says_that_the_gap_grows():
     swap = Swap("timestep halved", "refinement", "timestep", ("", ""), share={"contact": -0.4, "all": 0.1})
-    assert any("none: the gap grows by 40 % in contact" in line for line in told(probes=(swap,)))
+    assert any("none: the gap grows by 40 % in contact" in line for line in explanation_of(probes=(swap,)))
     causes = tuple(
         Swap(name, "difference", "g", ("1", "2"), share={"contact": 0.5}, effect={"contact": 1.0}) for name in "ab"
     )
     joint = Joint(("a", "b"), {}, {"contact": -0.3, "all": -0.3})
-    lines = told(causes=causes, caused=joint)
+    lines = explanation_of(causes=causes, caused=joint)
     assert any("account for none of the difference: the gap grows by 30 % in contact" in line for line in lines)
 
 
 def test_more_than_all_unexplained_has_a_reason():
-    lines = told(unexplained={"contact": 1.5})
+    lines = explanation_of(unexplained={"contact": 1.5})
     assert any(line.startswith("Unexplained: 150 % in contact") for line in lines)
     assert any(line.startswith("More than 100 %: ") for line in lines)
 
@@ -178,7 +178,7 @@ def test_more_than_all_unexplained_has_a_reason():
 def test_differences_within_a_located_deviation_are_explained():
     declared = Declared("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
     other = dataclasses.replace(declared, engine="OTHER", what="hops")
-    lines = told(declared=(declared, other))
+    lines = explanation_of(declared=(declared, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
     gone = (
         "Of the rest, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
@@ -203,7 +203,7 @@ def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(close
     declared = Declared(
         "ONE", "has a pyramid", "friction", False, {"contact": 1.0, "all": 1.0}, {}, "the cone: pyramid", closed
     )
-    lines = told(declared=(declared,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
+    lines = explanation_of(declared=(declared,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
     share = "15 % in contact" if closed else "nothing"
     assert f"The cone: pyramid takes this deviation of ONE away and closes {share}: it accounts for no more." in lines
     assert f"Within friction, not explained: {words}." in lines
@@ -211,7 +211,7 @@ def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(close
 
 
 def test_a_declared_cone_is_measured_by_the_cone_that_the_engine_has():
-    """What a swap says of a deviation follows from what is declared with it, and not from names; a swap that takes one
+    """The statement of a swap about a deviation follows from the declarations, not from names; a swap that removes one
     deviation away and brings another of its kind measures neither."""
     sides = (Configuration(world(), "ode"), Configuration(world(), "gazebo"))
     tried = [

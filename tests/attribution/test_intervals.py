@@ -1,4 +1,4 @@
-"""Intervals of shares: what they are of, what they hang on, and what is claimed with them."""
+"""Intervals of shares: their quantities, their dependencies, and the claims made with them."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def test_a_difference_that_acts_without_closing_anything_is_reported(asking, mon
 
 
 def test_an_engine_begins_windows_with_the_contact_points_that_it_keeps(asking, monkeypatch):
-    """And the same is asked from the other side's states, where much is unexplained."""
+    """The same question is put from the states of the other side, where much is unexplained."""
     monkeypatch.setattr(explaining, "MUCH", -1.0)
     sides = [Configuration(world(STANDING), engine) for engine in ("mujoco", "pybullet")]
     explanation = explaining.explain_sides(sides[0], sides[1], ("A", "B"), most=20, asking=asking)

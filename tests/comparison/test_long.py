@@ -69,7 +69,7 @@ def made(seed: int, rows: int, noise: float = 0.0, contacts: float = 0.3, **fact
 
 
 def all_of_it(seed: int, rows: int, noise: float, tolerance: float, folder) -> list[object]:
-    """What a study makes of such runs."""
+    """The result of a study of such runs."""
     a, b = made(seed, rows), made(seed, rows, 3.0 * noise, engine="second")
     floors = [measure_floor(a, [made(seed, rows), made(seed, rows, noise, perturb=1e-15)])]
     floors.append(measure_floor(b, [made(seed, max(2, rows - 3), noise, engine="second", perturb=1e-15)]))
@@ -137,7 +137,7 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
     a = on_disk(made(1, rows))
     b = on_disk(made(1, rows, 1e-9, engine="second"))
     repeats = [on_disk(made(1, rows)), on_disk(made(1, rows, 1e-9, perturb=1e-15))]
-    a.save(tmp_path / "run")  # what is imported and cached once does not count
+    a.save(tmp_path / "run")  # modules imported and values cached once do not count
     tracemalloc.start()
     try:
         floor = measure_floor(a, repeats)
@@ -149,7 +149,7 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
         save_floor(floor, tmp_path / "run")
         again = load_floor(tmp_path / "run")
         stored = load_run(tmp_path / "run")
-        # what is hashed is read 1 MB at a time
+        # hashed files are read 1 MB at a time
         assert tracemalloc.get_traced_memory()[1] < 4_000_000 < a.arrays["pose"].nbytes
     finally:
         tracemalloc.stop()

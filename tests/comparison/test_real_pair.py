@@ -1,4 +1,4 @@
-"""Two runs of one engine, of worlds that differ a little: what is told of them, above and below the engine's own noise."""
+"""Two runs of one engine, of worlds that differ a little: reported differences, above and below the noise of the engine."""
 
 from __future__ import annotations
 

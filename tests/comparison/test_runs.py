@@ -103,11 +103,11 @@ def test_a_difference_above_the_floor_counts_even_in_noise():
     a, b = pair(0.01)
     floor = quiet(a, 1e-4)
     found = diff(a, b, tolerance=1e-6, floor=[floor, quiet(b)])
-    # the noise stays at 0.1 mm, above the tolerance: what is beyond three times that is told all the same, at 0.1 s
+    # the noise stays at 0.1 mm, above the tolerance: differences beyond three times that are reported, at 0.1 s
     assert (found.horizon, found.compared_until) == (None, 1.0)
     assert found.verdict == OUT
     assert found.first_out.first_out == pytest.approx(0.1)
-    # the other body does not deviate, and nothing below the noise can be told of it
+    # the other body does not deviate, and its differences below the noise cannot be distinguished
     assert found.bodies[1].verdict == INCONCLUSIVE
     assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[floor, quiet(b)]).within
 
@@ -153,7 +153,7 @@ CHAOTIC = {
 
 @pytest.mark.parametrize("noise", BOUNDED.values(), ids=BOUNDED)
 def test_bounded_noise_hides_no_difference_above_it(noise):
-    """127 µm apart, noise 4 µm: a tolerance between them, and one below the noise, both show it."""
+    """At a distance of 127 µm and noise of 4 µm, tolerances between them and below the noise both show it."""
     a = run(FINE)
     b = run(FINE, lambda name, t: column(np.where(name == "mover", 1.27e-4 * t / 20.0, 0.0), 0, 0), engine="second")
     floors = [noise_of("first", noise), noise_of("second", noise)]
@@ -164,7 +164,7 @@ def test_bounded_noise_hides_no_difference_above_it(noise):
         threshold = np.maximum(tolerance, FLOOR_FACTOR * floors[0].position[:, 1])
         expected = a.time[np.argmax(1.27e-4 * a.time / 20.0 > threshold)]
         assert found.first_out.first_out == expected
-    # where the two do not differ, a tolerance below the noise cannot be told, one above it can
+    # where the two do not differ, a tolerance below the noise cannot be judged, a tolerance above it can
     assert diff(a, run(FINE, engine="second"), tolerance=1e-6, floor=floors).verdict == INCONCLUSIVE
     assert diff(a, run(FINE, engine="second"), tolerance=2e-5, floor=floors).verdict == WITHIN
     # nor can a deviation above the tolerance that is not above three times the noise
@@ -172,15 +172,15 @@ def test_bounded_noise_hides_no_difference_above_it(noise):
     assert diff(a, near, tolerance=5e-6, floor=floors).verdict == INCONCLUSIVE
 
 
-def apart(name, t):
-    """Two bodies that are a metre apart."""
+def metre_between(name, t):
+    """Two bodies at a distance of one metre."""
     return column(float(name == "mover") + 0 * t, 0, 0)
 
 
 @pytest.mark.parametrize("noise", CHAOTIC.values(), ids=CHAOTIC)
 def test_growing_noise_ends_the_comparison_where_it_passes_the_tolerance(noise):
-    a = run(FINE, apart)
-    b = run(FINE, lambda name, t: apart(name, t) + column((name == "mover") * noise(t), 0, 0), engine="second")
+    a = run(FINE, metre_between)
+    b = run(FINE, lambda name, t: metre_between(name, t) + column((name == "mover") * noise(t), 0, 0), engine="second")
     floors = [noise_of("first", noise), noise_of("second", noise)]
     found = diff(a, b, tolerance=1e-9, floor=floors)
     past = int(np.argmax(FLOOR_FACTOR * noise(a.time) > 1e-9))
@@ -192,10 +192,10 @@ def test_growing_noise_ends_the_comparison_where_it_passes_the_tolerance(noise):
 
 def test_a_chaotic_body_does_not_hide_the_bounded_noise_of_an_earlier_body():
     """The horizon is that of the body whose noise grows, not the time at which another's noise reaches its level."""
-    a = run(FINE, apart)
+    a = run(FINE, metre_between)
     b = run(
         FINE,
-        lambda name, t: apart(name, t) + column(np.where(name == "still", 1e-4 * (t > 1.0), 0.0), 0, 0),
+        lambda name, t: metre_between(name, t) + column(np.where(name == "still", 1e-4 * (t > 1.0), 0.0), 0, 0),
         engine="b",
     )
     position = np.stack(

@@ -1,4 +1,4 @@
-"""What changed between worlds: matched by name, reported where it is, nothing for equal ones."""
+"""Changes between worlds: matched by name, reported with their place, none for equal worlds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a world is told to Drake, and understood again: nothing of the model is lost."""
+"""A world is lowered to Drake and raised again: nothing of the model is lost."""
 
 from __future__ import annotations
 

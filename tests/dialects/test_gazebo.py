@@ -1,4 +1,4 @@
-"""How a world is told to Gazebo, and understood again: nothing of the model is lost, and copies of shapes are in its layers."""
+"""A world is lowered to Gazebo and raised again: nothing of the model is lost, and copies of shapes are in its layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a world is told to ODE, and understood again: nothing of the model is lost, and the table of laws is the world's."""
+"""A world is lowered to ODE and raised again: nothing of the model is lost, and the table of laws is the world's."""
 
 from __future__ import annotations
 

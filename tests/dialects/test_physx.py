@@ -1,4 +1,4 @@
-"""How a world is told to PhysX, and understood again: what it shares with other engines of ``world.json`` is tested there."""
+"""A world is lowered to PhysX and raised again. Tests of ``world.json`` cover the parts shared with other engines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a world is told to Rapier, and understood again: what it shares with other tables of laws is tested there."""
+"""A world is lowered to Rapier and raised again. Tests of tables of laws cover the shared parts."""
 
 from __future__ import annotations
 

@@ -39,12 +39,12 @@ def _share(found: np.ndarray, expected: np.ndarray, least: float = 0.0) -> float
     return difference / scale if scale else difference
 
 
-def deviations(world: World, states: int = 3, steps: int = 0, told: World | None = None) -> dict[str, float]:
+def deviations(world: World, states: int = 3, steps: int = 0, given: World | None = None) -> dict[str, float]:
     """The largest difference in each quantity between the oracle and Simbody, at the initial state of a world and at
     ``states`` seeded ones, settled on its constraints, and between motions of ``steps``. Quantities that were not compared
     are left out: of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test sees
     what is found."""
-    oracle, other = Oracle(world), Simbody(told or world)
+    oracle, other = Oracle(world), Simbody(given or world)
     seeded = random_states(world, states)
     start = initial_state(world)
     pairs = [start, *((oracle.settled(q, start[0]), v) for q, v in zip(*seeded, strict=True))]

@@ -120,5 +120,5 @@ CHANGES = {
 @pytest.mark.parametrize("name", CHANGES)
 def test_differences_are_found(name):
     world = worlds.every_joint(spring_stiffness=2.0, damping=0.1)
-    found = deviations(world, 2, 20, told=changed(world, *CHANGES[name]))
+    found = deviations(world, 2, 20, given=changed(world, *CHANGES[name]))
     assert max(found.values()) > 3 * ROUND_OFF

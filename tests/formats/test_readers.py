@@ -1,5 +1,5 @@
-"""Plain files are loaded by the programs that they are for, each by its plain loader: what they make of them is the world, but
-for what the format does not carry and what is foreseen of the reader."""
+"""Plain files are loaded by the programs that they are for, each by its plain loader. Their models equal
+the world, except for losses of the format and foreseen effects of the reader."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def parts(name, language, profile):
 
 
 def read(reader, path, language):
-    """What a reader holds of a file; None where it refuses it."""
+    """The read-back of a file by a reader; None where the reader rejects it."""
     if reader.engine:
         loading = loaded(reader.name, Meaning(path, language), None, 60.0)
         if loading.error is not None and not loading.error.refused:
@@ -164,7 +164,7 @@ CHANGES = {
 @pytest.mark.parametrize("quantity", CHANGES)
 @pytest.mark.parametrize("name", ["yourdfpy", "pinocchio"])
 def test_a_changed_file_is_an_unforeseen_difference(quantity, name, tmp_path):
-    """What the comparison finds is what the reader holds."""
+    """The comparison finds the values that the reader stores."""
     old, new = CHANGES[quantity]
     reader = next(reader for reader in readers("urdf") if reader.name == name)
     plain = plain_of("quadruped", "urdf", "fixed-base")

@@ -59,7 +59,7 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
 @pytest.mark.parametrize(
     ("constraint", "given"),
     [
-        ("m: {follow: {joint: right_joint, leader: nobody}}", "there is no joint 'nobody'"),
+        ("m: {follow: {joint: right_joint, leader: unknown}}", "there is no joint 'unknown'"),
         ("m: {follow: {joint: palm_joint, leader: left_joint}}", "palm_joint is a fixed joint"),
         ("m: {follow: {joint: left_joint, leader: left_joint}}", "a joint cannot follow itself"),
         ("m: {follow: {joint: right_joint, leader: left_joint, ratio: 0}}", "follow nothing"),
@@ -71,7 +71,7 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
             "a: {follow: {joint: right_joint, leader: tip_joint}}\nb: {follow: {joint: tip_joint, leader: right_joint}}",
             "these joints follow each other: right_joint -> tip_joint -> right_joint",
         ),
-        ("m: {connect: {bodies: [left, nobody], at: [0, 0, 0]}}", "there is no body 'nobody'"),
+        ("m: {connect: {bodies: [left, unknown], at: [0, 0, 0]}}", "there is no body 'unknown'"),
         ("m: {connect: {bodies: [left, left], at: [0, 0, 0]}}", "cannot be held to itself"),
         ("m: {connect: {bodies: [left, tip], at: [1, 0, 0], second_at: [0, 0, 0.1]}}", "do not meet initially"),
         ("m: {weld: {bodies: [left, tip], pose: {xyz: [1, 0, 0]}}}", "is not initially where left holds it"),

@@ -1,4 +1,4 @@
-"""Controllers of the world: joints, gears and limits in numbers; what is unstable; runs that are cut short."""
+"""Controllers of the world: joints, gears and limits in numbers; unstable gains; shortened runs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def spec(bodies=None, **control) -> Spec:
 
 
 def driven(bodies=None, **control) -> Driven:
-    """What control makes of a spec, before stability is looked at."""
+    """The control of a spec before the check of stability."""
     given_spec = spec(bodies, **control)
     from simspec.resolve.bodies import expand
 
@@ -240,7 +240,7 @@ def test_a_law_that_needs_the_dynamics_of_a_tree_that_has_none_is_refused_at_its
 
 
 def test_on_a_free_base_no_hint_names_a_law_that_is_refused_there():
-    """What the hint of the one error says is no other error."""
+    """A change that follows the hint of the error causes no other error."""
     free = {**ARM, next(iter(ARM)): {key: value for key, value in SOLID.items() if key != "fixed"}}
     step = 1.1 * LARGEST
     with pytest.raises(SpecError, match="unstable at this timestep") as caught:
@@ -315,8 +315,8 @@ OF_THE_END = [
 ]
 
 
-def asked(expect, until, **more) -> list[str]:
-    """What is expected of a run of 10 s that ends at ``until``."""
+def kept_expectations(expect, until, **more) -> list[str]:
+    """The expectations of a run of 10 s that ends at ``until``."""
     data = {"name": "x", "bodies": ARM, "expect": expect, "physics": {"duration": 10}, **more}
     found = Spec.from_data(data)
     whole = physics(found.data.physics)
@@ -341,31 +341,36 @@ def test_a_run_ends_at_the_earlier_time(until, steps):
 def test_a_shortened_run_has_no_expectations_of_its_end():
     everything = [*FOR_ALL_TIMES, *OF_THE_END]
     names = [next(iter(entry)) for entry in everything]
-    assert asked(everything, None) == asked(everything, 10.0) == asked(everything, 11.0) == names
-    assert asked(everything, 4.0) == [next(iter(time)) for time in FOR_ALL_TIMES]
+    assert (
+        kept_expectations(everything, None)
+        == kept_expectations(everything, 10.0)
+        == kept_expectations(everything, 11.0)
+        == names
+    )
+    assert kept_expectations(everything, 4.0) == [next(iter(time)) for time in FOR_ALL_TIMES]
 
 
 @pytest.mark.parametrize(("at_time", "kept"), [(3.0, True), (4.0, True), (4.001, False), (10.0, False)])
 def test_only_expectations_within_the_run_are_kept(at_time, kept):
     expect = [{"position": {**PLACE, "at": at_time}}, {"comes_to_rest": {"speed": 1, "before": at_time}}]
     expect.append({"at_target": {"targets": {"arm": [0, 0, 0]}, "tolerance": 1, "at": at_time}})
-    assert asked(expect, 4.0) == (["position", "comes_to_rest", "at_target"] if kept else [])
+    assert kept_expectations(expect, 4.0) == (["position", "comes_to_rest", "at_target"] if kept else [])
 
 
 def test_dropped_expectations_are_validated_too():
     with pytest.raises(SpecError, match="after the end of the run"):
-        asked([{"position": {**PLACE, "at": 11}}], 4.0)
+        kept_expectations([{"position": {**PLACE, "at": 11}}], 4.0)
     with pytest.raises(SpecError, match="no body 'amr'"):
-        asked([{"position": {**PLACE, "body": "amr"}}], 4.0)
+        kept_expectations([{"position": {**PLACE, "body": "amr"}}], 4.0)
     with pytest.raises(SpecError, match="nothing is recorded"):
-        asked([{"position": {**PLACE, "at": 7.5}}], 4.0, record={"every": 1})
+        kept_expectations([{"position": {**PLACE, "at": 7.5}}], 4.0, record={"every": 1})
 
 
 def test_the_end_of_the_cut_run_is_recorded():
     expect = [{"position": {**PLACE, "at": 4.5}}]
-    assert asked(expect, 4.5, record={"every": 1}) == ["position"]
+    assert kept_expectations(expect, 4.5, record={"every": 1}) == ["position"]
     with pytest.raises(SpecError, match="nothing is recorded"):
-        asked(expect, None, record={"every": 1})
+        kept_expectations(expect, None, record={"every": 1})
 
 
 def reaching(**more):

@@ -1,4 +1,4 @@
-"""Forces on bodies: what a spec may say, what the world holds, in which steps they act and by how much."""
+"""Forces on bodies: their fields in a spec, their values in the world, the steps in which they act and their sizes."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def test_masses_are_of_the_surface_or_of_the_hull(files):
     body = body_of(files, mass=30, shapes=[{"mesh": {"file": "meshes/l.obj"}}])
     assert body.inertial.mass == 30
     assert body.inertial.inertia == pytest.approx(mass().inertia, rel=1e-14)
-    # beside a sphere of the same volume it has half of the mass
+    # with a sphere of the same volume it has half of the mass
     ball = {"sphere": {"radius": (9 / 4 / np.pi) ** (1 / 3)}, "pose": {"xyz": [9, 0, 0]}}
     both = body_of(files, mass=60, shapes=[{"mesh": {"file": "meshes/l.obj"}}, ball])
     assert both.inertial.centre_of_mass == pytest.approx(((5 / 6 + 9) / 2, 5 / 12, 1 / 4), rel=1e-12)
@@ -144,7 +144,7 @@ def test_a_surface_that_is_not_closed_needs_a_word(files):
         assert problem.path == "bodies.one.shapes.0.mesh.file"
     hull = [{"mesh": {"file": "meshes/open.stl", "mass_from": "hull"}, "density": 1}]
     assert body_of(files, shapes=hull).inertial.mass == pytest.approx(6.0, rel=1e-14)
-    # what has its inertia, or another shape that has all the mass, needs nothing of it
+    # a body with an inertia, or with another shape that has all the mass, needs no volume of the mesh
     inertia = {"principal": [1, 1, 1]}
     assert body_of(files, mass=1, inertia=inertia, shapes=shapes).inertial.mass == 1
     ball = {"sphere": {"radius": 1}, "density": 1}

@@ -1,4 +1,4 @@
-"""Kinematic bodies: what a spec may say, what the world holds, where they are at every time."""
+"""Kinematic bodies: their fields in a spec, their values in the world, their poses at every time."""
 
 # ruff: noqa: E501 (a case is a line)
 from __future__ import annotations

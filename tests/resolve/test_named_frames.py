@@ -1,4 +1,4 @@
-"""Named frames on bodies: what a spec may say, copies, and where a frame stands for its body."""
+"""Named frames on bodies: their fields in a spec, copies, and places where a frame stands for its body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spec to world: what every word of the language becomes, in numbers."""
+"""Spec to world: the numeric result of every keyword of the language."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def by_name(found: World):
     return {body.name: body for body in found.bodies}
 
 
-def one(**fields):
+def only_body(**fields):
     (body,) = world({"a": {**SOLID, **fields}}).bodies
     return body
 
@@ -55,26 +55,28 @@ def exactly(values):
 
 
 def test_a_root_is_free_unless_it_has_a_joint():
-    body = one(pose={"xyz": [1, 2, 3], "rpy": [0, 0, "90 deg"]}, velocity={"linear": [1, 0, 0], "angular": [0, 0, 2]})
+    body = only_body(
+        pose={"xyz": [1, 2, 3], "rpy": [0, 0, "90 deg"]}, velocity={"linear": [1, 0, 0], "angular": [0, 0, 2]}
+    )
     half = math.sqrt(0.5)
     assert body.joint.kind == "free"
     assert body.joint.parent is None
     assert body.joint.origin == Pose()
     assert body.joint.position == exactly((1, 2, 3, half, 0, 0, half))
     assert body.joint.velocity == (1, 0, 0, 0, 0, 2)
-    assert one(joint={"type": "free"}).joint == one().joint
+    assert only_body(joint={"type": "free"}).joint == only_body().joint
 
-    fixed = one(fixed=True, pose={"xyz": [1, 2, 3]}).joint
+    fixed = only_body(fixed=True, pose={"xyz": [1, 2, 3]}).joint
     assert (fixed.kind, fixed.origin, fixed.position, fixed.velocity) == ("fixed", Pose((1.0, 2.0, 3.0)), (), ())
-    assert one(joint={"type": "fixed", "origin": {"xyz": [1, 2, 3]}}).joint == fixed
+    assert only_body(joint={"type": "fixed", "origin": {"xyz": [1, 2, 3]}}).joint == fixed
 
 
 @pytest.mark.parametrize("kind", ["hinge", "slide", "ball"])
 def test_the_pose_of_a_jointed_root_is_its_joints_origin(kind):
     joint = {"type": kind} | ({} if kind == "ball" else {"axis": [0, 0, 1]})
     place = {"xyz": [1, 2, 3], "quat": [0.6, 0.8, 0, 0]}
-    assert one(joint=joint, pose=place) == one(joint={**joint, "origin": place})
-    assert one(joint=joint, pose=place).joint.origin == Pose((1.0, 2.0, 3.0), (0.6, 0.8, 0.0, 0.0))
+    assert only_body(joint=joint, pose=place) == only_body(joint={**joint, "origin": place})
+    assert only_body(joint=joint, pose=place).joint.origin == Pose((1.0, 2.0, 3.0), (0.6, 0.8, 0.0, 0.0))
 
 
 def test_every_number_of_a_hinge():
@@ -90,7 +92,7 @@ def test_every_number_of_a_hinge():
         "position": "15 deg",
         "velocity": "2 rad/s",
     }
-    assert one(joint=joint).joint == Joint(
+    assert only_body(joint=joint).joint == Joint(
         "j", "hinge", None, Pose(), (0.0, 0.6, 0.8), (-math.pi / 2, math.pi / 4), 2 * math.pi, 5.0,
         0.1, 0.2, 0.3, 0.4, math.pi / 6, (math.pi / 12,), (2.0,),
     )  # fmt: skip
@@ -108,7 +110,7 @@ def test_every_number_of_a_slide():
         "position": "2 cm",
         "velocity": "3 mm/s",
     }
-    assert one(joint=joint).joint == Joint(
+    assert only_body(joint=joint).joint == Joint(
         "a_joint", "slide", None, Pose(), (0.0, 0.0, -1.0), (-0.05, 0.05), 1.0, 7.0,
         1.0, 2.0, 3.0, 4000.0, 0.001, (0.02,), (0.003,),
     )  # fmt: skip
@@ -122,7 +124,7 @@ def test_every_number_of_a_ball():
         "position": {"quat": [-0.6, 0, 0, -0.8]},
         "velocity": [1, "60 deg/s", 3],
     }
-    found = one(joint=joint).joint
+    found = only_body(joint=joint).joint
     assert found == Joint(
         "a_joint",
         "ball",
@@ -147,7 +149,7 @@ def test_defaults_are_written_out():
     st.sampled_from([1e-180, 1.0, 1e20]),
 )
 def test_axes_are_normalised(axis, scale):
-    found = np.array(one(joint={**HINGE, "axis": [value * scale for value in axis]}).joint.axis)
+    found = np.array(only_body(joint={**HINGE, "axis": [value * scale for value in axis]}).joint.axis)
     assert np.linalg.norm(found) == pytest.approx(1.0, abs=4e-16)
     assert np.cross(found, axis) == pytest.approx(np.zeros(3), abs=1e-12 * max(map(abs, axis)))
 

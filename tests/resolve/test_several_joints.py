@@ -1,4 +1,4 @@
-"""Several joints of one body: what stands between them, their names and places, and what is refused."""
+"""Several joints of one body: the links between them, their names and places, and rejected combinations."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ VALUES = {
 
 
 def test_every_field_of_a_joint_counts_but_those_that_kinematics_do_not_have(reach):
-    """A field that is new counts: nobody has to remember this place."""
+    """New fields count without a change of the key."""
     _, world = reach
     body = next(body for body in world.bodies if body.joint.kind == "hinge")
     plain = programs._kinematics(body)

@@ -197,7 +197,7 @@ def test_drag_that_makes_faster_is_warned_of(tmp_path, axis):
         return loaded(tmp_path, DRAG.format(**{"speed": 0, "wind": 0, "turn": 0} | {axis: value}))
 
     def after(value: float) -> float:
-        """The size of the velocity against the fluid after a step, beside that before."""
+        """The relative speed to the fluid after a step, and before it."""
         world = spec_at(value).resolve()
         q, v = initial_state(world)
         values = np.array([*world.physics.fluid.velocity, 0.0, 0.0, 0.0])

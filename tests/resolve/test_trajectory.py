@@ -1,4 +1,4 @@
-"""Trajectories of the world: what points, tables and programs come to, held against geometry and closed forms."""
+"""Trajectories of the world: results of points, tables and programs, compared with geometry and closed forms."""
 
 from __future__ import annotations
 
@@ -460,7 +460,7 @@ def test_every_place_that_the_robot_can_have_is_reached(angles, quaternion):
 
 
 def test_the_same_world_every_time_and_on_machines_that_round_differently(monkeypatch):
-    """What another library of algebra would do: every Jacobian and every error off in the last digit."""
+    """The effect of another linear algebra library: every Jacobian and every error differ in the last digit."""
     from simspec.dynamics.tool import Tool
 
     path = SPECS / "ur10e-reach.yaml"

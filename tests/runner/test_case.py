@@ -1,4 +1,4 @@
-"""What is run: what a case changes, and what its key depends on."""
+"""Cases: the changes of a case, and the inputs of its key."""
 
 from __future__ import annotations
 

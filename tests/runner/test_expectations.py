@@ -188,7 +188,7 @@ def test_a_target_whose_body_is_lost_is_missed():
     assert "no body 'x'" in unknown.detail
 
 
-def held(slip: float):
+def grasp(slip: float):
     """A hand that travels and turns by half a turn a second, and what it holds, 0.1 m off, slipping after half a second."""
 
     def of(t):
@@ -217,7 +217,7 @@ def held(slip: float):
     ],
 )
 def test_keeps_place(slip, more, distance, passed):
-    of = held(slip)
+    of = grasp(slip)
     expectation = expect("keeps_place", body="load", within="hand", distance=distance, **more)
     (found,) = evaluate(dataclasses.replace(of, world=dataclasses.replace(of.world, expectations=(expectation,))))
     assert found.passed is passed

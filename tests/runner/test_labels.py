@@ -1,4 +1,4 @@
-"""Shapes that touch: by number in every engine, groups where an engine tells no more, and runs without them."""
+"""Shapes that touch: by number in every engine, groups where an engine reports no more, and runs without them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run in one engine: what it holds, how it can be told from another, and what failure looks like."""
+"""A run in one engine: its contents, its identity, and its failures."""
 
 from __future__ import annotations
 

@@ -369,7 +369,7 @@ DAMAGE = {
     "contacts of another step": (retabled("contacts", with_column("step", 7)), "contacts.parquet: its steps"),
     "a bomb": (retabled("bodies", bomb), r"bodies.parquet.*3,000,000 rows, should be 22"),
     "rows by the million": (
-        lambda folder: forge(folder, tables={**told(folder), "states": {"sha256": "", "rows": 10**9}}),
+        lambda folder: forge(folder, tables={**tables_of(folder), "states": {"sha256": "", "rows": 10**9}}),
         "steps",
     ),
     "no Parquet": (lambda folder: other_bytes(folder, b"PAR1" + b"x" * 100 + b"PAR1"), "bodies.parquet"),
@@ -382,7 +382,7 @@ def names(table, *words):
     return pa.DictionaryArray.from_arrays(order, pa.array(words))
 
 
-def told(folder: Path) -> dict:
+def tables_of(folder: Path) -> dict:
     return json.loads((folder / "provenance.json").read_text())["tables"]
 
 

@@ -1,4 +1,4 @@
-"""What is not physical in a run, whatever engine made it: found in runs made by hand, and in none that could be real."""
+"""Unphysical motion in runs of any engine: found in runs made by hand, and in no run that could be real."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_a_missing_declaration_is_an_error_when_the_class_is_made():
 
 
 def test_the_weaker_of_dialect_and_engine_holds():
-    file = TABLE | {Feature.DAMPING: via_api("beside"), Feature.SPRING: never("no")}
+    file = TABLE | {Feature.DAMPING: via_api("in a sidecar"), Feature.SPRING: never("no")}
     engine = TABLE | {Feature.DAMPING: approximate("soft"), Feature.SPRING: via_api("set")}
     both = combine(file, engine)
     assert both[Feature.DAMPING].level is Level.APPROXIMATE
@@ -53,21 +53,21 @@ def test_the_weaker_of_dialect_and_engine_holds():
 
 
 def test_at_equal_levels_both_texts_are_kept_and_a_single_absence_reason():
-    file = TABLE | {Feature.DAMPING: via_api("beside"), Feature.SPRING: never("no"), Feature.GRAVITY: EXACT}
+    file = TABLE | {Feature.DAMPING: via_api("in a sidecar"), Feature.SPRING: never("no"), Feature.GRAVITY: EXACT}
     engine = TABLE | {
         Feature.DAMPING: via_api("by a call"),
         Feature.SPRING: never("not at all"),
         Feature.GRAVITY: Support(Level.EXACT, "any direction"),
     }
     both = combine(file, engine)
-    assert both[Feature.DAMPING].how == "beside; by a call"
+    assert both[Feature.DAMPING].how == "in a sidecar; by a call"
     assert both[Feature.SPRING].how == "no"
     assert both[Feature.GRAVITY].how == "any direction"
-    assert combine(file, file)[Feature.DAMPING].how == "beside"
+    assert combine(file, file)[Feature.DAMPING].how == "in a sidecar"
 
 
 def test_never_outweighs_not_yet():
-    later = not_yet("nobody wrote it", Attempt.CONTACT_PROBES)
+    later = not_yet("not written", Attempt.CONTACT_PROBES)
     for file, engine in ((later, never("no such thing")), (never("no such thing"), later)):
         both = combine(TABLE | {Feature.SPRING: file}, TABLE | {Feature.SPRING: engine})[Feature.SPRING]
         assert (both.absence, both.how, both.attempt) == (Absence.NEVER, "no such thing", None)

@@ -1,4 +1,4 @@
-"""What one engine alone supports is refused by the others, by name."""
+"""Features that only a single engine supports are rejected by the others, by name."""
 
 from __future__ import annotations
 

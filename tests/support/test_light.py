@@ -24,7 +24,7 @@ def test_mujoco_refuses_what_it_does_not_take():
     assert "'link0'" in refused.how
     assert heavy_enough(light(1e-3, mass=1e-16)) is not None
     assert heavy_enough(light(2e-15)) is None
-    assert heavy_enough(light(1e-20, kinds=("hinge", "fixed"))) is None, "what it is fixed to is heavier"
+    assert heavy_enough(light(1e-20, kinds=("hinge", "fixed"))) is None, "its carrier is heavier"
     assert heavy_enough(light(1e-20, kinds=("fixed",))) is None, "it does not move"
 
 

@@ -1,4 +1,4 @@
-"""What a world needs, with the places that need it."""
+"""The features that a world needs, with the places that need them."""
 
 from __future__ import annotations
 

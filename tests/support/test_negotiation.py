@@ -101,13 +101,13 @@ def test_features_requested_by_a_setting_need_no_name_and_others_do():
 def test_messages_name_the_engine_as_its_makers_write_it_and_the_key_by_its_name():
     table = TABLE | {
         Feature.SPRING: never("no springs"),
-        Feature.BALL_SPRING: not_yet("nobody wrote it", Attempt.CONTACT_PROBES),
+        Feature.BALL_SPRING: not_yet("not written", Attempt.CONTACT_PROBES),
     }
     with pytest.raises(UnsupportedError) as caught:
         negotiate(worlds.damped_springs(), "engine", table, title="Engine")
     messages = [problem.message for problem in caught.value.problems]
     assert any(message.startswith("Engine does not support joint.spring: no springs") for message in messages)
-    assert any(message.startswith("Engine does not support joint.ball.spring yet: nobody") for message in messages)
+    assert any(message.startswith("Engine does not support joint.ball.spring yet: not written") for message in messages)
     assert all(problem.hint.endswith("--engine engine") for problem in caught.value.problems)
 
 
@@ -164,7 +164,7 @@ def test_support_in_earlier_releases_is_declared_for_files_and_engines():
     for since in ("3.4", "3.2", "3.8"):
         for pair in ((Support(Level.EXACT, since=since), bounded), (bounded, Support(Level.EXACT, since=since))):
             assert level(*pair, "3.1") is Level.UNSUPPORTED
-    # what is refined in both is the weaker of the two
+    # a feature refined by both has the weaker of the two levels
     refused = Support(Level.EXACT, refine=lambda world: unsupported_if("never here"))
     assert level(refused, bounded, "3.3") is Level.UNSUPPORTED
     with pytest.raises(ValueError, match="since"):

@@ -20,7 +20,7 @@ from tests.random_specs import spec
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 FAR = [0.9, -2.1, 1.7]
-"""Where a body begins, whose weld is told in the frame of what is fixed at the origin."""
+"""The initial place of a body with a weld given in the frame of the body that is fixed at the origin."""
 
 
 def far_world(second="ground"):
@@ -44,7 +44,7 @@ def far_world(second="ground"):
 
 
 def mobility(world):
-    """A (6, 6) of the world's weld, as it is told."""
+    """A (6, 6) of the world's weld, as written."""
     oracle, (q, _) = Oracle(world), initial_state(world)
     jacobian = Violation(world.bodies, world.constraints).jacobian(oracle.body_poses(q))
     return jacobian @ np.linalg.solve(oracle.mass_matrix(q), jacobian.T)
@@ -84,7 +84,7 @@ def test_the_anchor_of_two_free_bodies_is_between_them():
     least = np.trace(moved(given, best)[:3, :3])
     for step in np.concatenate([np.eye(3), -np.eye(3)]) * 0.1:
         assert np.trace(moved(given, best + step)[:3, :3]) > least
-    assert anchors(world) == {}, "what turns is held as the law has it"
+    assert anchors(world) == {}, "a rotating body has its anchor by the law"
 
 
 def test_bodies_that_cannot_rotate_are_anchored_at_the_given_point():

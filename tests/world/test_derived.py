@@ -1,4 +1,4 @@
-"""What follows from a world is worked out once for it, and forgotten with it."""
+"""Values derived from a world are computed once and released with the world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which bodies a filter keeps apart."""
+"""The pairs of bodies that a filter excludes."""
 
 from __future__ import annotations
 

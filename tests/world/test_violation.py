@@ -91,7 +91,7 @@ def test_a_row_that_is_round_off_gives_no_impulse():
 
 
 def test_a_mass_matrix_that_has_lost_its_digits_ends_motion_as_diverged_and_not_with_an_error():
-    """What a far slide adds to M leaves nothing of what is beside it: two rows are alike to the last bit."""
+    """The share of a far slide in M removes all other terms by round-off: two rows are equal to the last bit."""
     mass = 1e200 * np.ones((2, 2)) + np.eye(2)
     after = impulse(mass, np.array([[1.0, -1.0]]), np.ones(2), np.zeros(1), 1e-3)
     assert np.isnan(after).all()

@@ -278,7 +278,7 @@ def test_pairs_that_the_detector_overlooks_are_reported():
     assert said(box) == {}
     assert said(box, cylinder, excluded=(("box", "cylinder"),)) == {}
     accepted = {"accept": ("contact.mass-ratio", "shape.box", "shape.cylinder"), "collision_detector": "bullet"}
-    assert said(box, cylinder, **accepted) == {}, "what is accepted is said by itself"
+    assert said(box, cylinder, **accepted) == {}, "accepted pairs have a separate message"
 
 
 @pytest.mark.parametrize("detector", ["ode", "fcl"])

@@ -1,4 +1,4 @@
-"""What a .skel means to DART: what simspec does not say is refused, with file and line."""
+"""The meaning of a .skel to DART: content that simspec does not write is rejected with file and line."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _read(folder, files):
         ("<physics>", "<physics><sub_steps>4</sub_steps>", r"world\.skel:\d+: <sub_steps>: is not known here"),
         ("<time_step>0.001</time_step>", "", "has no <time_step>"),
         ('type="revolute"', 'type="screw"', "the type 'screw' is not known here"),
-        ("<parent>base</parent>", "<parent>nobody</parent>", "the parent 'nobody' is missing"),
+        ("<parent>base</parent>", "<parent>unknown</parent>", "the parent 'unknown' is missing"),
         ("<parent>base</parent>", "<parent>lower</parent>", "go round in a circle"),
         ("<damping>0</damping>", "<damping>1</damping>", "DART's own, implicit, damping"),
         ("<gravity>true</gravity>", "<gravity>false</gravity>", "should have the <gravity> true"),
@@ -50,7 +50,7 @@ def test_content_that_simspec_does_not_write_is_rejected(files, tmp_path, what, 
         (lambda content: content["bodies"].pop(), "sidecar.models has"),
         (lambda content: content["enforce_limits"].clear(), "are not both given and enforced"),
         (lambda content: content["shapes"].pop(), "have shapes that the sidecar does not name"),
-        (lambda content: content.update(damping=[{"body": "nobody", "value": 1.0}]), "'nobody', which is not known"),
+        (lambda content: content.update(damping=[{"body": "unknown", "value": 1.0}]), "'unknown', which is not known"),
         (lambda content: content["springs"][0].update(rest="0"), "springs.0.rest is '0', should be a finite number"),
     ],
 )

@@ -1,4 +1,4 @@
-"""What every dialect gets from its base: settings that a target must have, and a sidecar of its own type."""
+"""The base class of dialects: it requires the settings of a target and a sidecar of the declared type."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_mutations_of_an_element_and_its_parents_are_in_separate_groups():
     assert groups_of(("scaled", "in.0.y.0"), ("scaled", "in.0.y.1")) == [1, 1]
     assert groups_of(("scaled", "here"), ("scaled", "far")) == [1, 1], "of one mapping, whatever stands between"
     assert groups_of(("scaled", "v[0]"), ("scaled", "v[2]")) == [2]
-    assert groups_of(("scaled", "v[0]"), ("scaled", "v[1]")) == [1, 1], "of two lines beside each other"
+    assert groups_of(("scaled", "v[0]"), ("scaled", "v[1]")) == [1, 1], "of two adjacent lines"
     assert groups_of(("scaled", "v[0]"), ("scaled", "here"), ("scaled", "root/m")) == [3]
 
 

@@ -1,4 +1,4 @@
-"""What is planted into ``world.json`` for any engine leaves out no defect but those that the file has no number for."""
+"""Every defect is planted into ``world.json`` for any engine, except defects of values that the file does not contain."""
 
 from __future__ import annotations
 

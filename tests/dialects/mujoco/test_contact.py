@@ -24,7 +24,7 @@ from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Materi
 from tests import worlds
 
 TABLE = {("a", "a"): 0.1, ("a", "b"): 0.8, ("b", "b"): 0.4}
-"""No numbers have these as their larger ones."""
+"""No values of single shapes have these as their maxima."""
 HARDNESS = {
     "common": Hardness(),
     "time-constant": Hardness("time-constant", time_constant=0.02, damping_ratio=0.7),
@@ -51,7 +51,7 @@ def laws(world: World, **changes: object) -> World:
 
 
 def wrong(world: World, files: dict[str, str], tmp_path) -> set[str]:
-    """What the comparator finds wrong with what the independent reader reads."""
+    """The differences that the comparator finds in the result of the independent reader."""
     write_folder(files, tmp_path / "a")
     checks = compare(world, MujocoDialect().read(tmp_path / "a"), MuJoCo.RULES, MuJoCo.LAYERS, text=True)
     return {check.name for check in checks if not check.passed}

@@ -1,4 +1,4 @@
-"""MJCF files: what the emitter writes, read by a parser that shares nothing with it but the names of constants."""
+"""MJCF files of the emitter, read by a parser that shares only the names of constants with it."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def schema(without: set[str] = frozenset()) -> dict[str, set[str]]:
 
 
 def written() -> dict[str, set[str]]:
-    """What simspec writes, in all worlds of the self-test."""
+    """The files that simspec writes, in all worlds of the self-test."""
     found: dict[str, set[str]] = {}
     for world in WORLDS.values():
         try:

@@ -54,7 +54,7 @@ def test_damage_is_refused_by_the_reader_and_by_the_engine(name, tmp_path):
 
 
 def test_an_engine_without_a_setting_of_the_dialect_gets_an_error_with_its_name():
-    """A second engine of the dialect is told at its door, and at the latest here, not by a KeyError."""
+    """A second engine of the dialect gets an error with the name of the setting, not a KeyError."""
     world = worlds.gripper()
     target = target_of(world, MuJoCo)
     settings = {name: value for name, value in target.settings.items() if name != "explicit_pairs_limit"}

@@ -1,4 +1,4 @@
-"""URDF: the independent reader finds the world again; files are shared, safe, plain; what cannot be said is refused."""
+"""URDF: the independent reader finds the world again; files are shared, safe, plain; inexpressible features are rejected."""
 
 from __future__ import annotations
 

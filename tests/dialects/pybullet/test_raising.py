@@ -1,4 +1,4 @@
-"""What PyBullet's files and sidecar mean: what somebody has added to them is refused with its line, never passed over."""
+"""The meaning of PyBullet's files and sidecar: additions are rejected with their line, never ignored."""
 
 from __future__ import annotations
 

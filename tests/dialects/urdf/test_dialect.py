@@ -1,4 +1,4 @@
-"""Plain URDF for engines without a dialect of their own: what was said is understood, what cannot be said is refused."""
+"""Plain URDF for engines without a dialect: written files are read back, inexpressible features are rejected."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.files import setting, write
 from tests.planted import SHARED
 
 RULES = Rules("max", "max", "max", "max", "same")
-"""Of an engine whose materials have numbers of their own, and explicit pairs beside them."""
+"""The plan of an engine with values of materials and, in addition, explicit pairs."""
 
 
 def target(world):

@@ -1,4 +1,4 @@
-"""The forms that annotations stand for: texts, unions told apart by their kind, and the way back to plain data."""
+"""The forms that annotations stand for: texts, unions distinguished by their kind, and the way back to plain data."""
 
 from __future__ import annotations
 

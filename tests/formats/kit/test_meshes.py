@@ -1,4 +1,4 @@
-"""Files of convex hulls: what is written is read back to the last digit, and what is no hull is refused."""
+"""Files of convex hulls are read back to the last digit, and other meshes are rejected."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_hulls_of_the_same_vertices_share_a_file_and_others_do_not():
     assert len(mesh_files([entry, other, entry])) == 2
     zero = (*GRID[:3], *(0.0 for _ in GRID[3:6]), *GRID[6:])
     minus = (*GRID[:3], *(-0.0 for _ in GRID[3:6]), *GRID[6:])
-    assert mesh_file(zero) == mesh_file(minus), "no text tells 0 from -0"
+    assert mesh_file(zero) == mesh_file(minus), "the text of 0 and -0 is equal"
 
 
 def lines():

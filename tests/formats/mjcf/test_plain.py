@@ -152,7 +152,7 @@ FRICTIONS = {("a", "a"): 0.5, ("b", "b"): 0.9, ("a", "b"): 0.3}
 
 
 def test_the_law_of_every_pair_has_the_friction_of_the_pair():
-    """What is felt where two geoms meet: the larger number, or the explicit pair's."""
+    """The parameter of a contact of two geoms: the larger value, or that of the explicit pair."""
     world = worlds.table(FRICTIONS)
     _, model, _ = loaded(world)
     laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}

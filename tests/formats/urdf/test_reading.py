@@ -1,4 +1,4 @@
-"""Reading URDF: every element with its line, what is absent is absent, what is strange is kept; hostile files are refused."""
+"""Reading URDF: elements have lines, absent attributes stay absent, unknown elements are kept, hostile files are rejected."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def test_parents_and_states_of_every_kind_of_joint():
         (setting([["ice", "ice", 2], ["ice", "ice", 0]], "meets"), "('ice', 'ice') twice"),
         (setting([["ice", "ice", 1]], "meets"), "no copy in that layer"),
         (setting([["arm", "arm"]], "apart", "bodies"), "world.json.apart.bodies has 'arm' twice"),
-        (setting([["arm", "nobody"]], "apart", "bodies"), "'nobody', which is not known"),
+        (setting([["arm", "unknown"]], "apart", "bodies"), "'unknown', which is not known"),
         (setting([["arm", "stones"]], "apart", "groups"), "'arm', which is not known"),
         (setting("base", "bodies", 1, "name"), "world.json.bodies has 'base' twice"),
         (setting("j0", "bodies", 1, "joint", "name"), "(joints) has 'j0' twice"),
