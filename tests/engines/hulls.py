@@ -45,7 +45,7 @@ def solid(name: str, size: tuple[float, ...], at: tuple[float, float, float], tu
     return dataclasses.replace(body, inertial=Inertial(2.0, inertia=(*SHAPES[kind].moments(size, 2.0), 0.0, 0.0, 0.0)))
 
 
-def still(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float, float]) -> Body:
+def static_body(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float, float]) -> Body:
     """A body that cannot move, of the material of what moves."""
     body = ball(name, at)
     joint = dataclasses.replace(body.joint, kind="fixed", origin=Pose(at), position=(), velocity=())

@@ -78,7 +78,7 @@ class SimulatedEngineTests:
         np.testing.assert_array_equal(first[0], again[0])
         np.testing.assert_array_equal(first[1], again[1])
 
-    def test_an_effort_is_held_over_all_steps_and_then_gone(self, load):
+    def test_an_effort_acts_over_all_steps_of_a_call_and_then_ends(self, load):
         engine = load(slider(velocity=(0.0,)))
         engine.step(50, np.array([3.0]))
         assert engine.get_state()[1][0] == pytest.approx(0.05 * 3.0 / 2.0, rel=1e-12)

@@ -32,7 +32,7 @@ def test_settings_that_declarations_advise_can_be_set(name):
         assert value in declared.choices, f"{engine} refuses {found.group()}"
 
 
-def test_what_only_mujoco_has_is_said_to_be_mujocos():
+def test_features_of_mujoco_alone_are_attributed_to_mujoco():
     for name in ("mjx", "mjwarp"):
         assert "coulomb" not in engines()[name].SETTINGS["friction"].choices
         assert len(list(advice(name))) == 3

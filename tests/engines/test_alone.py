@@ -25,7 +25,7 @@ TAKES = 300.0
 
 
 @pytest.mark.parametrize("name", CLASHING)
-def test_its_tests_in_a_process_of_its_own(name):
+def test_its_tests_in_a_separate_process(name):
     files = [f"tests/engines/{name}", *SHARED]
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", name, *files]
     done = subprocess.run(

@@ -125,7 +125,7 @@ def test_defaults_are_within_the_bounds_of_the_library():
                         assert sign * setting.default <= sign * limit.value, f"{path.name}: {name}.{key}"
 
 
-def test_a_cushion_beside_a_small_shape_is_warned_of(tmp_path):
+def test_a_margin_too_large_for_a_small_shape_causes_a_warning(tmp_path):
     spec = loaded(tmp_path, 0.01)
     assert deep_contact(spec, spec.resolve()) == []
     spec = loaded(tmp_path, 0.001)

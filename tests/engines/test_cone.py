@@ -79,7 +79,7 @@ def test_it_must_be_accepted_for(case, engine):
         compile_world(worlds.with_options(world, engine, accept=("contact.cone.elliptic",)), [engine])
 
 
-def test_it_does_not_matter_where_nothing_has_friction_and_where_the_pyramid_is_asked_for():
+def test_the_cone_is_irrelevant_without_friction_or_with_the_requested_pyramid():
     case = NOT["a box"]
     assert exact(balls(friction=0.0, **case))
     rough = balls(**case)

@@ -36,7 +36,7 @@ def jointed(base: World, **more: float) -> World:
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
-def test_what_is_computed_outside_is_asked_for_by_name_and_where_nothing_else_acts(name):
+def test_constraints_computed_outside_need_a_request_and_no_other_forces(name):
     follower = constrained.follower()
     with pytest.raises(UnsupportedError, match=r"outside: \[constraint.coupling\]"):
         compile_world(follower, [name])
@@ -52,13 +52,13 @@ def test_dry_friction_would_not_feel_what_is_computed_outside():
         compile_world(options, ["dart"])
 
 
-def test_pybullet_has_one_error_reduction_for_loops_and_limits():
+def test_pybullet_has_a_common_error_reduction_for_loops_and_limits():
     limited = jointed(constrained.closed_loop(), position_limits=(-3.0, 3.0))
     with pytest.raises(UnsupportedError, match="one error reduction for loops and for position limits"):
         compile_world(with_options(limited, "pybullet", accept=("joint.limits.position",)), ["pybullet"])
 
 
-def test_pybullet_s_gears_are_within_one_tree():
+def test_gears_of_pybullet_are_within_a_single_tree():
     base = constrained.follower()
     other = worlds.world(worlds.tree(["hinge"], 3), "other").bodies[0]
     other = dataclasses.replace(other, name="other", joint=dataclasses.replace(other.joint, name="other_joint"))

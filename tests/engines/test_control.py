@@ -31,7 +31,7 @@ def name(request) -> str:
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])
-def test_quick_access_is_the_slow_one_to_the_last_bit(loaded, damping):
+def test_quick_and_slow_access_are_equal_to_the_last_bit(loaded, damping):
     world = with_load(damping)
     ends = []
     for quick in (True, False):
@@ -57,7 +57,7 @@ def test_efforts_of_control_are_not_left_behind(loaded):
     assert after[0] == pytest.approx(before[0], rel=1e-12)
 
 
-def test_a_saved_run_keeps_what_was_asked_and_given(tmp_path):
+def test_a_saved_run_keeps_requested_and_applied_efforts(tmp_path):
     from simspec.runner.store import load_run
 
     found = run(with_targets(driven(wheel()), [0.2]), JOINTED[0])

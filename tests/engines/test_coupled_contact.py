@@ -77,7 +77,7 @@ def _clamp(engine, share, cone):
 
 
 @pytest.mark.parametrize(("engine", "cone"), [("ode", PYRAMID), ("ode", "elliptic"), ("gazebo", PYRAMID)])
-def test_a_clamp_holds_itself_by_its_own_weight(engine, cone):
+def test_a_clamp_holds_by_its_weight(engine, cone):
     assert _clamp(engine, 1.1, cone) < 1e-4
     assert _clamp(engine, 0.9, cone) > 1e-2
 

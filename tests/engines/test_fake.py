@@ -110,7 +110,7 @@ def test_its_certificate_is_valid_and_says_what_was_not_checked(python):
     assert said["verdict"].startswith("valid; not checked: L3 (Toy gives motion only; ")
 
 
-def test_an_engine_in_single_precision_is_held_to_its_numbers(python):
+def test_an_engine_in_single_precision_is_judged_by_single_precision(python):
     """Its motion is off by what its numbers make of it, 1000 times what doubles may be, and well within its own floor; that it
     is called an engine of doubles is seen."""
     said = proven(python, "singletoy")

@@ -59,7 +59,7 @@ def test_a_ball_that_does_not_turn_obeys_stokes():
     np.testing.assert_allclose(angular, 0.0, atol=1e-15)
 
 
-def test_a_slab_is_its_own_box():
+def test_the_fluid_box_of_a_slab_is_the_slab():
     """Each face has its drag and each axis its own torque, in a current, along the slab's own axes."""
     world = world_of(
         {"a": {**SLAB, "velocity": VELOCITY, "pose": {"rpy": [0.4, 0.3, -0.5]}}},
@@ -120,7 +120,7 @@ def test_axes_are_those_that_are_written():
     assert axes[1] == axes[2]
 
 
-def test_bodies_that_are_told_as_one_are_one_box():
+def test_merged_bodies_have_a_single_box():
     fixed_slab = {**SLAB, "parent": "a", "joint": {"type": "fixed", "origin": {"rpy": [0.1, 0.2, 0.3]}}}
     root = {"pose": {"xyz": [0, 0, 1]}}
     alone = world_of({"a": root, "b": fixed_slab}, {"density": 1})
@@ -133,7 +133,7 @@ def test_bodies_that_are_told_as_one_are_one_box():
     assert both.bodies[0].box.edges != box_of(both.bodies[0].inertial).edges
 
 
-def test_what_cannot_move_feels_nothing_and_says_nothing():
+def test_fixed_bodies_have_no_fluid_force_and_no_fields():
     world = world_of({"a": {**SLAB, "fixed": True}}, {"density": 1})
     assert world.bodies[0].box is None
     assert "physics.fluid" not in [need.feature.value for need in simspec.support.negotiation.needs(world)]
@@ -159,7 +159,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_means_nothing_is_refused(name):
+def test_meaningless_values_are_rejected(name):
     fluid, message = WRONG[name]
     with pytest.raises(SpecError, match=message):
         world_of({"a": SLAB}, fluid)
@@ -205,7 +205,7 @@ def has(engine, world):
     return True
 
 
-def test_a_kinematic_body_moves_as_it_is_told_in_a_fluid():
+def test_a_kinematic_body_in_a_fluid_follows_its_motion():
     """The fluid's force of some 1e3 N on a box of 2.4 m moved it by 5e-5 m in nine steps, in every engine."""
     drum = {
         "mass": 1,

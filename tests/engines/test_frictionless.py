@@ -61,7 +61,7 @@ def test_which_worlds_are_without_friction():
     assert not frictionless(nothing_meets)
 
 
-def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
+def test_other_bodies_than_free_balls_keep_the_ordinary_defaults():
     moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
     oblong = dataclasses.replace(moving.shapes[0], kind="box", size=(0.2, 0.1, 0.1))
     changed = {
@@ -74,7 +74,7 @@ def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
         assert (frictionless(world), only_free_spheres(world)) == (True, False), name
 
 
-def test_what_only_shows_and_what_is_fixed_may_be_of_any_shape():
+def test_visual_and_fixed_shapes_may_be_of_any_kind():
     moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
     label = dataclasses.replace(moving.shapes[0], name="label", kind="box", size=(0.1, 0.1, 0.1), collision=False)
     marked = dataclasses.replace(moving, shapes=(*moving.shapes, label))
@@ -99,7 +99,7 @@ def test_balls_without_friction_have_the_faster_settings(engine):
 
 
 @pytest.mark.parametrize("engine", SLICK)
-def test_what_a_spec_states_stays(engine):
+def test_settings_stated_in_a_spec_are_kept(engine):
     for name, value in SLICK[engine].items():
         ordinary = written(stating(ROUGH, engine), engine)[name]
         assert ordinary != value

@@ -47,13 +47,13 @@ def moving(mass: float, moment: float, offset: float = 0.0, carried: float | Non
         ("drake", moving(100.0, 2.4e-6, 0.5, kind="hinge"), OFFSET),
     ],
 )
-def test_what_an_engine_would_refuse_or_lose_is_refused_before(engine, world, words):
+def test_inertias_that_an_engine_rejects_or_loses_are_rejected_before(engine, world, words):
     with pytest.raises(UnsupportedError, match=words) as refused:
         compile_world(world, [engine])
     assert "body" in str(refused.value)
 
 
-HELD = {
+ACCEPTED = {
     "mujoco": [moving(1.0, 1e-15), moving(1.2e-15, 1e-3), moving(1.0, 1e-20, carried=1e-3)],
     "drake": [
         moving(1.0, 1e-20),
@@ -67,8 +67,8 @@ HELD = {
 }
 
 
-@pytest.mark.parametrize(("engine", "world"), [(engine, world) for engine, some in HELD.items() for world in some])
-def test_what_is_not_refused_is_held(engine, world, tmp_path):
+@pytest.mark.parametrize(("engine", "world"), [(engine, world) for engine, some in ACCEPTED.items() for world in some])
+def test_accepted_inertias_are_stored(engine, world, tmp_path):
     compile_world(world, [engine])[engine].artifacts.write(tmp_path / "files")
     (answer,) = call(engine, tmp_path / "files", [Operation("read_back", world=world)]).answers
     assert failures(read_back_checks(world, find_engine(engine), answer.read_back)) == []

@@ -127,7 +127,7 @@ def test_worlds_without_margins_keep_their_text(tmp_path):
 
 
 @pytest.mark.parametrize("shape", ["margin: -1 mm", "margin: 1 mm, collision: false", "margin: 1 kg"])
-def test_what_is_no_margin_is_refused(shape, tmp_path):
+def test_invalid_margins_are_rejected(shape, tmp_path):
     path = tmp_path / "felt.yaml"
     path.write_text(SPEC.replace("FRICTION", "0").replace("margin: 2 mm", shape))
     with pytest.raises(SpecError, match="margin"):

@@ -50,7 +50,7 @@ def name(request) -> str:
     return request.param
 
 
-def test_the_difference_between_engines_is_the_declared_one(name, loaded):
+def test_the_difference_between_engines_is_as_declared(name, loaded):
     """A motor follows with kd/kp as time constant; spring and damper with the joint's inertia besides."""
     world = with_targets(native(wheel(INERTIA, 1e-4)), [0.5])
     advance, _ = at_work(loaded(world), world)
@@ -62,7 +62,7 @@ def test_the_difference_between_engines_is_the_declared_one(name, loaded):
     assert found == pytest.approx(spring if declared(name).sags else motor, abs=1e-3)
 
 
-def test_the_joints_own_damping_counts_against_a_motor_at_its_limit(name, loaded):
+def test_joint_damping_counts_against_a_motor_at_its_limit(name, loaded):
     """Terminal speed: limit / damping, with the damping that the engine declares."""
     base = wheel(INERTIA)
     body = dataclasses.replace(base.bodies[0], joint=dataclasses.replace(base.bodies[0].joint, damping=0.1))
@@ -78,7 +78,7 @@ def test_the_joints_own_damping_counts_against_a_motor_at_its_limit(name, loaded
 
 
 @pytest.mark.parametrize("quick", [True, False])
-def test_laws_and_the_engines_own_controllers_work_side_by_side(name, loaded, quick):
+def test_laws_and_native_controllers_work_side_by_side(name, loaded, quick):
     """In two trees: each as if it were alone."""
     both = worlds.world((*chain().bodies, *dataclasses.replace(wheel(INERTIA)).bodies), physics=wheel(INERTIA).physics)
     law = driven(chain()).controllers[0]
@@ -119,7 +119,7 @@ def split_chain(law: str = "computed-torque") -> World:
     return dataclasses.replace(whole, controllers=(first, controller), trajectory=trajectory)
 
 
-def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
+def test_both_kinds_in_a_single_tree_follow_and_are_recorded(name):
     world = worlds.with_options(dataclasses.replace(split_chain(), record=Record(50, ())), name)
     found = run(world, name)
     assert found.failed is None
@@ -247,7 +247,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("key", REFUSED, ids=" ".join)
-def test_what_an_engines_own_controller_cannot_have_is_refused_at_its_place(key):
+def test_unsupported_features_of_native_controllers_are_rejected_at_their_location(key):
     build, text = REFUSED[key]
     accept = ("joint.dry_friction",)
     world = worlds.with_options(build(), key[0], accept=accept, outside=("joint.armature",))

@@ -80,7 +80,7 @@ def probes_agree(name: str, world: World, folder: Path) -> bool:
     return bool(figures) and all(figure.passed and not figure.deviation for figure in figures)
 
 
-def laws_are_held(name: str, world: World, folder: Path) -> bool:
+def laws_are_stored(name: str, world: World, folder: Path) -> bool:
     engine = load(name, world, folder)
     try:
         back = engine.read_back()
@@ -93,7 +93,7 @@ def laws_are_held(name: str, world: World, folder: Path) -> bool:
     return {law.hardness.kind for law in meeting_laws(world).values()} <= there
 
 
-def own_controller_drives(name: str, world: World, folder: Path) -> bool:
+def native_controller_drives(name: str, world: World, folder: Path) -> bool:
     control = Control(world, reference(world))
     engine = load(name, world, folder)
     native, at = control.native, control.native_places
@@ -117,8 +117,8 @@ def constraint_is_kept(name: str, world: World, folder: Path) -> bool:
 
 ATTEMPTS: Mapping[Attempt, Callable[[str, World, Path], bool]] = {
     Attempt.CONTACT_PROBES: probes_agree,
-    Attempt.READ_BACK: laws_are_held,
-    Attempt.OWN_CONTROLLER: own_controller_drives,
+    Attempt.READ_BACK: laws_are_stored,
+    Attempt.OWN_CONTROLLER: native_controller_drives,
     Attempt.CONSTRAINED_MOTION: constraint_is_kept,
 }
 """Whether a feature works, in a world that needs it, compiled as if it were declared exact."""
@@ -133,7 +133,7 @@ def works(name: str, feature: Feature, attempt: Attempt, folder: Path, monkeypat
 
 
 @pytest.mark.parametrize(("name", "feature", "attempt"), NOT_YET, ids=str)
-def test_what_is_not_built_yet_does_not_work(name, feature, attempt, tmp_path, monkeypatch):
+def test_features_declared_not_yet_do_not_work(name, feature, attempt, tmp_path, monkeypatch):
     assert not works(name, feature, attempt, tmp_path, monkeypatch), f"{feature} works: declare it"
 
 

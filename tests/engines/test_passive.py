@@ -69,7 +69,7 @@ def test_armature_is_in_the_mass_matrix_and_the_acceleration():
     np.testing.assert_allclose(Oracle(armed).acceleration(q, v, np.zeros(6)), expected, rtol=1e-10, atol=1e-12)
 
 
-def test_what_is_not_said_keeps_its_text():
+def test_omitted_fields_leave_the_text_unchanged():
     text = canonical_json(world_of({"a": FREE}))
     assert not [word for word in ("gravity_scale", "angular_damping", "angular_armature") if word in text]
 
@@ -92,7 +92,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_means_nothing_is_refused(name):
+def test_meaningless_values_are_rejected(name):
     bodies, message = WRONG[name]
     with pytest.raises(SpecError, match=message):
         world_of(bodies)
@@ -121,7 +121,7 @@ def test_mujoco_has_no_more_than_the_weight():
 
 
 @pytest.mark.parametrize("word", ["damping", "armature"])
-def test_mujoco_has_one_number_for_translation_and_rotation(word):
+def test_mujoco_has_a_common_value_for_translation_and_rotation(word):
     (body,) = world_of(free()).bodies
     joint = dataclasses.replace(body.joint, **{word: 0.1, f"angular_{word}": 0.2})
     world = dataclasses.replace(world_of(free()), bodies=(dataclasses.replace(body, joint=joint),))

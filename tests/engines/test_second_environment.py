@@ -56,7 +56,7 @@ def test_another_version_in_another_environment_holds_the_same_model(python, tmp
 
 
 @pytest.mark.slow
-def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatch):
+def test_two_versions_and_another_engine_in_a_single_run(python, tmp_path, monkeypatch):
     """Each is an engine with a label: a certificate and a run of its own, and every pair in the table of differences."""
     monkeypatch.chdir(tmp_path)
     requested = ["--engine", "mujoco", "--engine", f"mujoco@3.8={python}", "--engine", "dart"]
@@ -76,7 +76,7 @@ def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatc
 
 
 @pytest.mark.slow
-def test_a_label_s_version_is_held_against_what_is_at_work(python, tmp_path):
+def test_the_version_of_a_label_is_compared_with_the_installed_version(python, tmp_path):
     write_folder(compile_world(worlds.every_joint(), ["mujoco"])["mujoco"].files, tmp_path / "artifacts")
     with pytest.raises(EngineError, match=rf"mujoco@3\.80: is version {OTHER_VERSION}, not 3\.80"):
         call("mujoco@3.80", tmp_path / "artifacts", [Operation("read_back")], python=python)

@@ -63,7 +63,7 @@ def test_wrong_values_are_located_errors_before_anything_is_written(engine, name
 
 
 @pytest.mark.parametrize("engine", engines())
-def test_all_wrong_settings_are_told_at_once(engine):
+def test_all_wrong_settings_are_reported_at_once(engine):
     given = tuple((name, (1,)) for name in find_engine(engine).SETTINGS)
     spheres = worlds.spheres(2)
     bodies = tuple(dataclasses.replace(body, shapes=()) for body in spheres.bodies)  # which no engine refuses
@@ -102,7 +102,7 @@ SAID = {
 }
 
 
-def test_what_needs_another_setting_names_one_and_values_it_can_have():
+def test_a_dependent_setting_names_the_required_setting_and_its_values():
     assert set(IDLE) == SAID
     for engine, name, other, _ in IDLE:
         settings = find_engine(engine).SETTINGS
@@ -112,7 +112,7 @@ def test_what_needs_another_setting_names_one_and_values_it_can_have():
 
 
 @pytest.mark.parametrize(("engine", "name", "other", "value"), IDLE)
-def test_a_setting_that_does_nothing_beside_another_is_a_located_error(engine, name, other, value):
+def test_a_setting_without_effect_under_another_is_a_located_error(engine, name, other, value):
     known = find_engine(engine)
     default, needs = known.SETTINGS[name].default, known.SETTINGS[name].needs
     place = Location("spec.yaml", 7, 3)
@@ -130,7 +130,7 @@ def test_a_setting_that_does_nothing_beside_another_is_a_located_error(engine, n
 
 
 @pytest.mark.parametrize("name", ["friction_cushion", "friction_rate", "friction_share"])
-def test_what_is_said_to_do_nothing_does_nothing(name, monkeypatch):
+def test_settings_declared_without_effect_have_no_effect(name, monkeypatch):
     """Taken for one that acts, it changes nothing but what the sidecar says of it; beside what it needs it changes the file."""
     known = find_engine("mujoco")
     setting = dataclasses.replace(known.SETTINGS[name], needs=None)
@@ -157,7 +157,7 @@ def test_the_command_refuses_it_and_names_it(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_what_does_nothing_by_default_is_no_error_and_is_known():
+def test_defaults_without_effect_are_known_and_no_error():
     settings = {name: setting.default for name, setting in find_engine("mujoco").SETTINGS.items()}
     assert set(idle_settings(find_engine("mujoco"), settings)) == {"sleep_tolerance"}
     assert {"friction_rate", "friction_share", "friction_cushion"} <= set(
@@ -175,7 +175,7 @@ def test_every_setting_says_what_it_acts_on_and_its_finer_value_is_allowed(engin
 
 
 @pytest.mark.parametrize("engine", engines())
-def test_what_is_as_fine_already_stays(engine):
+def test_settings_that_are_fine_enough_are_kept(engine):
     kind = find_engine(engine)
     defaults = {name: setting.default for name, setting in kind.SETTINGS.items()}
     finer = finer_settings(kind, defaults)

@@ -65,7 +65,7 @@ def test_a_new_state_wakes(asleep):
     np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-12)
 
 
-def test_free_rigid_bodies_are_told_from_others():
+def test_free_rigid_bodies_are_distinguished_from_others():
     world = worlds.world(
         worlds.tree(["free", "fixed"], 1, prefix="rigid-")
         + worlds.tree(["free", "hinge"], 2, prefix="jointed-")

@@ -36,7 +36,7 @@ def speeds(push: float):
     return run.arrays["v"][-1]
 
 
-def test_what_is_pushed_further_slides_against_the_friction():
+def test_a_push_beyond_the_friction_slides():
     """M a = τ − w f sign(L̇) = (3 − 0.4, 0 + 0.8)."""
     assert speeds(3.0) == pytest.approx([0.5 * 2.6 / 0.1, 0.5 * 0.8 / 0.1], rel=1e-6)
 
@@ -48,7 +48,7 @@ def test_below_the_friction_the_sum_stays():
     assert left == pytest.approx(0.5 * 0.24 / 0.1, rel=1e-4)
 
 
-def test_a_sum_with_friction_alone_is_one():
+def test_a_sum_with_friction_alone_is_valid():
     (joint_sum,) = world_of(0.1, dry_friction=0.2).sums
     assert (joint_sum.dry_friction, joint_sum.stiffness, joint_sum.damping) == (0.2, 0.0, 0.0)
     with pytest.raises(SpecError, match="nothing acts along this sum"):

@@ -103,7 +103,7 @@ def test_older_releases_refuse_them_by_name(tmp_path):
         "surface_velocity: {linear: [1, 0, 0]}, collision: false",
     ],
 )
-def test_what_is_no_velocity_is_refused(belt, tmp_path):
+def test_invalid_surface_velocities_are_rejected(belt, tmp_path):
     with pytest.raises(SpecError, match="surface_velocity"):
         carried(tmp_path, belt)
 

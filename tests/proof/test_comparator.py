@@ -79,7 +79,7 @@ def full_world() -> World:
     return worlds.world(bodies, "full", contact=contact)
 
 
-def held(world: World) -> ReadBack:
+def read_back_of(world: World) -> ReadBack:
     """A perfect read-back: the world, with numbers on its shapes instead of materials."""
     plan = contact_plan(world, RULES, True)
 
@@ -130,7 +130,7 @@ def with_shape(found: ReadBack, body: str, shape: str, /, **changes) -> ReadBack
 
 
 WORLD = full_world()
-HELD = held(WORLD)
+READ_BACK = read_back_of(WORLD)
 HINGE, FIXED, SLIDE, BALL = "link1", "link2", "link3", "link4"
 
 
@@ -145,88 +145,88 @@ def moved(values, index=0, by=MISS):
 
 def _inertial_cases():
     for name in (b.name for b in WORLD.bodies if b.name != "floor"):
-        inertial = body_of(HELD, name).inertial
+        inertial = body_of(READ_BACK, name).inertial
         scale = sum(inertial.inertia[:3])
-        yield f"{name} mass", "L1", "mass", with_inertial(HELD, name, mass=inertial.mass * (1 + MISS))
+        yield f"{name} mass", "L1", "mass", with_inertial(READ_BACK, name, mass=inertial.mass * (1 + MISS))
         for i in range(3):
-            found = with_inertial(HELD, name, centre_of_mass=moved(inertial.centre_of_mass, i))
+            found = with_inertial(READ_BACK, name, centre_of_mass=moved(inertial.centre_of_mass, i))
             yield f"{name} centre {i}", "L1", "centre of mass", found
         for i in range(6):
-            found = with_inertial(HELD, name, inertia=moved(inertial.inertia, i, MISS * scale))
+            found = with_inertial(READ_BACK, name, inertia=moved(inertial.inertia, i, MISS * scale))
             yield f"{name} inertia {i}", "L1", "inertia tensor", found
         for i in (3, 4, 5):
             mirrored = tuple(-x if at == i else x for at, x in enumerate(inertial.inertia))
-            yield f"{name} product {i} sign", "L1", "inertia tensor", with_inertial(HELD, name, inertia=mirrored)
+            yield f"{name} product {i} sign", "L1", "inertia tensor", with_inertial(READ_BACK, name, inertia=mirrored)
 
 
 def _joint_cases():
     for name in (HINGE, FIXED, SLIDE, BALL, "floor"):
-        joint = body_of(HELD, name).joint
+        joint = body_of(READ_BACK, name).joint
         for i in range(3):
             origin = dataclasses.replace(joint.origin, position=moved(joint.origin.position, i))
-            yield f"{name} origin {i}", "L2", "origin, position", with_joint(HELD, name, origin=origin)
+            yield f"{name} origin {i}", "L2", "origin, position", with_joint(READ_BACK, name, origin=origin)
         origin = dataclasses.replace(joint.origin, quaternion=turned(joint.origin.quaternion))
-        yield f"{name} origin turned", "L2", "origin, orientation", with_joint(HELD, name, origin=origin)
+        yield f"{name} origin turned", "L2", "origin, orientation", with_joint(READ_BACK, name, origin=origin)
         other = "slide" if joint.kind == "hinge" else "hinge"
-        yield f"{name} kind", "L2", "joint type", with_joint(HELD, name, kind=other)
-        yield f"{name} parent", "L2", "parent", with_joint(HELD, name, parent="seat")
+        yield f"{name} kind", "L2", "joint type", with_joint(READ_BACK, name, kind=other)
+        yield f"{name} parent", "L2", "parent", with_joint(READ_BACK, name, parent="seat")
     numbers = ("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest")
     for name in (HINGE, SLIDE):
-        joint = body_of(HELD, name).joint
+        joint = body_of(READ_BACK, name).joint
         for field in (*numbers, "velocity_limit", "effort_limit"):
             value = getattr(joint, field)
             assert value, f"{name} has no {field} to change"
             label = field.replace("_", " ")
-            yield f"{name} {field}", "L2", label, with_joint(HELD, name, **{field: value * (1 + MISS)})
+            yield f"{name} {field}", "L2", label, with_joint(READ_BACK, name, **{field: value * (1 + MISS)})
             gone = 0.0 if field in numbers else None
-            yield f"{name} {field} gone", "L2", label, with_joint(HELD, name, **{field: gone})
+            yield f"{name} {field} gone", "L2", label, with_joint(READ_BACK, name, **{field: gone})
         lower, upper = joint.position_limits
         for label, limits in (
             ("lower", (lower * (1 + MISS), upper)),
             ("upper", (lower, upper * (1 + MISS))),
             ("gone", None),
         ):
-            found = with_joint(HELD, name, position_limits=limits)
+            found = with_joint(READ_BACK, name, position_limits=limits)
             yield f"{name} limits {label}", "L2", "position limits", found
-        yield f"{name} axis", "L2", "axis", with_joint(HELD, name, axis=moved(joint.axis, 1))
-        yield f"{name} axis flipped", "L2", "axis", with_joint(HELD, name, axis=tuple(-x for x in joint.axis))
-        yield f"{name} position", "L2", "initial position", with_joint(HELD, name, position=moved(joint.position))
+        yield f"{name} axis", "L2", "axis", with_joint(READ_BACK, name, axis=moved(joint.axis, 1))
+        yield f"{name} axis flipped", "L2", "axis", with_joint(READ_BACK, name, axis=tuple(-x for x in joint.axis))
+        yield f"{name} position", "L2", "initial position", with_joint(READ_BACK, name, position=moved(joint.position))
         yield (
             f"{name} velocity",
             "L2",
             "initial velocity",
-            with_joint(HELD, name, velocity=moved(joint.velocity, 0, 1e-7)),
+            with_joint(READ_BACK, name, velocity=moved(joint.velocity, 0, 1e-7)),
         )
-        yield f"{name} name", "L2", "joint name", with_joint(HELD, name, name="other")
-    ball = body_of(HELD, BALL).joint
+        yield f"{name} name", "L2", "joint name", with_joint(READ_BACK, name, name="other")
+    ball = body_of(READ_BACK, BALL).joint
     for field in ("damping", "spring_stiffness"):
-        found = with_joint(HELD, BALL, **{field: getattr(ball, field) * (1 + MISS)})
+        found = with_joint(READ_BACK, BALL, **{field: getattr(ball, field) * (1 + MISS)})
         yield f"ball {field}", "L2", field.replace("_", " "), found
     for field in ("dry_friction", "armature", "spring_rest"):
-        yield f"ball {field} appears", "L2", field.replace("_", " "), with_joint(HELD, BALL, **{field: 1e-9})
-    yield "ball position", "L2", "initial position", with_joint(HELD, BALL, position=turned(ball.position))
-    free = body_of(HELD, "link0").joint
-    yield "free position", "L2", "initial position", with_joint(HELD, "link0", position=moved(free.position, 2))
+        yield f"ball {field} appears", "L2", field.replace("_", " "), with_joint(READ_BACK, BALL, **{field: 1e-9})
+    yield "ball position", "L2", "initial position", with_joint(READ_BACK, BALL, position=turned(ball.position))
+    free = body_of(READ_BACK, "link0").joint
+    yield "free position", "L2", "initial position", with_joint(READ_BACK, "link0", position=moved(free.position, 2))
     pose = (*free.position[:3], *turned(free.position[3:]))
-    yield "free orientation", "L2", "initial position", with_joint(HELD, "link0", position=pose)
+    yield "free orientation", "L2", "initial position", with_joint(READ_BACK, "link0", position=pose)
     for i in range(6):
-        found = with_joint(HELD, "link0", velocity=moved(free.velocity, i, 1e-7))
+        found = with_joint(READ_BACK, "link0", velocity=moved(free.velocity, i, 1e-7))
         yield f"free velocity {i}", "L2", "initial velocity", found
     for i in range(3):
-        found = with_joint(HELD, BALL, velocity=moved(ball.velocity, i, 1e-7))
+        found = with_joint(READ_BACK, BALL, velocity=moved(ball.velocity, i, 1e-7))
         yield f"ball velocity {i}", "L2", "initial velocity", found
-    yield "no position", "L2", "initial position", with_joint(HELD, HINGE, position=())
-    yield "free is fixed", "L2", "joint type", with_joint(HELD, "link0", kind="fixed")
+    yield "no position", "L2", "initial position", with_joint(READ_BACK, HINGE, position=())
+    yield "free is fixed", "L2", "joint type", with_joint(READ_BACK, "link0", kind="fixed")
 
 
 def _shape_cases():
-    for shape in body_of(HELD, "link0").shapes:
+    for shape in body_of(READ_BACK, "link0").shapes:
         for i in range(len(shape.size)):
-            found = with_shape(HELD, "link0", shape.name, size=moved(shape.size, i))
+            found = with_shape(READ_BACK, "link0", shape.name, size=moved(shape.size, i))
             yield f"{shape.name} size {i}", "L4", "shape hull" if shape.kind == "mesh" else "shape size", found
         for i in range(3):
             pose = dataclasses.replace(shape.pose, position=moved(shape.pose.position, i))
-            found = with_shape(HELD, "link0", shape.name, pose=pose)
+            found = with_shape(READ_BACK, "link0", shape.name, pose=pose)
             yield f"{shape.name} position {i}", "L4", "shape position", found
         if shape.kind == "mesh":
             for label, changes in (
@@ -235,69 +235,69 @@ def _shape_cases():
                 ("no solid", {"size": shape.size[:9]}),
                 ("rounded", {"rounding": MISS}),
             ):
-                yield f"{shape.name} {label}", "L4", "shape hull", with_shape(HELD, "link0", shape.name, **changes)
+                yield f"{shape.name} {label}", "L4", "shape hull", with_shape(READ_BACK, "link0", shape.name, **changes)
         if shape.kind != "sphere":
             pose = dataclasses.replace(shape.pose, quaternion=turned(shape.pose.quaternion))
-            found = with_shape(HELD, "link0", shape.name, pose=pose)
+            found = with_shape(READ_BACK, "link0", shape.name, pose=pose)
             yield f"{shape.name} turned", "L4", "shape orientation", found
         other = "cylinder" if shape.kind == "capsule" else "capsule"
-        changed = with_shape(HELD, "link0", shape.name, kind=other, size=(0.05, 0.2))
+        changed = with_shape(READ_BACK, "link0", shape.name, kind=other, size=(0.05, 0.2))
         yield f"{shape.name} kind", "L4", "shape type", changed
-        changed = with_shape(HELD, "link0", shape.name, collision=not shape.collision, surfaces=())
+        changed = with_shape(READ_BACK, "link0", shape.name, collision=not shape.collision, surfaces=())
         yield f"{shape.name} collision", "L4", "shape type", changed
-        rest = tuple(entry for entry in body_of(HELD, "link0").shapes if entry.name != shape.name)
-        yield f"{shape.name} missing", "L4", "shape type", with_body(HELD, "link0", shapes=rest)
+        rest = tuple(entry for entry in body_of(READ_BACK, "link0").shapes if entry.name != shape.name)
+        yield f"{shape.name} missing", "L4", "shape type", with_body(READ_BACK, "link0", shapes=rest)
         if shape.collision:
-            unseen = with_shape(HELD, "link0", shape.name, visual=False)
+            unseen = with_shape(READ_BACK, "link0", shape.name, visual=False)
             yield f"{shape.name} unseen", "L4", "visible", unseen
             for quantity in SURFACE_FIELDS[:-1]:
                 # the rule is min: the floor's numbers are as small, and any shape below them shows
-                lower = with_surface(HELD, "link0", shape.name, **{quantity: 0.001})
+                lower = with_surface(READ_BACK, "link0", shape.name, **{quantity: 0.001})
                 yield f"{shape.name} {quantity}", "L4", quantity.replace("_", " "), lower
-                none = with_surface(HELD, "link0", shape.name, **{quantity: None})
+                none = with_surface(READ_BACK, "link0", shape.name, **{quantity: None})
                 yield f"{shape.name} {quantity} none", "L4", quantity.replace("_", " "), none
             for hardness in (None, Hardness("native"), Hardness("stiffness", stiffness=1e4)):
-                found = with_surface(HELD, "link0", shape.name, hardness=hardness)
+                found = with_surface(READ_BACK, "link0", shape.name, hardness=hardness)
                 yield f"{shape.name} hardness {hardness}", "L4", "hardness", found
-            no_surface = with_shape(HELD, "link0", shape.name, surfaces=())
+            no_surface = with_shape(READ_BACK, "link0", shape.name, surfaces=())
             yield f"{shape.name} without surface", "L4", "copies of a shape", no_surface
-    extra = (*body_of(HELD, HINGE).shapes, Shape("extra", "sphere", (0.1,), surfaces=(Surface(0.8),)))
-    yield "one shape more", "L4", "shape type", with_body(HELD, HINGE, shapes=extra)
-    plane = body_of(HELD, "floor").shapes[0].pose
+    extra = (*body_of(READ_BACK, HINGE).shapes, Shape("extra", "sphere", (0.1,), surfaces=(Surface(0.8),)))
+    yield "one shape more", "L4", "shape type", with_body(READ_BACK, HINGE, shapes=extra)
+    plane = body_of(READ_BACK, "floor").shapes[0].pose
     for quantity in SURFACE_FIELDS[:-1]:
-        value = getattr(body_of(HELD, "floor").shapes[0].surfaces[0], quantity)
-        found = with_surface(HELD, "floor", "floor_0", **{quantity: value * (1 - MISS)})
+        value = getattr(body_of(READ_BACK, "floor").shapes[0].surfaces[0], quantity)
+        found = with_surface(READ_BACK, "floor", "floor_0", **{quantity: value * (1 - MISS)})
         yield f"floor {quantity}", "L4", quantity.replace("_", " "), found
     up = frames.rotate(plane.quaternion, (0.0, 0.0, MISS))
     raised = dataclasses.replace(plane, position=frames.add(plane.position, up))
-    yield "plane raised", "L4", "shape position", with_shape(HELD, "floor", "floor_0", pose=raised)
+    yield "plane raised", "L4", "shape position", with_shape(READ_BACK, "floor", "floor_0", pose=raised)
     tilted = dataclasses.replace(plane, quaternion=turned(plane.quaternion))
-    yield "plane tilted", "L4", "shape orientation", with_shape(HELD, "floor", "floor_0", pose=tilted)
+    yield "plane tilted", "L4", "shape orientation", with_shape(READ_BACK, "floor", "floor_0", pose=tilted)
     over = frames.multiply(plane.quaternion, (0.0, 1.0, 0.0, 0.0))
-    found = with_shape(HELD, "floor", "floor_0", pose=dataclasses.replace(plane, quaternion=over))
+    found = with_shape(READ_BACK, "floor", "floor_0", pose=dataclasses.replace(plane, quaternion=over))
     yield "plane upside down", "L4", "shape orientation", found
 
 
 def _world_cases():
     for i in range(3):
-        gravity = moved(HELD.gravity, i, 1e-7)
-        yield f"gravity {i}", "L4", "gravity", dataclasses.replace(HELD, gravity=gravity)
-    yield "timestep", "L4", "timestep", dataclasses.replace(HELD, timestep=HELD.timestep * (1 + MISS))
-    yield "cone", "L4", "friction cone", dataclasses.replace(HELD, friction_cone="pyramid-inscribed")
-    yield "group", "L4", "collision group", with_body(HELD, HINGE, collision_group="other")
-    yield "body missing", "L1", "bodies", dataclasses.replace(HELD, bodies=HELD.bodies[:-1])
-    more = (*HELD.bodies, dataclasses.replace(HELD.bodies[-1], name="more"))
-    yield "body more", "L1", "bodies", dataclasses.replace(HELD, bodies=more)
-    yield "body twice", "L1", "bodies", dataclasses.replace(HELD, bodies=(*HELD.bodies, HELD.bodies[-1]))
-    yield "not a number", "L1", "mass", with_inertial(HELD, HINGE, mass=math.nan)
-    yield "infinite", "L2", "damping", with_joint(HELD, HINGE, damping=math.inf)
+        gravity = moved(READ_BACK.gravity, i, 1e-7)
+        yield f"gravity {i}", "L4", "gravity", dataclasses.replace(READ_BACK, gravity=gravity)
+    yield "timestep", "L4", "timestep", dataclasses.replace(READ_BACK, timestep=READ_BACK.timestep * (1 + MISS))
+    yield "cone", "L4", "friction cone", dataclasses.replace(READ_BACK, friction_cone="pyramid-inscribed")
+    yield "group", "L4", "collision group", with_body(READ_BACK, HINGE, collision_group="other")
+    yield "body missing", "L1", "bodies", dataclasses.replace(READ_BACK, bodies=READ_BACK.bodies[:-1])
+    more = (*READ_BACK.bodies, dataclasses.replace(READ_BACK.bodies[-1], name="more"))
+    yield "body more", "L1", "bodies", dataclasses.replace(READ_BACK, bodies=more)
+    yield "body twice", "L1", "bodies", dataclasses.replace(READ_BACK, bodies=(*READ_BACK.bodies, READ_BACK.bodies[-1]))
+    yield "not a number", "L1", "mass", with_inertial(READ_BACK, HINGE, mass=math.nan)
+    yield "infinite", "L2", "damping", with_joint(READ_BACK, HINGE, damping=math.inf)
 
 
 CASES = [*_inertial_cases(), *_joint_cases(), *_shape_cases(), *_world_cases()]
 
 
 def test_a_perfect_read_back_passes():
-    checks = compare(WORLD, HELD, RULES, True)
+    checks = compare(WORLD, READ_BACK, RULES, True)
     assert [check for check in checks if not check.passed] == []
     assert {check.level for check in checks} == {"L1", "L2", "L4"}
     assert all(check.worst <= 1e-15 for check in checks)  # quaternions are multiplied
@@ -384,27 +384,31 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
         kind, field = path.split(".")
         changes = {field: (0.1, 0.2, 0.3, 1.0) if field == "colour" else "other"}
         found = (
-            with_body(HELD, "link0", **changes) if kind == "Body" else with_shape(HELD, "link0", "shape_box", **changes)
+            with_body(READ_BACK, "link0", **changes)
+            if kind == "Body"
+            else with_shape(READ_BACK, "link0", "shape_box", **changes)
         )
         assert failures(WORLD, found) == []
 
 
 def test_a_material_that_a_file_names_is_the_shapes():
     (shape,) = (shape for shape in body_of(WORLD, "link0").shapes if shape.name == "shape_box")
-    assert failures(WORLD, with_shape(HELD, "link0", "shape_box", material=shape.material)) == []
-    wrong = failures(WORLD, with_shape(HELD, "link0", "shape_box", material="other"))
+    assert failures(WORLD, with_shape(READ_BACK, "link0", "shape_box", material=shape.material)) == []
+    wrong = failures(WORLD, with_shape(READ_BACK, "link0", "shape_box", material="other"))
     assert [entry[:2] for entry in wrong] == [("L4", "material")]
 
 
 def test_a_margin_that_the_world_has_not_is_noticed():
-    assert [entry[1] for entry in failures(WORLD, with_shape(HELD, "link0", "shape_box", margin=1e-6))] == ["margin"]
+    assert [entry[1] for entry in failures(WORLD, with_shape(READ_BACK, "link0", "shape_box", margin=1e-6))] == [
+        "margin"
+    ]
 
 
 def test_text_is_held_to_twelve_digits():
-    found = with_inertial(HELD, HINGE, mass=body_of(HELD, HINGE).inertial.mass * (1 + 1e-11))
+    found = with_inertial(READ_BACK, HINGE, mass=body_of(READ_BACK, HINGE).inertial.mass * (1 + 1e-11))
     assert failures(WORLD, found) == []
     assert [entry[:2] for entry in failures(WORLD, found, text=True)] == [("L0", "mass")]
-    assert {check.level for check in compare(WORLD, HELD, RULES, True, text=True)} == {"L0"}
+    assert {check.level for check in compare(WORLD, READ_BACK, RULES, True, text=True)} == {"L0"}
 
 
 def negative(q):
@@ -414,34 +418,34 @@ def negative(q):
 def _same_cases():
     """What says the same in other words."""
     for name in (HINGE, FIXED, BALL):
-        origin = body_of(HELD, name).joint.origin
+        origin = body_of(READ_BACK, name).joint.origin
         other = dataclasses.replace(origin, quaternion=negative(origin.quaternion))
-        yield f"{name} origin's sign", with_joint(HELD, name, origin=other)
-    position = body_of(HELD, BALL).joint.position
-    yield "ball's sign", with_joint(HELD, BALL, position=negative(position))
-    free = body_of(HELD, "link0").joint
-    yield "free's sign", with_joint(HELD, "link0", position=(*free.position[:3], *negative(free.position[3:])))
-    yield "free's origin", with_joint(HELD, "link0", origin=Pose((1.0, 2.0, 3.0)))
+        yield f"{name} origin's sign", with_joint(READ_BACK, name, origin=other)
+    position = body_of(READ_BACK, BALL).joint.position
+    yield "ball's sign", with_joint(READ_BACK, BALL, position=negative(position))
+    free = body_of(READ_BACK, "link0").joint
+    yield "free's sign", with_joint(READ_BACK, "link0", position=(*free.position[:3], *negative(free.position[3:])))
+    yield "free's origin", with_joint(READ_BACK, "link0", origin=Pose((1.0, 2.0, 3.0)))
     about_z = frames.from_axis_angle((0.0, 0.0, 1.0), 1.1)
     over = frames.from_axis_angle((1.0, 0.0, 0.0), math.pi)
-    tilt = body_of(HELD, "link0").shapes[0].pose
+    tilt = body_of(READ_BACK, "link0").shapes[0].pose
     sphere = dataclasses.replace(tilt, quaternion=frames.multiply(tilt.quaternion, (0.5, 0.5, 0.5, 0.5)))
-    yield "sphere turned", with_shape(HELD, "link0", "shape_sphere", pose=sphere)
+    yield "sphere turned", with_shape(READ_BACK, "link0", "shape_sphere", pose=sphere)
     for kind in ("cylinder", "capsule"):
         for label, turn in (("about its axis", about_z), ("end over end", over)):
             pose = dataclasses.replace(tilt, quaternion=frames.multiply(tilt.quaternion, turn))
-            yield f"{kind} {label}", with_shape(HELD, "link0", f"shape_{kind}", pose=pose)
+            yield f"{kind} {label}", with_shape(READ_BACK, "link0", f"shape_{kind}", pose=pose)
     along = frames.add(tilt.position, frames.rotate(tilt.quaternion, (2.0, -3.0, 0.0)))
     plane = Pose(along, frames.multiply(tilt.quaternion, about_z))
-    yield "plane shifted in itself", with_shape(HELD, "floor", "floor_0", pose=plane)
-    shapes = body_of(HELD, "link0").shapes
+    yield "plane shifted in itself", with_shape(READ_BACK, "floor", "floor_0", pose=plane)
+    shapes = body_of(READ_BACK, "link0").shapes
     size = worlds.SIZES["mesh"]
-    yield "mesh's corners in another order", with_shape(HELD, "link0", "shape_mesh", size=(*size[3:], *size[:3]))
+    yield "mesh's corners in another order", with_shape(READ_BACK, "link0", "shape_mesh", size=(*size[3:], *size[:3]))
     inner = (*size, 0.0, 0.0, 0.0)
-    yield "mesh with a point inside", with_shape(HELD, "link0", "shape_mesh", size=inner)
-    yield "mesh rounded", with_shape(HELD, "link0", "shape_mesh", size=inset(size, 0.001), rounding=0.001)
-    yield "shapes in another order", with_body(HELD, "link0", shapes=shapes[::-1])
-    yield "bodies in another order", dataclasses.replace(HELD, bodies=HELD.bodies[::-1])
+    yield "mesh with a point inside", with_shape(READ_BACK, "link0", "shape_mesh", size=inner)
+    yield "mesh rounded", with_shape(READ_BACK, "link0", "shape_mesh", size=inset(size, 0.001), rounding=0.001)
+    yield "shapes in another order", with_body(READ_BACK, "link0", shapes=shapes[::-1])
+    yield "bodies in another order", dataclasses.replace(READ_BACK, bodies=READ_BACK.bodies[::-1])
 
 
 SAME = list(_same_cases())
@@ -453,21 +457,21 @@ def test_what_means_the_same_passes(found):
 
 
 UNREADABLE = {
-    "joint.velocity_limit": lambda: with_joint(HELD, HINGE, velocity_limit=None),
-    "joint.damping": lambda: with_joint(HELD, HINGE, damping=0.0),
-    "joint.position_limits": lambda: with_joint(HELD, HINGE, position_limits=None),
-    "joint.position": lambda: with_joint(HELD, HINGE, position=()),
-    "joint.velocity": lambda: with_joint(HELD, HINGE, velocity=()),
-    "joint.name": lambda: with_joint(HELD, HINGE, name=""),
-    "gravity": lambda: dataclasses.replace(HELD, gravity=(0.0, 0.0, 0.0)),
-    "timestep": lambda: dataclasses.replace(HELD, timestep=0.0),
-    "friction_cone": lambda: dataclasses.replace(HELD, friction_cone="pyramid-inscribed"),
-    "collision_group": lambda: with_body(HELD, HINGE, collision_group=""),
+    "joint.velocity_limit": lambda: with_joint(READ_BACK, HINGE, velocity_limit=None),
+    "joint.damping": lambda: with_joint(READ_BACK, HINGE, damping=0.0),
+    "joint.position_limits": lambda: with_joint(READ_BACK, HINGE, position_limits=None),
+    "joint.position": lambda: with_joint(READ_BACK, HINGE, position=()),
+    "joint.velocity": lambda: with_joint(READ_BACK, HINGE, velocity=()),
+    "joint.name": lambda: with_joint(READ_BACK, HINGE, name=""),
+    "gravity": lambda: dataclasses.replace(READ_BACK, gravity=(0.0, 0.0, 0.0)),
+    "timestep": lambda: dataclasses.replace(READ_BACK, timestep=0.0),
+    "friction_cone": lambda: dataclasses.replace(READ_BACK, friction_cone="pyramid-inscribed"),
+    "collision_group": lambda: with_body(READ_BACK, HINGE, collision_group=""),
     **{
-        f"shape.{name}": lambda name=name: with_surface(HELD, "floor", "floor_0", **{name: None})
+        f"shape.{name}": lambda name=name: with_surface(READ_BACK, "floor", "floor_0", **{name: None})
         for name in SURFACE_FIELDS
     },
-    "shape.visual": lambda: with_shape(HELD, "link0", "shape_box", visual=False),
+    "shape.visual": lambda: with_shape(READ_BACK, "link0", "shape_box", visual=False),
 }
 
 
@@ -490,7 +494,7 @@ def test_pairs_are_combined_by_the_engines_own_rule():
         )
         return dataclasses.replace(body, shapes=shapes)
 
-    found = dataclasses.replace(HELD, bodies=tuple(map(with_numbers, HELD.bodies)))
+    found = dataclasses.replace(READ_BACK, bodies=tuple(map(with_numbers, READ_BACK.bodies)))
     assert failures(WORLD, found) == []
     for rule in ("max", "product"):
         wrong = [c for c in compare(WORLD, found, dataclasses.replace(RULES, friction=rule), True) if not c.passed]
@@ -522,7 +526,7 @@ def table_world() -> World:
 
 def test_copies_are_compared_layer_by_layer():
     world = table_world()
-    found = held(world)
+    found = read_back_of(world)
     layers = len(body_of(found, "b0").shapes[0].surfaces)
     assert layers == 2
     assert failures(world, found) == []
@@ -590,7 +594,7 @@ def test_an_explicit_pair_of_what_does_not_collide_is_noticed():
 
 
 def test_a_failure_says_where_and_what():
-    found = with_joint(HELD, HINGE, damping=0.4)
+    found = with_joint(READ_BACK, HINGE, damping=0.4)
     (check,) = (c for c in compare(WORLD, found, RULES, True) if not c.passed)
     assert check.where == f"bodies.{HINGE}.joint.damping"
     assert check.worst == pytest.approx(0.25)
@@ -598,7 +602,7 @@ def test_a_failure_says_where_and_what():
 
 
 def test_what_cannot_move_and_has_no_mass_needs_no_inertia():
-    found = with_inertial(HELD, "floor", mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    found = with_inertial(READ_BACK, "floor", mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     assert failures(WORLD, found) == []
 
 
@@ -607,9 +611,9 @@ def test_a_small_inertia_is_compared_in_its_own_scale():
     small = Inertial(1e-3, (0.0, 0.0, 0.0), (1e-9, 2e-9, 1.5e-9, 0.0, 0.0, 0.0))
     bodies = (dataclasses.replace(WORLD.bodies[0], inertial=small, shapes=()),)
     world = worlds.world(bodies, "small")
-    found = with_inertial(held(world), "link0", inertia=(1e-9, 2e-9 * (1 + 1e-6), 1.5e-9, 0.0, 0.0, 0.0))
+    found = with_inertial(read_back_of(world), "link0", inertia=(1e-9, 2e-9 * (1 + 1e-6), 1.5e-9, 0.0, 0.0, 0.0))
     assert [entry[1] for entry in failures(world, found)] == ["inertia tensor"]
-    shifted = with_inertial(held(world), "link0", centre_of_mass=(0.0, 0.0, 1e-9))
+    shifted = with_inertial(read_back_of(world), "link0", centre_of_mass=(0.0, 0.0, 1e-9))
     assert [entry[1] for entry in failures(world, shifted)] == ["centre of mass"]
 
 

@@ -83,7 +83,7 @@ class Stub:
         return self._read
 
 
-def told(monkeypatch, world, engine, folder, change):
+def stored_after(monkeypatch, world, engine, folder, change):
     """What is held when the files say what ``change`` makes of their read-back."""
     kind = find_engine(engine)
     files = written(world, engine, folder)
@@ -119,7 +119,9 @@ def test_one_wrong_shape_does_not_hide_behind_the_others(engine, body, tmp_path,
     world = worlds.spheres(4)
     names = [body.name for body in world.bodies if body.joint.kind == "free"]
     wrong = names[0] if body == "sphere_0" else names[-1]
-    found = told(monkeypatch, world, engine, tmp_path / engine, lambda read: with_surface(read, wrong, friction=3.0))
+    found = stored_after(
+        monkeypatch, world, engine, tmp_path / engine, lambda read: with_surface(read, wrong, friction=3.0)
+    )
     material = next(body for body in world.bodies if body.name == wrong).shapes[0].material
     assert {surface.friction for (name, _), surface in found.plan.numbers.items() if name == material} == {3.0}
 
@@ -131,7 +133,7 @@ def test_numbers_that_are_none_are_refused_by_name(engine, quantity, value, tmp_
     world = worlds.spheres(2)
     moving = next(body for body in world.bodies if body.joint.kind == "free")
     with pytest.raises(UnsupportedError) as caught:
-        told(
+        stored_after(
             monkeypatch,
             world,
             engine,
@@ -152,7 +154,7 @@ def test_numbers_that_are_none_are_refused_by_name(engine, quantity, value, tmp_
 def test_a_world_that_cannot_be_is_refused_by_name(change, words, tmp_path, monkeypatch):
     engine = ENGINES[0]
     with pytest.raises(UnsupportedError, match=words):
-        told(
+        stored_after(
             monkeypatch,
             worlds.spheres(2),
             engine,
@@ -163,7 +165,7 @@ def test_a_world_that_cannot_be_is_refused_by_name(change, words, tmp_path, monk
 
 def test_the_timestep_of_the_files_counts(tmp_path, monkeypatch):
     engine = ENGINES[0]
-    found = told(
+    found = stored_after(
         monkeypatch,
         worlds.spheres(2),
         engine,
@@ -184,7 +186,7 @@ def test_an_explicit_pair_that_is_missing_is_not_put_back(tmp_path, monkeypatch)
         mixed = [pair for pair in read.pairs if {material[pair.first], material[pair.second]} == {"ice", "rubber"}]
         return dataclasses.replace(read, pairs=tuple(pair for pair in read.pairs if pair != mixed[-1]))
 
-    found = told(monkeypatch, world, "mujoco", tmp_path / "one less", drop)
+    found = stored_after(monkeypatch, world, "mujoco", tmp_path / "one less", drop)
     assert set(whole.plan.explicit) - set(found.plan.explicit) == {("ice", "rubber")}
 
 

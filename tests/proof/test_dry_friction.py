@@ -32,7 +32,7 @@ ENGINES = sorted(
 ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
 
-def rubbing(seed: int = 5, timestep: float = 0.001) -> World:
+def arm_with_friction(seed: int = 5, timestep: float = 0.001) -> World:
     """A base that rubs, a damped and sprung hinge, a slide that rubs within limits, a ball, and a loose arm that rubs."""
     first = worlds.tree(["fixed", "hinge", "hinge", "slide", "ball"], seed)
     changes = {
@@ -78,7 +78,7 @@ def stick_and_slip(world: World, plan: forces.DryFriction, friction: np.ndarray)
 
 @pytest.fixture(scope="module")
 def probe():
-    world = rubbing()
+    world = arm_with_friction()
     plan = forces.plan_friction(world, Oracle(world))
     friction = np.zeros((Oracle(world).nv, 2))
     friction[plan.places] = np.array([[0.4], [5.0], [0.02], [0.02]])
@@ -141,7 +141,7 @@ def test_a_world_without_dry_friction_has_no_trials():
 
 @pytest.mark.parametrize("timestep", [0.001, 0.008])
 def test_engines_rub_as_they_should(timestep):
-    certificate = verify(rubbing(timestep=timestep), ENGINES)
+    certificate = verify(arm_with_friction(timestep=timestep), ENGINES)
     for name, proof in certificate.engines.items():
         assert proof.valid, (name, certificate.failures())
         assert {check.name for check in proof.level("L6")} == {"motion", SLIDING_CHECK, REST_CHECK}
@@ -235,7 +235,7 @@ DEFECTS = {
 @pytest.mark.parametrize(("engine", "defect"), [(engine, name) for engine, some in DEFECTS.items() for name in some])
 def test_what_only_motion_shows_is_seen_beside_dry_friction(engine, defect, tmp_path):
     """Each of these went unseen while worlds with dry friction had no L6."""
-    world = rubbing()
+    world = arm_with_friction()
     file, change = DEFECTS[engine][defect]
     files = dict(compile_world(world, [engine])[engine].files)
     before = files[file]

@@ -37,7 +37,7 @@ def single(value):
     return float(np.float32(value)) if isinstance(value, float) else value
 
 
-def held(world: World) -> ReadBack:
+def read_back_of(world: World) -> ReadBack:
     laws = tuple(law for law in world.contact.pairs if law.collide)
     bodies = tuple(
         dataclasses.replace(
@@ -67,7 +67,7 @@ def rougher(law: PairContact) -> PairContact:
 
 
 def test_what_is_rounded_is_held_and_what_is_wrong_is_not():
-    sound = held(WORLD)
+    sound = read_back_of(WORLD)
     rounded = single(sound)
     assert rounded != sound
     assert failed(WORLD, rounded) == set()

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not in
 
 @pytest.mark.parametrize("detector", ["dart", "ode", "bullet", "fcl"])
 @pytest.mark.parametrize("parents_touch", [False, True])
-def test_what_touches_is_what_may_touch(parents_touch, detector, load_dart):
+def test_only_permitted_pairs_touch(parents_touch, detector, load_dart):
     world, wanted = crowd_and_contacts(parents_touch)
     engine = load_dart(worlds.with_options(world, "dart", settings=(("collision_detector", detector),)))
     assert engine.detect_contacts().tolist() == wanted
@@ -151,7 +151,7 @@ def test_slow_impacts_do_not_bounce_as_declared(load_dart):
         ("pyramid-circumscribed", "nsgs", 45, math.sqrt(2.0)),
     ],
 )
-def test_friction_has_the_asked_cone(cone, solver, degrees, factor, load_dart):
+def test_friction_has_the_requested_cone(cone, solver, degrees, factor, load_dart):
     turn = math.radians(degrees)
     velocity = (2.0 * math.cos(turn), 2.0 * math.sin(turn), 0.0)
     world = scene(("box", (0.4, 0.4, 0.04)), (0.0, 0.0, 0.02), velocity, 0.5, cone=cone)
@@ -170,7 +170,7 @@ def test_a_circumscribed_pyramid_loads(load_dart):
     assert engine.read_back().friction_cone == "pyramid-circumscribed"
 
 
-def test_a_new_state_has_no_contacts_of_the_old_one(load_dart):
+def test_a_new_state_has_no_contacts_of_the_previous_state(load_dart):
     engine = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 0.099), (0.0, 0.0, 0.0)))
     engine.step(1)
     assert len(engine.contacts()["distance"]) == 1

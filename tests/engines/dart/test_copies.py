@@ -193,7 +193,7 @@ def test_restitution_of_pairs_that_no_product_gives(load_dart):
     np.testing.assert_allclose(engine.get_state()[1][2::6] / 2.0, list(ratio.values()), rtol=1e-4)
 
 
-def test_what_passes_falls_through_and_the_rest_stands(load_dart):
+def test_excluded_pairs_fall_through_and_others_stand(load_dart):
     """In the self-test's world the ghost's cube passes through the tile of ice that it is above; ice stands on it."""
     base = surfaces("dart")
     engine = load_dart(dataclasses.replace(base, physics=dataclasses.replace(base.physics, gravity=(0.0, 0.0, -9.81))))
@@ -210,7 +210,7 @@ def test_what_passes_falls_through_and_the_rest_stands(load_dart):
     ("old", "new"),
     [("<size>0.1 0.1 0.1</size>", "<size>0.1 0.1 0.100001</size>"), ("<mass>0</mass>", "<mass>1e-6</mass>")],
 )
-def test_the_read_back_notices_a_copy_that_is_not_one(old, new, load_dart):
+def test_the_read_back_reports_an_inexact_copy(old, new, load_dart):
     def change(files):
         head, tail = files[WORLD].split('<body name="ice_cube.1">')
         assert old in tail

@@ -88,7 +88,7 @@ def test_the_read_back_comes_from_the_file(old, new, load_dart):
     assert failures(world, load_dart(world, change).read_back()) != []
 
 
-def test_what_file_and_sidecar_say_differently_is_refused(load_dart):
+def test_a_sidecar_that_contradicts_the_file_is_rejected(load_dart):
     for old, new, said in (
         ('type="revolute"', 'type="prismatic"', "is a slide joint, the sidecar says hinge"),
         ("<collision_detector>dart<", "<collision_detector>ode<", "holds the collision detector ode"),
@@ -155,7 +155,7 @@ def test_state_goes_in_and_out(name, load_dart):
 
 
 @pytest.mark.parametrize("turn", [0.0, 1e-9, 1e-6, 1e-5, 3e-4, 9.99e-4, 1e-3, 1e-2, 3.1, math.pi])
-def test_any_rotation_is_held_to_the_last_digits(turn, load_dart):
+def test_rotations_are_stored_to_the_last_digits(turn, load_dart):
     """DART turns rotation vectors shorter than 1e-3 by a Taylor form, off by up to 1.7e-10."""
     world = worlds.world(worlds.tree(["free", "ball"], 3))
     engine, oracle = load_dart(world), Oracle(world)

@@ -21,7 +21,7 @@ from tests.planted import SHARED
 dartpy = pytest.importorskip("dartpy")
 
 
-def told(world, *accept, **settings):
+def with_settings(world, *accept, **settings):
     given = world.options("dart")
     accepted = tuple(sorted({*given.accept, *accept}))
     given = dataclasses.replace(given, settings=tuple(sorted(settings.items())), accept=accepted)
@@ -39,10 +39,10 @@ SETTINGS = {
 }
 SOUND = {
     **{name: lambda make=make: make("dart") for name, make in SHARED.items() if name not in ("rolling", "ground")},
-    "settings": lambda: told(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
-    "dantzig": lambda: told(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
-    "fcl": lambda: told(WORLDS["bouncing"]("dart"), collision_detector="fcl"),
-    "never": lambda: told(WORLDS["ball joint"]("dart"), exact_rotation="never"),
+    "settings": lambda: with_settings(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
+    "dantzig": lambda: with_settings(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
+    "fcl": lambda: with_settings(WORLDS["bouncing"]("dart"), collision_detector="fcl"),
+    "never": lambda: with_settings(WORLDS["ball joint"]("dart"), exact_rotation="never"),
 }
 
 
@@ -71,7 +71,7 @@ def test_every_setting_is_tried():
     assert all(Dart.SETTINGS[name].default != value for name, value in SETTINGS.items())
 
 
-def test_what_dart_cannot_have_is_refused():
+def test_features_that_dart_lacks_are_rejected():
     with pytest.raises(UnsupportedError, match="torsional_friction"):
         compile_world(WORLDS["rolling"]("dart"), ["dart"])
 
@@ -131,7 +131,7 @@ BESIDES = {
 
 
 @pytest.mark.parametrize("name", BESIDES)
-def test_whatever_the_engine_is_told_besides_shows(name, load):
+def test_additional_calls_to_the_engine_are_found(name, load):
     world = WORLDS["model"]("dart")
     engine = load(world)
     BESIDES[name](engine._simulation)
@@ -300,7 +300,7 @@ FIELDS = {
 }
 """The fields of plain options, all of them in the inventory."""
 
-NOT_TOLD = (
+NOT_REPORTED = (
     "the pairs of its collision filter, which DART does not report: the inventory holds those that simspec set",
     "the numbers of the secondary solver (PgsBoxedLcpSolver), which it uses when Dantzig's or NSGS fails",
     "of a shape the second friction coefficient, slip compliances and the direction of friction, which .skel cannot set",

@@ -8,7 +8,7 @@ from tests import worlds
 FREE = (1.0, 0.0, 0.0, 0.0)
 
 
-def told(world, **settings):
+def with_settings(world, **settings):
     """``world`` with settings for Drake, and its approximations accepted."""
     accept = (
         *("contact.cone.elliptic", *worlds.FRICTION, "joint.limits.position"),

@@ -25,7 +25,7 @@ from simspec.world import frames
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Pose, Shape
 from tests import worlds
-from tests.engines.drake.scenes import boxes, told
+from tests.engines.drake.scenes import boxes, with_settings
 from tests.planted import SHARED
 
 SAP_FACES = {"contact_approximation": "sap", "hydroelastic_faces": True}
@@ -58,7 +58,7 @@ def test_the_inventory_of_a_plane_among_other_shapes(load):
     world = boxes(1, floor="plane")
     stone = Shape("floor_1", "box", (0.1, 0.1, 0.1), Pose((1.0, 0.0, 0.0)), "a")
     floor = dataclasses.replace(world.bodies[0], shapes=(*world.bodies[0].shapes, stone))
-    world = told(dataclasses.replace(world, bodies=(floor, world.bodies[1])))
+    world = with_settings(dataclasses.replace(world, bodies=(floor, world.bodies[1])))
     back = load(world).read_back()
     (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
@@ -71,8 +71,8 @@ def test_the_inventory_of_a_plane_among_other_shapes(load):
         {"contact_approximation": "tamsi", "dissipation": 50.0, "stiction_tolerance": 1e-5},
     ],
 )
-def test_settings_are_held(load, settings):
-    world = told(boxes(2), **settings)
+def test_settings_are_stored(load, settings):
+    world = with_settings(boxes(2), **settings)
     back = load(world).read_back()
     (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
@@ -87,7 +87,7 @@ def test_settings_are_held(load, settings):
         ("rolling", "material.friction.rolling"),
     ],
 )
-def test_what_drake_does_not_have_is_refused_by_name(name, feature):
+def test_features_that_drake_lacks_are_rejected_by_name(name, feature):
     with pytest.raises(UnsupportedError, match=feature):
         compile_world(WORLDS[name]("drake"), ["drake"])
 
@@ -113,7 +113,7 @@ def test_a_file_that_says_such_a_thing_is_refused_by_its_place(load, place, valu
         content[place[-1]] = value
 
     with pytest.raises((EngineError, ValueError), match=word):
-        load(told(boxes(1)), change)
+        load(with_settings(boxes(1)), change)
 
 
 def test_planes_are_of_bodies_that_cannot_move_and_few(load):
@@ -122,12 +122,12 @@ def test_planes_are_of_bodies_that_cannot_move_and_few(load):
     plane = Shape("b0_1", "plane", (), Pose(), "a")
     body = dataclasses.replace(moving.bodies[1], shapes=(*moving.bodies[1].shapes, plane))
     with pytest.raises(UnsupportedError, match="half spaces on moving bodies"):
-        compile_world(told(dataclasses.replace(moving, bodies=(moving.bodies[0], body))), ["drake"])
+        compile_world(with_settings(dataclasses.replace(moving, bodies=(moving.bodies[0], body))), ["drake"])
     many = tuple(Shape(f"floor_{index}", "plane", (), Pose(), "a") for index in range(MOST_PLANES + 1))
     floor = dataclasses.replace(moving.bodies[0], shapes=many)
     with pytest.raises(UnsupportedError, match="many half spaces"):
-        compile_world(told(dataclasses.replace(moving, bodies=(floor, moving.bodies[1]))), ["drake"])
-    engine = load(told(boxes(40, tower=False, kind="sphere", floor="plane"), contact_approximation="sap"))
+        compile_world(with_settings(dataclasses.replace(moving, bodies=(floor, moving.bodies[1]))), ["drake"])
+    engine = load(with_settings(boxes(40, tower=False, kind="sphere", floor="plane"), contact_approximation="sap"))
     engine.step(2)
     assert len(engine.detect_contacts()) == 40
 
@@ -139,7 +139,7 @@ def test_where_tamsi_finds_no_solution_the_error_names_what_does(load, solver, h
     def unsolved(context):
         raise RuntimeError("MultibodyPlant's discrete update solver failed to converge at simulation time = 0")
 
-    engine = load(told(boxes(2), contact_approximation=solver))
+    engine = load(with_settings(boxes(2), contact_approximation=solver))
     engine._simulation.plant = SimpleNamespace(EvalUniquePeriodicDiscreteUpdate=unsolved)
     with pytest.raises(EngineError, match="a step failed") as caught:
         engine.step(1)
@@ -203,7 +203,7 @@ def test_boxes_are_exact_by_pressure(settings, timestep):
     compile_world(several(2, timestep, accept=accept, **settings), ["drake"])
 
 
-def test_one_box_on_a_floor_is_exact():
+def test_a_single_box_on_a_floor_is_exact():
     compile_world(several(1, 0.001), ["drake"])
 
 
@@ -215,7 +215,7 @@ def several(count, timestep, accept=(), **settings):
 
 @pytest.mark.parametrize("world", [worlds.every_joint, lambda: worlds.limits_and_armature(armature=0.05)])
 def test_the_mass_matrix_of_many_trees_is_that_of_drake(load, monkeypatch, world):
-    engine = load(told(world()))
+    engine = load(with_settings(world()))
     whole = engine.mass_matrix()
     monkeypatch.setattr("simspec.engines.drake.simulation.WHOLE", 0)
     np.testing.assert_allclose(engine.mass_matrix(), whole, rtol=0, atol=1e-12 * np.abs(whole).max())
@@ -224,7 +224,7 @@ def test_the_mass_matrix_of_many_trees_is_that_of_drake(load, monkeypatch, world
 @pytest.mark.parametrize("approximation", ["sap", "tamsi"])
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_faces_stand_on_faces(load, kind, approximation):
-    engine = load(told(boxes(3, kind=kind), contact_approximation=approximation))
+    engine = load(with_settings(boxes(3, kind=kind), contact_approximation=approximation))
     start = engine.body_states()[0]
     engine.step(500)
     place = engine.body_states()[0]
@@ -237,7 +237,7 @@ def test_faces_stand_on_faces(load, kind, approximation):
 
 @pytest.mark.parametrize("kind", ["cylinder", "capsule"])
 @pytest.mark.parametrize("turn", [0.0, 0.2])
-def test_what_lies_on_a_line_rolls_on_it(load, kind, turn):
+def test_a_body_in_line_contact_rolls(load, kind, turn):
     """With one point of contact it would sink to one side, and balls on the rims alone would make a polygon of it."""
     world = boxes(1, kind="cylinder")
     lying = frames.multiply(
@@ -246,7 +246,7 @@ def test_what_lies_on_a_line_rolls_on_it(load, kind, turn):
     body = world.bodies[1]
     joint = dataclasses.replace(body.joint, position=(0.0, 0.0, 0.05, *lying), velocity=(0.25, 0.0, 0.0, 0.0, 5.0, 0.0))
     body = dataclasses.replace(body, joint=joint, shapes=(Shape("b0_0", kind, (0.05, 0.2), material="a"),))
-    engine = load(told(dataclasses.replace(world, bodies=(world.bodies[0], body))))
+    engine = load(with_settings(dataclasses.replace(world, bodies=(world.bodies[0], body))))
     engine.step(1000)
     place = engine.body_states()[0][1]
     np.testing.assert_allclose(place[:3], (0.25, 0.0, 0.05), atol=1e-4)
@@ -255,7 +255,7 @@ def test_what_lies_on_a_line_rolls_on_it(load, kind, turn):
 def test_looking_at_contacts_changes_nothing(load):
     ends = []
     for look in (False, True):
-        engine = load(told(boxes(3, friction=0.3)))
+        engine = load(with_settings(boxes(3, friction=0.3)))
         for _ in range(20):
             engine.step(3)
             if look:

@@ -18,7 +18,7 @@ from simspec.proof.contact import run, size
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped
 from simspec.world.types import Shape
-from tests.engines.drake.scenes import boxes, told
+from tests.engines.drake.scenes import boxes, with_settings
 
 pytest.importorskip("pydrake")
 from pydrake import geometry
@@ -34,7 +34,7 @@ def load(load_files):
 
 
 def pressed(world, solver="tamsi", **settings):
-    return told(world, contact_approximation=solver, hydroelastic_faces=True, **settings)
+    return with_settings(world, contact_approximation=solver, hydroelastic_faces=True, **settings)
 
 
 def check_of(world, engine):
@@ -64,7 +64,7 @@ def test_boxes_stand_by_pressure_as_deep_as_their_modulus_says(load, solver, flo
 
 def test_normals_are_as_those_of_points(load):
     normals = []
-    for world in (told(boxes(1), contact_approximation="tamsi"), pressed(boxes(1))):
+    for world in (with_settings(boxes(1), contact_approximation="tamsi"), pressed(boxes(1))):
         engine = load(world)
         engine.step(5)
         contacts = engine.contacts()
@@ -81,7 +81,7 @@ def test_other_shapes_touch_boxes_at_points_all_the_same(load, kind):
     top = dataclasses.replace(world.bodies[2], shapes=(Shape("b1_0", "box", (0.1, 0.1, 0.1), material="a"),))
     world = dataclasses.replace(world, bodies=(*world.bodies[:2], top))
     ends = []
-    for requested in (told(world, contact_approximation="tamsi"), pressed(world)):
+    for requested in (with_settings(world, contact_approximation="tamsi"), pressed(world)):
         engine = load(requested)
         engine.step(100)
         ends.append(engine.get_state())
@@ -120,9 +120,9 @@ def test_another_number_of_hydroelastic_contact_shows(name, load):
     assert not check_of(world, engine).passed
 
 
-def test_the_choice_that_is_held_is_noticed_and_one_of_half_is_refused(load_files):
+def test_a_changed_choice_is_found_and_a_half_choice_is_rejected(load_files):
     """Files with the other choice, or the switch without the modulus."""
-    corners, pressure = told(boxes(1), contact_approximation="tamsi"), pressed(boxes(1))
+    corners, pressure = with_settings(boxes(1), contact_approximation="tamsi"), pressed(boxes(1))
     for world, other in ((corners, pressure), (pressure, corners)):
         assert not check_of(world, load_files(Drake, compile_world(other, ["drake"])["drake"].files)).passed
     files = dict(compile_world(pressure, ["drake"])["drake"].files)
@@ -145,7 +145,7 @@ def test_sap_with_friction_is_supported_at_small_timesteps_alone():
 
 
 def test_tamsi_holds_a_tower_at_4_ms_that_fails_on_corners(load):
-    engine = load(told(boxes(6, 0.004), contact_approximation="tamsi"))
+    engine = load(with_settings(boxes(6, 0.004), contact_approximation="tamsi"))
     with pytest.raises(EngineError, match="failed to converge"):
         engine.step(125)
     engine = load(pressed(boxes(6, 0.004)))

@@ -91,7 +91,7 @@ BESIDES = {
 
 
 @pytest.mark.parametrize("name", BESIDES)
-def test_whatever_the_engine_is_told_besides_shows(name, load):
+def test_additional_calls_to_the_engine_are_found(name, load):
     world = WORLDS["model"]("drake")
     engine = load(world)
     assert failures(world, engine) == []
@@ -259,12 +259,12 @@ def test_no_getter_is_left_unnamed(name):
     assert installed - set(named) == set(), "what becomes of it?"
 
 
-def test_every_class_is_asked():
+def test_every_class_is_queried():
     assert set(CLASSES) == set(GETTERS)
 
 
 @pytest.mark.parametrize("end", [(0.002, 0.0, 0.0), (4e-4, 4.9e-10, -3e-9), (0.0, 0.0, 2e-12)])
-def test_what_a_rotation_leaves_of_nothing_is_nothing(end, load):
+def test_zeros_remain_zero_after_a_rotation(end, load):
     """Ends of capsules beside the origin, whose y and z are 0, or next to it, but for the round-off of a sum."""
     base = worlds.shapes_world(("capsule",))
     turns = [frames.from_rpy(0.3 * index, 0.2 + index, 0.7 * index) for index in range(6)]

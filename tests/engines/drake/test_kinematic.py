@@ -21,7 +21,7 @@ bodies:
 FINGER = "  finger: {parent: palm, mass: 0.1, inertia: {principal: [1, 1, 1]}, joint: {type: hinge, axis: [1, 0, 0]}}\n"
 
 
-def test_what_carries_joints_is_solved_by_sap(tmp_path):
+def test_kinematic_bodies_with_joints_require_sap(tmp_path):
     for name, text, solver in (("bare", SPEC, "tamsi"), ("hand", SPEC + FINGER, "sap")):
         (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
         assert approximation(simspec.load(tmp_path / f"{name}.yaml").resolve()) == solver

@@ -128,6 +128,6 @@ def test_only_driven_joints_are_driven(load_files):
     ],
     ids=["tamsi", "no effort"],
 )
-def test_what_drakes_controllers_do_not_support_is_refused_by_name(world, reason):
+def test_features_that_drakes_controllers_lack_are_rejected_by_name(world, reason):
     with pytest.raises(UnsupportedError, match=reason):
         compile_world(world, ["drake"])

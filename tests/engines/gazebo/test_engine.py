@@ -34,7 +34,7 @@ REFUSED = ("rolling", "ground")
 DT = 0.001
 
 
-def told(world):
+def accepting_gazebo(world):
     """The world with Gazebo's approximations accepted."""
     return accepting(world, "gazebo")
 
@@ -44,7 +44,7 @@ def load(load_files):
     """A function that compiles and loads a world, with its files changed on the way."""
 
     def of(world, change=lambda content, sidecar: None):
-        files = dict(compile_world(told(world), ["gazebo"])["gazebo"].files)
+        files = dict(compile_world(accepting_gazebo(world), ["gazebo"])["gazebo"].files)
         content, sidecar = json.loads(files[WORLD]), json.loads(files[SIDECAR])
         change(content, sidecar)
         return load_files(Gazebo, files | {WORLD: json_text(content), SIDECAR: json_text(sidecar)})
@@ -63,7 +63,7 @@ def joint_world(**fields):
 @installed
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
 def test_the_inventory_is_what_the_world_demands(name, load):
-    world = told(WORLDS[name]("gazebo"))
+    world = accepting_gazebo(WORLDS[name]("gazebo"))
     back = load(world).read_back()
     (check,) = inventory_checks(Gazebo.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
@@ -72,7 +72,7 @@ def test_the_inventory_is_what_the_world_demands(name, load):
 
 def test_the_text_has_no_turned_inertia_and_no_joint_that_becomes_a_weld(tmp_path):
     """gz-physics turns an <inertial> twice, and makes welds of ``continuous`` joints and gearboxes (measured)."""
-    world = told(worlds.every_joint())
+    world = accepting_gazebo(worlds.every_joint())
     files = compile_world(world, ["gazebo"])["gazebo"].files
     text = Plan(Walk.of(WorldJson().read(write(files, tmp_path)))).text
     assert "continuous" not in text
@@ -163,7 +163,7 @@ def test_restitution_above_1_is_stored_where_the_law_of_a_pair_needs_it(load):
 
 @installed
 def test_a_mass_of_what_cannot_move_is_seen(load):
-    world = told(boxes(1))
+    world = accepting_gazebo(boxes(1))
     engine = load(world, lambda content, sidecar: content["bodies"][0].update(mass=0.01))
     (check,) = inventory_checks(Gazebo.expected_inventory(world, {}), engine.read_back().inventory)
     assert "floor.mass" in check.detail or "mass" in check.where
@@ -171,7 +171,7 @@ def test_a_mass_of_what_cannot_move_is_seen(load):
 
 @installed
 def test_a_restitution_whose_product_with_every_other_is_zero_is_seen(load):
-    world = told(boxes(1))
+    world = accepting_gazebo(boxes(1))
     engine = load(
         world, lambda content, sidecar: content["bodies"][0]["shapes"][0]["copies"][0].update(restitution=0.01)
     )
@@ -234,7 +234,7 @@ def test_features_that_gazebo_lacks_are_refused_when_loaded(change, said, load):
 
 
 def test_an_inertia_that_sdf_refuses_is_not_proper(tmp_path):
-    files = compile_world(told(worlds.every_joint()), ["gazebo"])["gazebo"].files
+    files = compile_world(accepting_gazebo(worlds.every_joint()), ["gazebo"])["gazebo"].files
     body = WorldJson().read(write(files, tmp_path)).bodies[0]
     proper_single = dataclasses.replace(body, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     assert proper(proper_single)

@@ -28,7 +28,7 @@ def begin():
     return work
 
 
-def test_operations_share_a_process_until_one_ends_it(tmp_path):
+def test_operations_share_a_process_until_an_operation_ends_it(tmp_path):
     (tmp_path / "attempt.5.json").write_text("of before")
     entries = list(attempt(begin, OPERATIONS, tmp_path, 100))
     assert [entry.get("result", {}).get("refused") for entry, _ in entries] == [
@@ -42,7 +42,7 @@ def test_operations_share_a_process_until_one_ends_it(tmp_path):
     assert [entry["op"] for entry, _ in entries] == [operation["op"] for operation in OPERATIONS]
 
 
-def test_what_ends_a_process_that_was_at_other_artifacts_is_tried_in_one_of_its_own(tmp_path):
+def test_an_operation_that_ends_a_used_process_is_retried_in_a_new_process(tmp_path):
     """What came before it may have ended it: then it is done, and what follows shares its process."""
     operations = [{"op": str(place), "artifacts": str(place)} for place in range(4)]
 

@@ -52,7 +52,7 @@ def scene():
 
 
 @pytest.fixture(autouse=True)
-def _own_temporary_folder(tmp_path, monkeypatch):
+def _separate_temporary_folder(tmp_path, monkeypatch):
     """What hostile engines put in the place of their folders is not left in everybody's."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
@@ -96,7 +96,7 @@ def answering(place: Path, answer: Path, more: str = "") -> str:
 # --- ways to spoil an answer; each gets the folder with the good one ----------------------------------------------------
 
 
-def told(change):
+def spoiled_result(change):
     """Spoil result.json by ``change`` of what it says."""
 
     def spoil(answer: Path) -> None:
@@ -119,7 +119,7 @@ def text(content: str | bytes):
 
 def entry(change):
     """Spoil what is said of the run."""
-    return told(lambda content: change(content["operations"][0]))
+    return spoiled_result(lambda content: change(content["operations"][0]))
 
 
 def result(**values):
@@ -170,22 +170,22 @@ BAD = {
     "null": text("null"),
     "deep": text("[" * 200_000),
     "not UTF-8": text(b'{"schema": "\xff"}'),
-    "another schema": told(lambda content: content.update(schema=1)),
-    "no schema": told(lambda content: content.pop("schema") and None),
-    "schema of a list": told(lambda content: content.update(schema=[2])),
-    "status unknown": told(lambda content: content.update(status="perhaps")),
+    "another schema": spoiled_result(lambda content: content.update(schema=1)),
+    "no schema": spoiled_result(lambda content: content.pop("schema") and None),
+    "schema of a list": spoiled_result(lambda content: content.update(schema=[2])),
+    "status unknown": spoiled_result(lambda content: content.update(status="perhaps")),
     "error of a number": text('{"status": "error", "error": 7, "traceback": "", "schema": 3}'),
     "error without end": text('{"status": "error", "error": "%s", "traceback": "", "schema": 3}' % ("x" * 10_000_000)),
-    "no operations": told(lambda content: content.update(operations=[])),
-    "operations of a word": told(lambda content: content.update(operations="none")),
-    "twice the operations": told(lambda content: content.update(operations=content["operations"] * 2)),
+    "no operations": spoiled_result(lambda content: content.update(operations=[])),
+    "operations of a word": spoiled_result(lambda content: content.update(operations="none")),
+    "twice the operations": spoiled_result(lambda content: content.update(operations=content["operations"] * 2)),
     "another operation": entry(lambda item: item.update(op="motion")),
-    "a list for an entry": told(lambda content: content.update(operations=[[]])),
-    "unknown key": told(lambda content: content.update(more=1)),
-    "version of a list": told(lambda content: content.update(engine_version=[4, 0])),
-    "long version": told(lambda content: content.update(engine_version="9" * 1_000_000)),
-    "version of words": told(lambda content: content.update(engine_version="what it likes")),
-    "version that is not seen": told(lambda content: content.update(engine_version="1.0\u202e")),
+    "a list for an entry": spoiled_result(lambda content: content.update(operations=[[]])),
+    "unknown key": spoiled_result(lambda content: content.update(more=1)),
+    "version of a list": spoiled_result(lambda content: content.update(engine_version=[4, 0])),
+    "long version": spoiled_result(lambda content: content.update(engine_version="9" * 1_000_000)),
+    "version of words": spoiled_result(lambda content: content.update(engine_version="what it likes")),
+    "version that is not seen": spoiled_result(lambda content: content.update(engine_version="1.0\u202e")),
     "log of a word": entry(lambda item: item.update(log="words")),
     "log without end": entry(lambda item: item.update(log=["x"] * 100_000)),
     "NaN seconds": entry(lambda item: item.update(seconds=float("nan"))),
@@ -283,7 +283,7 @@ def after(engine: str) -> str:
     return ENGINES[(ENGINES.index(engine) + 1) % len(ENGINES)]
 
 
-def runs_beside(bad: str, engine: str, good, tmp_path, others: tuple[str, ...]):
+def runs_with_others(bad: str, engine: str, good, tmp_path, others: tuple[str, ...]):
     """The runs of an engine that is spoilt, and of others after it that are not."""
     pythons = {other: answering(tmp_path / other, good[other].answer) for other in others} | {engine: bad}
     artifacts = {engine: good[engine].artifacts for engine in ENGINES}
@@ -291,13 +291,13 @@ def runs_beside(bad: str, engine: str, good, tmp_path, others: tuple[str, ...]):
 
 
 @pytest.mark.parametrize("kind", [None, "garbage", "NaN in a pose"])
-def test_all_engines_but_the_spoilt_one_come_out_whole(kind, good, tmp_path):
+def test_all_engines_except_the_spoilt_engine_have_complete_runs(kind, good, tmp_path):
     spoilt = tmp_path / "answer"
     shutil.copytree(good["dart"].answer, spoilt)
     if kind is not None:
         BAD[kind](spoilt)
     others = tuple(engine for engine in ENGINES if engine != "dart")
-    runs = runs_beside(answering(tmp_path / "bad", spoilt), "dart", good, tmp_path, others)
+    runs = runs_with_others(answering(tmp_path / "bad", spoilt), "dart", good, tmp_path, others)
     assert {engine for engine in ENGINES if runs[engine].failed is None} == {
         *others,
         *(["dart"] if kind is None else []),
@@ -310,7 +310,7 @@ def test_a_bad_answer_is_that_engine_s_failure(engine, kind, good, tmp_path):
     spoilt = tmp_path / "answer"
     shutil.copytree(good[engine].answer, spoilt)
     BAD[kind](spoilt)
-    runs = runs_beside(answering(tmp_path / "bad", spoilt), engine, good, tmp_path, (after(engine),))
+    runs = runs_with_others(answering(tmp_path / "bad", spoilt), engine, good, tmp_path, (after(engine),))
     assert runs[engine].failed
     assert len(runs[engine].failed) < 3000
     assert runs[after(engine)].failed is None
@@ -338,7 +338,7 @@ def test_a_process_that_misbehaves_is_that_engine_s_failure(kind, good, tmp_path
     assert not doing
 
 
-def test_what_an_engine_does_that_takes_long_is_told_on_one_line(good, tmp_path, monkeypatch):
+def test_a_long_operation_is_reported_on_a_single_line(good, tmp_path, monkeypatch):
     """And that it is done."""
     monkeypatch.setattr(process, "LOOK_EVERY", 0.02)
     monkeypatch.setattr(process.keeper, "PATIENCE", 0.1)
@@ -364,9 +364,9 @@ def test_what_an_engine_does_that_takes_long_is_told_on_one_line(good, tmp_path,
     ],
 )
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_is_no_interpreter_is_that_engine_s_failure(engine, name, make, message, good, tmp_path):
+def test_an_invalid_interpreter_is_a_failure_of_that_engine(engine, name, make, message, good, tmp_path):
     make(tmp_path / name)
-    runs = runs_beside(str(tmp_path / name), engine, good, tmp_path, (after(engine),))
+    runs = runs_with_others(str(tmp_path / name), engine, good, tmp_path, (after(engine),))
     assert message in runs[engine].failed
     assert runs[after(engine)].failed is None
 
@@ -432,7 +432,7 @@ def changed(content: Any, path: tuple[Any, ...], change) -> Any:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_the_proof_stands_whatever_an_engine_says_it_holds(engine, tmp_path):
+def test_the_proof_survives_any_read_back(engine, tmp_path):
     """One place of the answer at a time is changed, removed or doubled: it is refused, or it is judged."""
     world = worlds.shapes_world()
     artifacts, folder = tmp_path / "artifacts", tmp_path / "answer"

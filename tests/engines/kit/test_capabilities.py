@@ -45,14 +45,14 @@ def test_every_capability_has_a_meaning_and_methods_of_the_contract():
 
 
 @pytest.mark.parametrize("capability", Capability)
-def test_what_an_engine_lacks_raises_the_declared_reason(capability):
+def test_a_missing_capability_raises_the_declared_reason(capability):
     engine = make(ALL)()
     for method in METHODS[capability]:
         with pytest.raises(EngineError, match=f"falling: does not support {capability}: only falls"):
             getattr(engine, method)(1, 2, 3)
 
 
-def test_what_is_derived_of_it_raises_the_same_reason():
+def test_a_derived_capability_raises_the_same_reason():
     class static(make(ALL)):
         def get_state(self):
             return [0.0], [0.0]
@@ -109,12 +109,12 @@ def test_a_subclass_may_lack_what_its_parent_has_and_give_it_back():
     assert make(without(Capability.ENERGY), unable, energy=lambda self: (3.0, 4.0))().energy() == (3.0, 4.0)
 
 
-def test_a_program_of_its_own_defines_no_methods():
+def test_an_external_program_defines_no_methods():
     engine = make(without(Capability.ENERGY), command=classmethod(lambda cls, folder: [str(Path(folder))]))
     assert Capability.ENERGY not in engine.LACKS
 
 
-def test_what_several_engines_are_built_on_declares_nothing():
+def test_a_shared_base_class_declares_nothing():
     class Common(Engine, abstract=True):
         def energy(self):
             return 5.0, 6.0

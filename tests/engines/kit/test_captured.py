@@ -16,7 +16,7 @@ def put(text: str) -> None:
     ctypes.CDLL(None).puts(text.encode())
 
 
-def test_what_c_prints_is_caught_and_nothing_else_is_lost(capfd):
+def test_output_of_c_is_captured_and_no_other_output_is_lost(capfd):
     put("before")
     lines: list[str] = []
     with captured(sys.stdout, lines, ("build time",)):
@@ -31,7 +31,7 @@ def test_what_c_prints_is_caught_and_nothing_else_is_lost(capfd):
     assert (out, err) == ("before\nafter\n", "an error\n")
 
 
-def test_standard_error_has_its_own(capfd):
+def test_standard_error_is_captured_separately(capfd):
     lines: list[str] = []
     with captured(sys.stderr, lines):
         os.write(2, b"one\ntwo\n")

@@ -78,7 +78,7 @@ def test_a_program_is_run(place):
     assert subprocess.run([made], capture_output=True, check=True).stdout == b"here\n"
 
 
-def test_what_it_is_made_of_is_its_key(place):
+def test_the_inputs_of_a_build_are_its_key(place):
     header = place / "part.h"
     header.write_text("#define BY 2.0\n")
     text = '#include "part.h"\ndouble twice(double x) { return BY * x; }\n'
@@ -122,7 +122,7 @@ def test_a_damaged_library_is_compiled_again(place):
     assert count(place) == 2
 
 
-def test_a_check_loads_in_a_process_of_its_own(place):
+def test_a_check_loads_in_a_separate_process(place):
     """Libraries of two engines in one process may be the end of it."""
     file = of(place).file()
     of(place).check()
@@ -173,7 +173,7 @@ def test_a_missing_compiler_is_named(place, monkeypatch):
     assert "my-cc (the environment variable CC) is not on the path" in str(failure(of(place)))
 
 
-def test_words_that_are_none_are_told(place, monkeypatch):
+def test_invalid_flags_are_reported(place, monkeypatch):
     monkeypatch.setenv("CC", "cc '-DA")
     error = failure(of(place))
     assert error.missing is Missing.COMPILER
@@ -270,7 +270,7 @@ def test_a_compiler_that_does_not_end_is_ended_with_all_that_it_started(place):
         time.sleep(0.01)
 
 
-def test_what_a_killed_process_left_is_removed(place):
+def test_files_of_a_killed_process_are_removed(place):
     folder = of(place).file().parent
     (folder / "tmp-0123456789abcdef").mkdir()
     (folder / "tmp-0123456789abcdef" / "part.o").write_text("half")

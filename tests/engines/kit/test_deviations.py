@@ -86,7 +86,7 @@ def test_a_row_without_a_reason_and_a_reason_without_a_row_are_errors(tmp_path):
         rows(tmp_path, [LOCAL], Reason("rod", "leans"))
 
 
-def test_a_local_row_has_the_reason_of_its_probe_or_a_general_one(tmp_path):
+def test_a_local_row_has_the_reason_of_its_probe_or_a_general_reason(tmp_path):
     everywhere = [",,jam,,,,,,,,,0.1,no", ",,rod,,,,,,,,,0.1,no"]
     local, *_ = rows(tmp_path, [LOCAL, *everywhere], Reason("jam*", "jams"), Reason("rod*", "leans"))
     assert (local.why, local.relative, local.size) == ("leans", False, 0.0125)

@@ -92,13 +92,13 @@ def test_a_program_in_c_is_an_engine(point_mass):
     assert np.allclose(driven.arrays["pose"][:, 0, :3], expected, rtol=1e-12, atol=1e-12)
 
 
-def test_what_it_does_not_know_is_its_failure(point_mass):
+def test_an_unknown_operation_is_a_failure_of_the_program(point_mass):
     world, folder = point_mass
     with pytest.raises(EngineError, match=r"ended with code 3 without a result.*I do not know this operation"):
         call("point-mass", folder, [Operation("read_back", world=world)])
 
 
-def test_its_answers_are_held_against_the_world_like_any_engine_s(point_mass):
+def test_answers_of_the_program_are_compared_with_the_world(point_mass):
     """Two bodies, where it knows of one."""
     world, folder = point_mass
     other = dataclasses.replace(world.bodies[0], name="other", model="other")

@@ -37,7 +37,7 @@ def test_without_interpreters_these_are_the_known_engines():
 
 
 @pytest.mark.parametrize("name", list(engines()))
-def test_versions_stand_beside_their_engine(name):
+def test_versions_are_listed_after_their_engine(name):
     version = engines()[name].version()
     if version is None:
         pytest.skip("this interpreter has no version to find")
@@ -56,7 +56,7 @@ def test_versions_stand_beside_their_engine(name):
     assert f"is version {version}, not 999" in str(rows[2].problem)
 
 
-def test_an_interpreter_of_a_name_stands_in_for_this_one(tmp_path):
+def test_a_named_interpreter_replaces_the_present_interpreter(tmp_path):
     rows = [instance for instance in instances({"dart": program(tmp_path, "exit 3")}) if instance.engine == "dart"]
     assert [(instance.label, instance.version) for instance in rows] == [("dart", None)]
 

@@ -26,7 +26,7 @@ def test_both_sides_have_the_same_names() -> None:
     assert NAMED.read(joint) == NAMED.expect(0.5, neutral={"gap": 3}) == {"d": 0.5, "gap": 3}
 
 
-def test_a_value_that_only_one_side_has_is_a_difference() -> None:
+def test_a_value_missing_on_either_side_is_a_difference() -> None:
     assert ITEMS.read(SimpleNamespace(d=0.5, on=1, limit=2.0)) != ITEMS.expect(0.5)
     assert "gap" not in NAMED.expect(0.5)
 

@@ -253,7 +253,7 @@ def test_a_long_run_says_how_far_it_is(monkeypatch):
 
 
 @pytest.mark.parametrize("threads", [None, "3"])
-def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tmp_path, threads):
+def test_an_engine_has_a_single_thread_by_default(monkeypatch, tmp_path, threads):
     """A threaded BLAS sums in another order from run to run: what an engine's process sees is looked at in that process."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     for name in names:

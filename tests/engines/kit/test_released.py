@@ -47,7 +47,7 @@ def test_each_package_gives_the_versions_that_it_brings(log):
     assert len(log.read_text().splitlines()) == 1
 
 
-def test_what_the_client_says_is_told(log):
+def test_the_message_of_the_client_is_reported(log):
     with pytest.raises(EngineError, match=r"ended with code 1: ERROR: No matching .*--versions"):
         released_versions(find_engine("dart"), "6.0", "7.0")
 

@@ -121,7 +121,7 @@ def test_a_state_is_a_change_and_what_is_lent_may_be_changed(folder):
     assert session.condition is Condition.CHANGED
 
 
-def test_what_has_no_dry_friction_is_not_asked_to_switch_it_off(folder):
+def test_a_world_without_dry_friction_is_not_requested_to_disable_it(folder):
     session = Session(Noting, folder)
     session.disable_dry_friction(np.zeros(0, np.int64))
     assert session.condition is Condition.FRESH
@@ -144,13 +144,13 @@ def test_reset_loads_another_engine_and_closes_the_first(folder):
     assert len(Noting.made) == 3
 
 
-def test_what_cannot_be_loaded_is_closed_and_says_why(folder):
+def test_a_failed_load_is_closed_and_reports_its_reason(folder):
     with pytest.raises(EngineError, match="refusing: refuses it"):
         Session(Refusing, folder)
     assert Noting.made[0].asked == ["close"]
 
 
-def test_an_error_in_the_block_is_the_one_that_is_raised(folder):
+def test_the_error_of_the_block_is_raised(folder):
     class Complaining(Noting):
         def close(self):
             raise ValueError("closing")
@@ -161,7 +161,7 @@ def test_an_error_in_the_block_is_the_one_that_is_raised(folder):
         pass
 
 
-def test_an_unknown_engine_and_missing_artifacts_are_told(folder):
+def test_an_unknown_engine_and_missing_artifacts_are_reported(folder):
     with pytest.raises(EngineError, match="no such engine"):
         Session("bullet9", folder)
     with pytest.raises(FileNotFoundError):
@@ -177,7 +177,7 @@ def test_every_operation_says_what_it_needs():
 
 @pytest.mark.usefixtures("warm_engines")
 @pytest.mark.parametrize("name", JOINTED)
-def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
+def test_queries_share_a_load_and_answer_as_after_a_separate_load(name, tmp_path):
     world = worlds.with_options(
         worlds.gripper(),
         name,

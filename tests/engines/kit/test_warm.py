@@ -86,7 +86,7 @@ def error_of(folder, warm, deadline=30.0) -> str:
 
 
 @pytest.mark.parametrize("name", JOINTED)
-def test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing(name, tmp_path):
+def test_a_forked_process_gives_the_bits_of_a_new_process_and_keeps_nothing(name, tmp_path):
     world = worlds.with_options(worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 3)), name)
     folder = tmp_path / name
     write_folder(compile_world(world, [name])[name].files, folder)
@@ -109,7 +109,7 @@ def test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing(name, tm
 
 
 @pytest.mark.parametrize("what", ["crash", "leave", "refuse"])
-def test_what_becomes_of_a_process_is_told_as_of_a_new_one(stub, what):
+def test_failures_of_a_forked_process_are_reported_as_of_a_new_process(stub, what):
     folder = stub(what)
     with WarmProcesses() as warm:
         new, *forked = [error_of(folder, processes) for processes in (None, warm, warm)]
@@ -117,7 +117,7 @@ def test_what_becomes_of_a_process_is_told_as_of_a_new_one(stub, what):
     assert [error.partition(" in ")[0] for error in forked] == [place, place]
 
 
-def test_a_warm_process_that_was_begun_is_not_waited_for_until_it_is_asked(stub):
+def test_a_started_warm_process_is_awaited_only_on_its_first_request(stub):
     folder = stub("refuse")
     with WarmProcesses() as warm:
         process.begin("stub", None, None)  # without any, nothing happens
@@ -150,7 +150,7 @@ def test_leaving_the_block_ends_a_forked_process(stub):
             raise AssertionError("it is still there")
 
 
-def test_a_warm_process_that_is_gone_is_replaced_by_new_ones(stub):
+def test_a_terminated_warm_process_is_replaced(stub):
     folder = stub("refuse")
     with WarmProcesses() as warm:
         error_of(folder, warm)
@@ -173,7 +173,7 @@ def test_an_engine_that_starts_threads_is_not_forked(stub, monkeypatch):
             running.wait()
 
 
-def test_a_forked_process_may_be_asked_for_from_several_threads(stub):
+def test_several_threads_may_request_forked_processes(stub):
     folder, errors = stub("refuse"), []
     with WarmProcesses() as warm:
         threads = [threading.Thread(target=lambda: errors.append(error_of(folder, warm))) for _ in range(6)]

@@ -41,7 +41,7 @@ def test_those_made_last_stay(folder):
     assert there(folder) == ["wp_3", "wp_4", "wp_5"]
 
 
-def test_what_warp_does_not_make_stays(folder):
+def test_foreign_files_in_the_warp_cache_are_kept(folder):
     (folder / "1.18.0" / "mine").mkdir()
     cache.hold_folder(folder, programs.MADE, 1)
     assert there(folder) == ["wp_5"]
@@ -75,7 +75,7 @@ def test_it_is_used_as_long_as_the_process_lives(folder):
     os.close(lock)
 
 
-def test_a_cache_that_cannot_be_written_is_told_and_not_used(tmp_path, monkeypatch):
+def test_an_unwritable_cache_is_reported_and_not_used(tmp_path, monkeypatch):
     (tmp_path / "simspec").write_text("a file")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     said: list[str] = []

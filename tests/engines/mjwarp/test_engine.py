@@ -48,7 +48,7 @@ def test_the_pyramid_is_refused_where_anything_has_friction():
     )
 
 
-def test_what_weighs_nothing_and_rubs_is_refused_where_its_solver_makes_no_numbers():
+def test_massless_bodies_with_friction_are_rejected_where_the_solver_returns_nan():
     world = WORLDS["weightless"]("mjwarp")
     assert "'root' has no mass and touches with friction" in refused(world)
     smooth = tuple(dataclasses.replace(pair, friction=0.0) for pair in world.contact.pairs)
@@ -76,7 +76,7 @@ def test_torsional_friction_alone_is_refused_where_what_lands_would_be_no_number
         assert "set engines.mjwarp.settings.high_impratio to 1000" in refused(world)
 
 
-def test_what_it_has_functions_for_is_taken():
+def test_shapes_with_collision_functions_are_accepted():
     assert compile_world(accepting(shipped.shapes_world(("sphere", "box", "capsule")), "mjwarp"), ["mjwarp"])
 
 
@@ -99,7 +99,7 @@ def files_of(world, kind) -> dict:
 
 
 @installed
-def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
+def test_the_proof_reads_every_field_of_the_model():
     """Or its own, made of those: lists by which it orders its work."""
     modules = begin([])
     file = modules.mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
@@ -119,7 +119,7 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
 
 
 @installed
-def test_a_number_that_it_holds_otherwise_is_told(load_files):
+def test_a_changed_value_is_reported(load_files):
     """Of a law, too, whose numbers are told as MuJoCo's where these are rounded to what is held."""
     live = load_files(MjWarp, files_of(shipped.hinges(), MjWarp))
     seen = WarpModel(live._taken, live.model, 0)
@@ -194,7 +194,7 @@ def test_a_device_that_is_not_there_is_an_error(load_files):
 
 
 @installed
-def test_what_is_compiled_is_kept_in_the_user_s_cache():
+def test_compiled_kernels_are_kept_in_the_user_s_cache():
     modules = begin([])
     assert f"/simspec/{programs.FOLDER}" in str(modules.warp.config.kernel_cache_dir)
 

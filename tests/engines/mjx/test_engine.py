@@ -37,7 +37,7 @@ def test_shapes_that_it_meets_by_searching_are_refused_by_name():
     assert compile_world(accepting(shipped.shapes_world(("sphere",)), "mjx"), ["mjx"])
 
 
-def test_contacts_with_and_without_friction_are_refused_in_one_world():
+def test_a_world_with_frictional_and_frictionless_contacts_is_rejected():
     table = {("grey", "grey"): 0.5, ("grey", "smooth"): 0.0, ("smooth", "smooth"): 0.0}
     assert "MJX has no contacts without friction, which grey and smooth have" in refused(worlds.table(table))
 
@@ -62,7 +62,7 @@ def test_its_files_are_those_of_the_other_engine_that_reads_them():
 
 
 @installed
-def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
+def test_the_proof_reads_every_field_of_the_model():
     modules = begin()
     file = modules.mujoco.MjModel.from_xml_string("<mujoco/>")
     model = modules.mjx.put_model(file)

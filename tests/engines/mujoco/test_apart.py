@@ -15,7 +15,7 @@ from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose
 from tests import worlds
-from tests.dialects.mujoco.saying import ALL_SHAPES, as_held, differences, emit
+from tests.dialects.mujoco.saying import ALL_SHAPES, as_stored, differences, emit
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -56,7 +56,7 @@ def test_frames_that_are_nearly_the_bodys_are_computed_with_as_they_are(extent, 
             pose = Pose(tuple(poses[number, :3].tolist()), tuple(poses[number, 3:].tolist()))
             place = frames.compose(pose, body.shapes[0].pose).position
             assert np.abs(engine.data.geom_xpos[number] - place).max() < 1e-14
-    assert not differences(as_held(world)[0].inertial, engine.read_back().bodies[0].inertial)
+    assert not differences(as_stored(world)[0].inertial, engine.read_back().bodies[0].inertial)
 
 
 BODY = MjcfBody(
@@ -68,7 +68,7 @@ BODY = MjcfBody(
 )
 
 
-def test_frames_that_are_equal_or_far_apart_are_written_as_they_are():
+def test_equal_and_distant_frames_are_written_unchanged():
     assert apart(BODY) == BODY
     mesh = dataclasses.replace(BODY.geoms[0], type="mesh", position=(1e-8, 0.0, 0.0))
     assert apart(dataclasses.replace(BODY, geoms=(mesh,))).geoms == (mesh,)

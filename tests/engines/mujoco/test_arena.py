@@ -104,7 +104,7 @@ def test_a_given_size_is_taken(tmp_path):
 @pytest.mark.parametrize("arena", [1, 2])
 @pytest.mark.parametrize("advance", ["step", "actuate"])
 @pytest.mark.parametrize("friction", ["native", "coulomb"])
-def test_what_does_not_fit_is_an_error_and_never_a_step_without_contacts(tmp_path, arena, advance, friction):
+def test_an_arena_overflow_is_an_error_and_never_a_step_without_contacts(tmp_path, arena, advance, friction):
     engine = loaded(world_of(tmp_path, [20, 20, 1], friction=friction, arena=arena), tmp_path / "files")
     nothing = np.zeros(0, dtype=np.intp)
     move = (lambda: engine.step(1)) if advance == "step" else engine.actuate(nothing, nothing).step

@@ -155,7 +155,7 @@ def test_on_a_stiffness_each_point_bears_k_times_its_depth(shape, points, mass, 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("mass", [1.0, 10.0])
-def test_on_a_time_constant_a_ball_lies_equally_deep_whatever_its_mass(mass, friction, load):
+def test_the_depth_of_a_ball_on_a_time_constant_is_independent_of_its_mass(mass, friction, load):
     spring = Hardness("time-constant", time_constant=0.02, damping_ratio=0.5)
     engine = load(on_floor(BALL, mass=mass, friction=friction, hardness=spring))
     engine.step(1000)
@@ -206,7 +206,7 @@ def test_friction_on_springs_is_as_good_as_on_a_rigid_floor(kind, load):
     assert start[2] < HEIGHT["box"]
 
 
-def test_native_contact_is_mujocos_own(load):
+def test_native_contact_has_the_defaults_of_mujoco(load):
     """A ball rests where MuJoCo's defaults put it: d k r = (1 − d) g with d = 0.9 and more, k of 20 ms."""
     engine = load(on_floor(BALL, friction=0.5, hardness=Hardness("native")))
     engine.step(2000)
@@ -274,7 +274,7 @@ def rest_allowed(timestep: float) -> float:
 
 
 @pytest.mark.parametrize("timestep", [0.0102, 0.013, 0.016, 0.02, 0.03])
-def test_what_rests_at_long_timesteps_is_as_deep_as_declared(timestep, load):
+def test_resting_bodies_at_long_timesteps_have_the_declared_depth(timestep, load):
     """g dt² (1 − d) / (d β) deep, which passes the 0.1 mm that is promised at 10.1 ms."""
     engine = load(on_floor(BALL, timestep=timestep))
     engine.step(1000)

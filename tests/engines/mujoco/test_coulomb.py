@@ -96,7 +96,7 @@ def landed(engine, drop):
 @pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 @pytest.mark.parametrize(("friction", "along"), [(0.05, 1.0), (0.5, 1.0), (0.3, 5.0), (1.0, 5.0)])
-def test_what_an_impact_takes_along_the_floor(load, friction, along, restitution, cone):
+def test_the_tangential_impulse_of_an_impact_follows_coulomb(load, friction, along, restitution, cone):
     """The examination's drop from 0.4 m: Δv = min(μ (1 + e) v_n, s v), s = 2/7 of a ball and 1 of a flat box."""
     for body, share in (
         (ball("one", (0.0, 0.0, 0.5), (along, 0.0, 0.0)), 2 / 7),
@@ -128,7 +128,7 @@ def test_an_off_centre_hit_of_balls_of_unequal_mass(load):
     assert (velocity[1, :3] - velocity[0, :3]) @ line == pytest.approx(e * speed * math.cos(angle), rel=0.03)
 
 
-def test_one_solve_is_not_enough(load, monkeypatch):
+def test_a_single_solve_is_not_sufficient(load, monkeypatch):
     """The loop is what does it: without it a third of an impact's friction is wrong, and bodies are thrown up or sink."""
     monkeypatch.setattr(mujoco_coulomb, "MOST_FRICTION_SOLVES", 1)
     engine = load(coulomb(scene(box("one", (0.0, 0.0, 0.42), (5.0, 0.0, 0.0)), friction=1.0)))
@@ -193,7 +193,7 @@ def test_pushes_stops_and_creep(load, value):
     assert figure.measured < 1e-7
 
 
-def test_boxes_on_one_another_do_not_sink(load):
+def test_stacked_boxes_do_not_sink(load):
     """0.1 mm in 1 s, where MuJoCo's own friction has them lie 0.9 mm deep on its cushion."""
     engine = load(
         coulomb(scene(*(box(f"box_{i}", (0.0, 0.0, 0.05 + 0.1 * i), size=(0.1, 0.1, 0.1)) for i in range(10))))
@@ -241,7 +241,7 @@ def heap(**settings):
     return coulomb(scene(*bodies, restitution=0.2), **settings)
 
 
-def test_the_same_run_twice_gives_the_same_bits_whatever_is_asked_between(load):
+def test_repeated_runs_give_the_same_bits_with_any_queries_between_steps(load):
     requested, quiet = load(heap()), load(heap())
     begin = requested.get_state()
     rows = []
@@ -302,7 +302,7 @@ def test_files_say_the_mode_and_its_numbers(tmp_path):
     assert json.loads(local["sidecar.json"])["settings"]["friction"] == "native"
 
 
-def test_what_the_engine_holds_is_what_the_mode_asks_for(load):
+def test_the_engine_stores_the_values_of_the_mode(load):
     """Every number of the engine, as part of the proof compares it."""
     body = box("one", (0.0, 0.0, 0.02))
     for world in (scene(body), scene(body, restitution=0.3), scene(body, cone="pyramid-inscribed")):
@@ -314,7 +314,7 @@ def test_what_the_engine_holds_is_what_the_mode_asks_for(load):
             assert [check for check in checks if not check.passed] == []
 
 
-def test_what_did_not_converge_is_counted_and_said(load, monkeypatch):
+def test_unconverged_steps_are_counted_and_reported(load, monkeypatch):
     monkeypatch.setattr(mujoco_coulomb, "MOST_FRICTION_SOLVES", 2)
     engine = load(heap())
     engine.step(600)

@@ -25,7 +25,7 @@ from simspec.world import kinematics
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
-from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_held, box_world, differences, emit, frictional
+from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_stored, box_world, differences, emit, frictional
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -48,7 +48,7 @@ def load(load_files):
 def test_read_back_is_the_world(name, load):
     world = WORLDS[name]
     found = load(world).read_back()
-    assert differences(as_held(world), found.bodies) == []
+    assert differences(as_stored(world), found.bodies) == []
     assert found.gravity == world.physics.gravity
     assert found.timestep == world.physics.timestep
     assert found.friction_cone == world.contact.friction_cone
@@ -99,7 +99,7 @@ def test_read_back_sees_what_the_engine_holds(name, old, new, tmp_path):
     engine.load(folder, read_sidecar(folder))
     found = engine.read_back()
     engine.close()
-    same = not differences(as_held(world), found.bodies) and (
+    same = not differences(as_stored(world), found.bodies) and (
         (found.gravity, found.timestep, found.friction_cone)
         == (world.physics.gravity, world.physics.timestep, world.contact.friction_cone)
     )
@@ -256,7 +256,7 @@ def test_set_state_forgets_everything(load):
         np.testing.assert_array_equal(entry, other)
 
 
-def test_effort_is_held_and_forgotten(load):
+def test_effort_applies_to_its_call_only(load):
     body = worlds.tree(["slide"], 2)[0]
     body = dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=(0.0,)))
     engine = load(worlds.world((body,), physics=Physics((0.0, 0.0, 0.0), 0.001, 1)))
@@ -296,7 +296,7 @@ def slider(timestep: float, velocity: float, **more: object) -> World:
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.004])
-def test_a_limit_stops_within_one_step_and_does_not_bounce(timestep, load):
+def test_a_limit_stops_within_a_single_step_and_does_not_bounce(timestep, load):
     engine = load(slider(timestep, 2.0, position_limits=(-1.0, 0.1003)))
     deepest = 0.0
     for _ in range(int(0.5 / timestep)):
@@ -434,7 +434,7 @@ def test_no_contact_when_disabled(load):
         ([f"g{i:02}" for i in range(40)], tuple((f"g{i:02}", f"g{i + 1:02}") for i in range(39))),
     ],
 )
-def test_all_on_one_heap_touch_as_the_filter_says(groups, ignored, friction, load):
+def test_overlapping_bodies_touch_according_to_the_filter(groups, ignored, friction, load):
     world = box_world(groups, ignored)
     materials, pairs = (Material("slick", friction),), (PairContact("slick", "slick", friction, 0.0),)
     contact = dataclasses.replace(
@@ -479,7 +479,7 @@ def test_bodies_joined_rigidly_never_touch(load):
 # --- the rest -----------------------------------------------------------------------------------------------------
 
 
-def test_a_chain_at_the_limit_loads_and_a_deeper_one_is_refused(load):
+def test_a_chain_at_the_limit_loads_and_a_deeper_chain_is_rejected(load):
     assert load(worlds.world(worlds.tree(["hinge"] * 400, 5))).model.nv == 400
     with pytest.raises(UnsupportedError, match=r"tree\.depth"):
         negotiate(
@@ -493,7 +493,7 @@ def test_deeper_than_measured_is_an_engine_error(load):
         load(worlds.world(worlds.tree(["hinge"] * 497, 5)))
 
 
-def test_what_is_accepted_says_that_pairs_are_not_listed_and_the_way_out():
+def test_acceptance_names_unlisted_pairs_and_the_alternative():
     support = MuJoCo.SUPPORT[Feature.IMPACT_FRICTION]
     assert support.refine(frictional(0.0, 100)) is None
     beyond = support.refine(frictional(0.0, 3))

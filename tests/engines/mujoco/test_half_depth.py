@@ -42,7 +42,7 @@ def test_boxes_on_boxes_are_refused_with_the_place_and_the_name_to_accept():
     assert compile_world(spec.resolve(), ["mujoco@3.4.0", "mujoco@3.4", "mujoco"])
 
 
-def test_what_is_accepted_is_compiled_and_is_in_the_decisions():
+def test_accepted_features_are_compiled_and_listed_in_the_decisions():
     world = ramp(f"engines.mujoco.accept=[contact.friction.impact, {BOX}]").resolve()
     for label, level in ((OLD, Level.APPROXIMATE), ("mujoco@3.4.0", Level.EXACT)):
         compiled = compile_world(world, [label])[label]

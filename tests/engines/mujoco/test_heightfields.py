@@ -75,7 +75,7 @@ def test_faces_and_edges_are_accepted_by_name():
     assert ground_supported(dataclasses.replace(world, contact=contact)) is None
 
 
-def test_what_covers_more_triangles_than_mujoco_has_contacts_is_told():
+def test_a_shape_over_more_triangles_than_mujoco_has_contacts_is_reported():
     """A plate on flat ground of 40 × 40 cells: MuJoCo keeps 50 contacts, all below one of its edges."""
     world = ground(("box",))
     floor, box = world.bodies

@@ -30,7 +30,7 @@ def fields_of(value):
     return [name for name in dir(value) if not name.startswith("_") and not callable(getattr(value, name))]
 
 
-def test_every_field_of_the_model_stands_in_one_table():
+def test_every_field_of_the_model_is_in_exactly_one_table():
     empty = mujoco.MjModel.from_xml_string("<mujoco/>")
     for name in fields_of(empty):
         found = [table for table, rows in TABLES.items() if any(fnmatch.fnmatchcase(name, row) for row in rows)]
@@ -44,7 +44,7 @@ def test_the_tables_name_no_field_that_is_not_there():
         assert [row for row in rows if not fnmatch.filter(names, row)] == [], table
 
 
-def held(world, folder, edit=lambda text: text):
+def edited_check(world, folder, edit=lambda text: text):
     """The check of the inventory of ``world``, with its model.xml edited."""
     write_folder(compile_world(world, ["mujoco"])["mujoco"].files, folder)
     path = folder / "model.xml"
@@ -133,8 +133,8 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_world_is_held_as_expected(name, tmp_path):
-    check = held(KINDS[name](), tmp_path / "files")
+def test_a_world_is_stored_as_expected(name, tmp_path):
+    check = edited_check(KINDS[name](), tmp_path / "files")
     assert check.passed, check.detail
     assert check.count > 150
 
@@ -174,7 +174,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_what_is_otherwise_is_noticed_by_its_name(name, tmp_path):
+def test_changed_values_are_found_by_name(name, tmp_path):
     before, after = CHANGES[name]
 
     def edit(text):

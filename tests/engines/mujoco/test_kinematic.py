@@ -30,7 +30,7 @@ DATA = {
 }
 
 
-def test_dry_friction_is_held_beside_a_kinematic_body():
+def test_dry_friction_is_exact_next_to_a_kinematic_body():
     world = simspec.Spec.from_data(DATA).resolve()
     assert resolve_settings(find_engine("mujoco"), world)["tolerance"] == 1e-14
     stated = with_options(world, "mujoco", settings=(("tolerance", 1e-8),))
@@ -38,7 +38,7 @@ def test_dry_friction_is_held_beside_a_kinematic_body():
     assert verify(world, ["mujoco"], levels={"L6"}).failures() == []
 
 
-def test_a_light_joint_with_dry_friction_is_held_beside_a_heavy_one():
+def test_a_light_joint_with_dry_friction_is_exact_next_to_a_heavy_joint():
     """A latch of 0.04 kg m² in a gate of 4e7: with MuJoCo's own tolerance its speed is off."""
     door = {
         "mass": 4e7,

@@ -92,7 +92,7 @@ NUMBERS = {
     "friction_rate": st.floats(1e-3, 1e4),
     "friction_share": st.floats(1e-3, 1.0),
 }
-own_settings = st.dictionaries(
+settings_by_pair = st.dictionaries(
     st.sampled_from(sorted(LAWS)), st.fixed_dictionaries({}, optional=NUMBERS).filter(bool), max_size=3
 )
 
@@ -102,8 +102,8 @@ def test_all_settings_by_pair_are_tried():
 
 
 @settings(max_examples=40, deadline=None)
-@given(own_settings, st.sampled_from(["elliptic", "pyramid-inscribed"]), st.sampled_from(["native", "coulomb"]))
-def test_whatever_they_are_the_reader_and_the_engine_hold_them(local, cone, friction):
+@given(settings_by_pair, st.sampled_from(["elliptic", "pyramid-inscribed"]), st.sampled_from(["native", "coulomb"]))
+def test_the_reader_and_the_engine_store_any_pair_settings(local, cone, friction):
     """The reader of files finds the world's laws, and all numbers that the engine holds are those expected."""
     if friction == "coulomb":
         local = {
@@ -143,7 +143,7 @@ DEFECTS = {
     "rate": (r'solreffriction="0 -50"', 'solreffriction="0 -60"', "L4"),
     "the engine's own rate": (r' solreffriction="0 -50"', "", "L4"),
 }
-OWN = {
+FINGER_ON_WOOD = {
     "contact_impedance": 0.997,
     "contact_error_reduction": 0.25,
     "friction_cushion": 2e-4,
@@ -152,9 +152,9 @@ OWN = {
 
 
 @pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_in_the_numbers_of_one_pair_is_noticed(name, tmp_path):
+def test_a_defect_in_the_settings_of_a_single_pair_is_found(name, tmp_path):
     before, after, level = DEFECTS[name]
-    world = world_of({("finger", "wood"): OWN})
+    world = world_of({("finger", "wood"): FINGER_ON_WOOD})
     folder = written(world, tmp_path / "files")
     path = folder / "model.xml"
     text = path.read_text()
@@ -202,7 +202,7 @@ SIDECAR_DAMAGE = {
 @pytest.mark.parametrize("name", SIDECAR_DAMAGE)
 def test_a_damaged_sidecar_is_refused(name, tmp_path):
     change, message = SIDECAR_DAMAGE[name]
-    folder = written(world_of({("finger", "wood"): OWN}), tmp_path / "files")
+    folder = written(world_of({("finger", "wood"): FINGER_ON_WOOD}), tmp_path / "files")
     content = json.loads((folder / SIDECAR).read_text())
     change(content["pair_settings"][0])
     (folder / SIDECAR).write_text(json.dumps(content))
@@ -213,12 +213,12 @@ def test_a_damaged_sidecar_is_refused(name, tmp_path):
 
 
 def test_the_order_of_two_shapes_does_not_matter(tmp_path):
-    folder = written(world_of({("finger", "wood"): OWN}), tmp_path / "files")
+    folder = written(world_of({("finger", "wood"): FINGER_ON_WOOD}), tmp_path / "files")
     sidecar = MujocoSidecar.of(read_sidecar(folder))
     (pair,) = sidecar.pair_settings
     entry, other = (names[0] for names in pair.shapes)
     for ends in ((entry, other), (other, entry)):
-        assert sidecar.settings_between(*ends) == {**sidecar.settings, **OWN}
+        assert sidecar.settings_between(*ends) == {**sidecar.settings, **FINGER_ON_WOOD}
     assert sidecar.settings_between(entry, entry) == sidecar.settings_between(other, other) == sidecar.settings
 
 
@@ -237,7 +237,7 @@ def test_more_pairs_of_shapes_than_are_listed_are_refused():
 
 
 def test_probes_of_a_pair_have_its_settings(tmp_path):
-    world = world_of({("finger", "wood"): OWN, ("wood", "wood"): {"contact_impedance": 0.99}})
+    world = world_of({("finger", "wood"): FINGER_ON_WOOD, ("wood", "wood"): {"contact_impedance": 0.99}})
     whole = law_of_files(world, find_engine("mujoco"), written(world, tmp_path / "files"))
     (local,) = of_pair(whole, "wood", "wood").options.pairs
     assert local == PairSettings("wood", "wood", (("contact_impedance", 0.99),))
@@ -354,7 +354,7 @@ def test_engines_without_settings_of_pairs_refuse_them(engine):
 
 
 def test_a_run_with_them_is_another_case_and_keeps_them():
-    plain, local = world_of({}), world_of({("finger", "wood"): OWN})
+    plain, local = world_of({}), world_of({("finger", "wood"): FINGER_ON_WOOD})
     versions = {"engine_version": "1"}
     assert Case(plain, "mujoco").key(versions) != Case(local, "mujoco").key(versions)
     others = tuple(options for options in local.engines if options.engine != "mujoco")

@@ -18,7 +18,7 @@ from simspec.language.load import load
 from simspec.world.kinematics import absorbed
 from simspec.world.types import Inertial
 from tests import worlds
-from tests.dialects.mujoco.saying import as_held, differences, emit
+from tests.dialects.mujoco.saying import as_stored, differences, emit
 from tests.files import write
 from tests.imports.mjcf.models import lost, read
 
@@ -37,7 +37,7 @@ def light(world):
     return dataclasses.replace(world, bodies=bodies)
 
 
-def test_a_light_body_has_its_own_mass_matrix(load_files):
+def test_the_mass_matrix_of_a_light_body_is_exact(load_files):
     """Anything between the joints would be told at least 1e-15 kg m², of the 1e-10 here."""
     world = light(worlds.several_joints())
     engine, oracle = load_files(MuJoCo, emit(world)), Oracle(world)
@@ -75,7 +75,7 @@ def test_another_joint_is_seen_in_the_text_and_in_the_model(change, load_files, 
     actual = load_files(MuJoCo, changed).read_back().bodies
     in_text = MujocoDialect().read(write(changed, tmp_path / "text")).bodies
     for bodies in (actual, in_text):
-        assert differences(as_held(world), bodies)
+        assert differences(as_stored(world), bodies)
 
 
 DAMAGE = {

@@ -99,7 +99,7 @@ def accepted(world, *kinds):
     return worlds.with_options(world, "ode", accept=tuple(f"shape.{kind}" for kind in kinds))
 
 
-def test_what_has_one_point_for_a_line_is_accepted_by_name_where_it_may_meet():
+def test_line_contacts_with_a_single_point_must_be_accepted_where_they_may_occur():
     with pytest.raises(UnsupportedError, match="cylinder and cylinder touch"):
         compile_world(boxes(2, kind="cylinder"), ["ode"])
     compile_world(accepted(boxes(2, kind="cylinder"), "cylinder"), ["ode"])
@@ -191,7 +191,7 @@ def _inertia_without_mass(content, _):
     content["bodies"][1]["mass"] = 0.0
 
 
-def _numbers_beside(_, sidecar):
+def _additional_numbers(_, sidecar):
     sidecar["laws"][0]["hardness"].update(damping=0.01)
 
 
@@ -206,12 +206,12 @@ def _soft(_, sidecar):
         (_no_inverse, "inertia of 'b0'"),
         (_inertia_without_mass, "inertia of 'b0', which has no mass"),
         (_soft, "hardness stiffness"),
-        (_numbers_beside, "numbers beside the common hardness"),
+        (_additional_numbers, "numbers beside the common hardness"),
         (lambda content, sidecar: sidecar["settings"].pop("softness"), "softness"),
         (lambda content, sidecar: sidecar["settings"].update(solver="slow"), "solver|slow"),
     ],
 )
-def test_what_ode_does_not_have_is_refused_when_loaded(change, said, load):
+def test_features_that_ode_lacks_are_rejected_on_load(change, said, load):
     with pytest.raises(EngineError, match=said):
         load(boxes(1), change)
 
@@ -228,7 +228,7 @@ def test_quick_step_is_accepted_by_name_where_bodies_can_lean():
     assert compile_world(alone, ["ode"])
 
 
-def test_quick_step_is_what_the_setting_asks_for(load):
+def test_the_setting_selects_quick_step(load):
     def settled(**settings):
         world = worlds.with_options(boxes(2), "ode", settings=tuple(settings.items()), accept=BY_SWEEPS)
         engine = load(world)

@@ -68,7 +68,7 @@ def met(engine, *places):
 
 
 @pytest.mark.parametrize("kind", ["mesh", *SIZES])
-def test_an_overlap_is_as_deep_as_coal_says_and_no_gap_is_one(kind, load):
+def test_the_depth_of_an_overlap_agrees_with_coal_and_gaps_have_no_contact(kind, load):
     draw = np.random.default_rng(4)
     world = two(kind, SIZES.get(kind) if kind != "mesh" else stone(8), stone(7))
     solid, other = solids(world)
@@ -126,7 +126,7 @@ def test_a_face_on_a_face_has_the_corners_of_what_they_share(load):
     assert np.sort(np.abs(position[:, :2]), axis=1) == pytest.approx(np.array([[reach, 0.05]] * 8))
 
 
-def test_an_edge_has_two_points_and_edges_that_cross_one(load):
+def test_an_edge_has_two_points_and_crossing_edges_have_a_single_point(load):
     edge = frames.from_axis_angle((1.0, 0.0, 0.0), math.pi / 4)
     high = 0.05 * math.sqrt(2.0) + 0.05 - 1e-3
     position, depth = points_of(load, "box", (0.2, 0.2, 0.1), CUBE, Pose((0.0, 0.0, high), edge), Pose())
@@ -229,6 +229,6 @@ def test_a_vertex_that_is_moved_or_missing_is_seen_in_what_ode_holds(change, loa
 
 
 @pytest.mark.parametrize("size", [[0.0] * 9, [0.0] * 12, [0.1] * 10])
-def test_what_is_no_hull_is_refused_when_loaded(size, load):
+def test_invalid_hulls_are_rejected_on_load(size, load):
     with pytest.raises(EngineError, match="size"):
         load(two("box", SIZES["box"], stone(7)), lambda content: content["bodies"][0]["shapes"][0].update(size=size))

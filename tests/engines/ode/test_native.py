@@ -52,7 +52,7 @@ def test_the_certificate_is_not_valid_and_says_by_how_much():
     assert set(found.engines["ode"].approximations) == {"joint.hinge"}
 
 
-def test_everything_else_is_held_as_the_world_demands(load_files):
+def test_all_other_values_are_stored_as_the_world_requires(load_files):
     world = natively(tree(1e-3, "hinge", "slide", "fixed", "ball"))
     back = loaded(world, load_files).read_back()
     (check,) = inventory_checks(Ode.expected_inventory(world, back.neutral), back.inventory)

@@ -14,7 +14,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting
 from simspec.world.hull import mesh_size
 from tests.engines.free_bodies import loader, of, scene
-from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
+from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, static_body
 
 installed = pytest.mark.skipif(PhysX.version() is None, reason="sapien is not installed")
 
@@ -98,7 +98,7 @@ FLOORS = {"plane": None, "box": ("box", (4.0, 4.0, 0.2)), "hull": ("mesh", prism
 @pytest.mark.parametrize("floor", FLOORS)
 def test_hulls_stand_on_their_faces(floor, load):
     under = FLOORS[floor]
-    base = under and still("base", *under, (0.0, 0.0, 0.1))
+    base = under and static_body("base", *under, (0.0, 0.0, 0.1))
     height = 0.2 if under else 0.0
     check_stands(load, base, [solid("prism", prism(12), (0.0, 0.0, height + 0.05))])
     check_stands(load, base, [solid(f"cube {k}", cube(0.2), (0.0, 0.0, height + 0.1 + 0.2 * k)) for k in range(3)])

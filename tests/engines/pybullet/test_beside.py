@@ -40,7 +40,7 @@ def robot(count: int = 130, outside: tuple[str, ...] = ("tree.size",)) -> World:
     )
 
 
-def test_frames_of_trees_that_are_too_large_are_held_beside_where_it_is_asked_for():
+def test_frames_of_large_trees_are_in_the_sidecar_on_request():
     world = robot()
     assert frames_alongside(world) == bare_frames(world) == {f"frame{number}" for number in range(130)}
     assert not frames_alongside(robot(MOST_LINKS - 4)), "there is room"
@@ -52,7 +52,7 @@ def test_frames_of_trees_that_are_too_large_are_held_beside_where_it_is_asked_fo
     assert {"pose, position", "body velocity"} <= {check.name for check in checks.checks if check.level == "L2"}
 
 
-def test_what_something_follows_from_is_no_frame():
+def test_a_body_with_dependents_is_not_a_frame():
     world = robot(4)
     assert len(bare_frames(world)) == 4
     heavy = dataclasses.replace(world.bodies[-1], inertial=HEAVY)
@@ -72,7 +72,7 @@ def test_bodies_with_mass_are_as_many_as_ever():
         compile_world(dataclasses.replace(world, bodies=bodies), ["pybullet"])
 
 
-def test_frames_are_where_their_carriers_put_them_and_a_wrong_one_is_read_back(tmp_path):
+def test_frames_move_with_their_carriers_and_a_wrong_frame_is_found(tmp_path):
     world = robot()
     compile_world(world, ["pybullet"])["pybullet"].artifacts.write(tmp_path / "files")
     q, v = (array[None] for array in initial_state(world))

@@ -98,7 +98,7 @@ def test_reads_back_the_world(name, load):
 
 
 @pytest.mark.parametrize("seen", ["s", "b", "sv", "vs", "bv", "vb", "svs", "bvs", "vbsv"])
-def test_shapes_that_are_alike_are_told_apart_by_their_order(seen, load):
+def test_equal_shapes_are_distinguished_by_their_order(seen, load):
     """Of one body: ``s`` a solid that is not seen, ``b`` one that is, ``v`` what only is seen, all of one size and place."""
     base = worlds.shapes_world(("capsule",))
     body = next(body for body in base.bodies if body.shapes and body.shapes[0].kind == "capsule")
@@ -259,7 +259,7 @@ def test_velocities_are_not_clamped_and_ratings_do_not_act(load):
 
 
 @pytest.mark.parametrize("parents_touch", [False, True])
-def test_what_touches_is_what_may_touch(parents_touch, load):
+def test_only_permitted_pairs_touch(parents_touch, load):
     world, wanted = crowd_and_contacts(parents_touch)
     engine = load(world)
     assert engine.detect_contacts().tolist() == wanted
@@ -371,7 +371,7 @@ def test_restitution(restitution, height, load):
         ("pyramid-circumscribed", 45, math.sqrt(2.0)),
     ],
 )
-def test_friction_has_the_asked_cone(cone, degrees, factor, load):
+def test_friction_has_the_requested_cone(cone, degrees, factor, load):
     turn = math.radians(degrees)
     velocity = (2.0 * math.cos(turn), 2.0 * math.sin(turn), 0.0)
     engine = load(scene(("box", (0.4, 0.4, 0.04)), (0.0, 0.0, 0.02), velocity, 0.5, cone=cone))

@@ -30,7 +30,7 @@ def pairs(world, **changes):
     return contact(world, pairs=tuple(dataclasses.replace(pair, **changes) for pair in world.contact.pairs))
 
 
-def told(world, **settings):
+def with_settings(world, **settings):
     given = dataclasses.replace(world.options("pybullet"), settings=tuple(sorted(settings.items())))
     return dataclasses.replace(world, engines=(given,))
 
@@ -52,7 +52,7 @@ SETTINGS = {
 
 SOUND = {
     **{name: lambda make=make: make("pybullet") for name, make in SHARED.items()},
-    "settings": lambda: told(WORLDS["model"]("pybullet"), **SETTINGS),
+    "settings": lambda: with_settings(WORLDS["model"]("pybullet"), **SETTINGS),
     "pyramid": lambda: contact(WORLDS["bouncing"]("pybullet"), friction_cone="pyramid-circumscribed"),
     "stiff": lambda: pairs(
         WORLDS["bouncing"]("pybullet"), restitution=0.0, hardness=Hardness("stiffness", stiffness=1e5, damping=100.0)
@@ -102,7 +102,7 @@ BESIDES = {
 
 
 @pytest.mark.parametrize("name", BESIDES)
-def test_whatever_the_engine_is_told_besides_shows(name, load):
+def test_additional_calls_to_the_engine_are_found(name, load):
     world = WORLDS["model"]("pybullet")
     engine = load(world)
     sim = engine._sim
@@ -118,7 +118,7 @@ def test_a_body_that_the_sidecar_does_not_name_is_refused(load):
         engine.read_back()
 
 
-def test_what_is_told_while_loading_is_written_down(load):
+def test_arguments_of_load_calls_are_recorded(load):
     """Damping of free flight is in no answer of PyBullet's and not in its dump."""
     world = WORLDS["bouncing"]("pybullet")
     engine = load(world)
@@ -154,13 +154,13 @@ def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
     assert set(JOINT_INFO.values()) | {0, 1, 2, 3, 4, 5, 12, 13, 14, 15, 16} == set(range(17))
 
 
-def test_what_is_no_dump_is_refused():
+def test_invalid_dumps_are_rejected():
     for content in (b"", b"BULLETf_v326" + b"\0" * 100, b"BULLETd-v326", b"BULLETd-v326DNA1" + b"\xff" * 20):
         with pytest.raises(ValueError, match=r"\.bullet file"):
             read_blocks(content)
 
 
-def test_what_cannot_be_seen_reads_back_unseen(load):
+def test_invisible_shapes_are_read_back_as_invisible(load):
     world = WORLDS["surfaces"]("pybullet")
     hidden = dataclasses.replace(
         world,
@@ -176,7 +176,7 @@ def test_what_cannot_be_seen_reads_back_unseen(load):
 
 
 @pytest.mark.parametrize("normal", ["0 0 -1", "0 1 0", "0 0", "0.01 0 1"])
-def test_a_plane_turned_in_its_own_frame_is_refused(normal, tmp_path):
+def test_a_plane_rotated_in_its_body_frame_is_rejected(normal, tmp_path):
     world = MUTATED["shapes"]("pybullet")
     files = dict(compile_world(world, ["pybullet"])["pybullet"].files)
     head, found, tail = files["ground.urdf"].rpartition('normal="0 0 1"')

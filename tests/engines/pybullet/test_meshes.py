@@ -10,7 +10,7 @@ from simspec.engines.pybullet import geometry
 from simspec.engines.pybullet.geometry import KEPT, Alike, alike
 
 
-def test_hulls_are_alike_as_far_as_whole_numbers_tell_them_apart():
+def test_hulls_are_equal_up_to_the_resolution_of_their_integers():
     flat = np.random.default_rng(1).normal(size=(200, 3))
     points = flat / np.linalg.norm(flat, axis=1, keepdims=True) * [0.06, 0.055, 0.04]
     step = KEPT * np.ptp(points, axis=0).max()
@@ -33,7 +33,7 @@ def test_hulls_of_any_number_of_points_are_compared_in_bounded_memory():
     tracemalloc.stop()
 
 
-def test_hulls_of_one_file_are_looked_at_no_further_and_others_once(monkeypatch):
+def test_hulls_of_the_same_file_are_not_compared_and_others_once(monkeypatch):
     looked = []
     monkeypatch.setattr(geometry, "alike", lambda entry, other: looked.append((entry, other)) or entry == other)
     same = Alike()

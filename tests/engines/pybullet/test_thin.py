@@ -38,7 +38,7 @@ def on_a_slide(kind: str, size: tuple[float, ...], accept: tuple[str, ...] = ())
 
 
 @pytest.mark.parametrize(("kind", "size"), [*THIN, ("mesh", PLATE)])
-def test_what_is_thinner_than_the_margin_is_approximate_on_a_link(kind, size):
+def test_shapes_thinner_than_the_margin_are_approximate_on_a_link(kind, size):
     with pytest.raises(UnsupportedError, match=r"no box, cylinder or mesh is thinner than 2 mm there"):
         compile_world(on_a_slide(kind, size), ["pybullet"])
     decisions = compile_world(on_a_slide(kind, size, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
@@ -50,7 +50,7 @@ def test_what_is_thinner_than_the_margin_is_approximate_on_a_link(kind, size):
 
 
 @pytest.mark.parametrize(("kind", "size"), [THIN[1], ("mesh", PLATE)])
-def test_it_is_held_as_thick_as_it_says_and_proven_so(kind, size):
+def test_a_thin_shape_is_stored_and_proven_with_the_reported_thickness(kind, size):
     world = on_a_slide(kind, size, tuple(f"shape.{name}" for name in ("box", "cylinder", "mesh")))
     checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4", "L5")).engines["pybullet"].checks
     assert not [check for check in checks if not check.passed]
@@ -111,7 +111,7 @@ def test_a_short_cylinder_is_felt_as_it_says_and_proven_so(kind, size):
     assert not [check for check in checks if not check.passed]
 
 
-def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():
+def test_a_hull_too_thin_for_the_margin_is_written_as_far_inside_as_possible():
     assert margin_excess(PLATE, 1e-3) == pytest.approx(1e-3 - 0.000125 / 1.5)
     reshape = np.array(hull_within_margin(PLATE, 1e-3)).reshape(-1, 3)
     assert np.ptp(reshape, axis=0) == pytest.approx(
@@ -125,7 +125,7 @@ def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():
     assert rounded_core("cylinder", (0.02, 0.1), 1e-3) == pytest.approx((0.019, 0.098))
 
 
-def test_pairs_that_overlap_by_rounded_edges_alone_are_told_and_are_no_error():
+def test_overlaps_by_rounded_edges_alone_are_reported_without_an_error():
     """A ball of 10 cm reaches 0.3 mm into the corner of a sole of 2 mm: where edges are rounded by 1 mm it is outside."""
     base = worlds.shapes_world(("box",), 0.0)
     floor, free = base.bodies

@@ -12,7 +12,7 @@ from simspec.engines.rapier.engine import Rapier
 from simspec.errors import UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 from tests.engines.free_bodies import ball, loader, scene
-from tests.engines.hulls import prism, solid, still
+from tests.engines.hulls import prism, solid, static_body
 from tests.engines.overlapping import overlaps
 
 SIZES = {"cylinder": (0.08, 0.15), "sphere": (0.1,), "capsule": (0.06, 0.2), "box": (0.2, 0.15, 0.1)}
@@ -99,6 +99,6 @@ def test_on_planes_and_with_balls_nothing_is_to_be_accepted(world):
 
 def test_approximations_of_pairs_that_never_meet_need_no_acceptance():
     """Two cylinders that cannot move meet nothing."""
-    world = scene(ball("ball", (0.0, 0.0, 5.0)), still("pole", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.0)))
-    other = still("pole_2", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.1))
+    world = scene(ball("ball", (0.0, 0.0, 5.0)), static_body("pole", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.0)))
+    other = static_body("pole_2", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.1))
     assert compile_world(bare(dataclasses.replace(world, bodies=(*world.bodies, other))), ["rapier"])

@@ -15,7 +15,7 @@ from simspec.testing.worlds import accepting, with_options
 from simspec.world import frames
 from simspec.world.hull import mesh_size
 from tests.engines.free_bodies import ball, loader, of, scene
-from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
+from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, static_body
 from tests.engines.overlapping import overlaps
 
 PLAIN = (random_hull(4, 8), random_hull(15, 10))
@@ -66,7 +66,7 @@ def test_points_without_a_hull_are_an_error(load):
 @pytest.mark.parametrize("floor", ["plane", "box", "hull"])
 def test_cubes_as_hulls_stand(floor, load):
     under = {"plane": None, "box": ("box", (4.0, 4.0, 0.2)), "hull": ("mesh", prism(4, 2.0, 0.2))}[floor]
-    base = under and still("base", *under, (0.0, 0.0, 0.1))
+    base = under and static_body("base", *under, (0.0, 0.0, 0.1))
     height = 0.2 if under else 0.0
     check_stands(
         lambda world: load(accepting(world, "rapier")),
@@ -142,7 +142,7 @@ def accepted(world):
     return with_options(world, "rapier", accept=("contact.cone.elliptic", "shape.cylinder", "shape.mesh"))
 
 
-def beside(size, *others):
+def hull_with(size, *others):
     """A world of a hull and others, above a floor that it does not touch."""
     return scene(solid("hull", size, (0.0, 0.0, 1.0)), *others)
 
@@ -167,14 +167,14 @@ def without_floor(world):
     ],
 )
 def test_a_hull_of_which_rapier_would_not_feel_corners_is_refused_by_name(size, others, why):
-    world = beside(size, *others)
+    world = hull_with(size, *others)
     with pytest.raises(UnsupportedError, match=why):
         compile_world(without_floor(world) if others else world, ["rapier"])
-    assert compile_world(without_floor(beside(size, BALL)), ["rapier"]), "balls touch whatever faces there are"
+    assert compile_world(without_floor(hull_with(size, BALL)), ["rapier"]), "balls touch whatever faces there are"
 
 
 def test_a_hull_with_nearly_coplanar_faces_is_approximate():
-    world = without_floor(beside(bent(1e-3), BOX))
+    world = without_floor(hull_with(bent(1e-3), BOX))
     with pytest.raises(UnsupportedError, match=r"'box' may feel 'hull' up to 1 mm off"):
         compile_world(world, ["rapier"])
     assert compile_world(accepted(world), ["rapier"])
