@@ -107,7 +107,7 @@ def cylinder(world):
 
 
 NOT_WRITTEN = ((heavy_foot, "common centre of mass of 'foot'"), (moving_plane, "'plate' (does|moves)"))
-"""Worlds that engines whose bodies are free or still are not told, with why."""
+"""Worlds that engines with free or fixed bodies only do not support, with the reason."""
 
 
 def check_refused(change, why, engine):

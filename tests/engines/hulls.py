@@ -46,7 +46,7 @@ def solid(name: str, size: tuple[float, ...], at: tuple[float, float, float], tu
 
 
 def static_body(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float, float]) -> Body:
-    """A body that cannot move, of the material of what moves."""
+    """A fixed body, of the material of the moving bodies."""
     body = ball(name, at)
     joint = dataclasses.replace(body.joint, kind="fixed", origin=Pose(at), position=(), velocity=())
     shape = Shape(name, kind, size, material="m")
@@ -54,7 +54,7 @@ def static_body(name: str, kind: str, size: tuple[float, ...], at: tuple[float, 
 
 
 def check_corners(load, engine, size: tuple[float, ...]) -> None:
-    """Hulls are read back as they were told, and a corner that is moved, left out or added is seen."""
+    """Hulls are read back as written, and a corner that is moved, omitted or added is found."""
     world = scene(solid("hull", size, (0.0, 0.0, 1.0)))
     back = load(world).read_back()
     assert failures(read_back_checks(world, engine, back)) == []
@@ -78,7 +78,7 @@ def check_corners(load, engine, size: tuple[float, ...]) -> None:
 
 
 def check_stands(load, floor: Body | None, moving: list[Body], seconds: float = 0.5) -> None:
-    """What is put down stays where it is, within 10 µm and 1 mrad."""
+    """A body at rest on the floor stays in place within 10 µm and 1 mrad."""
     world = scene(*([floor] if floor else []), *moving)
     engine = load(world)
     before = engine.get_state()[0].reshape(-1, 7)

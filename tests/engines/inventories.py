@@ -1,4 +1,4 @@
-"""What an engine holds beside the world's own fields, against what the world demands."""
+"""The inventory of an engine, compared with the expectation of the world."""
 
 from __future__ import annotations
 

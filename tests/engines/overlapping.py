@@ -1,4 +1,4 @@
-"""Two bodies in random poses that overlap so deep, and what an engine tells of them beside the truth."""
+"""Two bodies in random poses with a given overlap, and the contacts of an engine compared with the true gap."""
 
 from __future__ import annotations
 

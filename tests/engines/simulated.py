@@ -1,4 +1,4 @@
-"""What the tests of engines that hold a simulation have in common: worlds, states, and tests that all must pass."""
+"""Common parts of the tests of engines with a simulation: worlds, states, and tests that all must pass."""
 
 from __future__ import annotations
 

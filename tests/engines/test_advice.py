@@ -1,5 +1,5 @@
-"""What an engine's declarations advise is there to be followed: settings that they name exist in the engine that is named, and
-where that is another engine, the text says so."""
+"""Advice of an engine's declarations can be followed: settings that it names exist in the named engine, and for another engine
+the text says so."""
 
 from __future__ import annotations
 

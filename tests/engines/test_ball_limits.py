@@ -53,7 +53,7 @@ def test_a_ball_begins_within_its_limit(position):
 
 
 def test_a_ball_begins_at_its_limit():
-    """Whose angle is known to the root of the last bit."""
+    """Their angle is known to the root of the last bit."""
     for angle in (1e-3, 0.7, 2.0, 3.1):
         turn = {"quat": [math.cos(angle / 2), 0, math.sin(angle / 2), 0]}
         assert world_of({"limits": {"angle": angle}, "position": turn}).bodies[0].joint.angle_limit == angle

@@ -1,4 +1,4 @@
-"""Bounds of solver settings that follow from a world, and warnings of depths of contact beside its smallest shape."""
+"""Bounds of solver settings that follow from a world, and warnings of depths of contact relative to its smallest shape."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ BOUNDLESS = {"iterations", "ls_iterations", "noslip_iterations", "explicit_pairs
 WITHOUT_EFFECT = {"impratio", "high_impratio", "friction_rate"}
 """Beyond 1e6 and one over the timestep nothing changes any more (measured to 1e9)."""
 SOFTER = {"hydroelastic_modulus", "joint_softness"}
-"""To be bounded: nobody has measured from where on they break a world."""
+"""To be bounded: the values at which they break a world were not measured."""
 
 
 def test_every_number_has_an_upper_bound_or_a_reason_to_have_none():

@@ -51,7 +51,7 @@ NOT = {
     "a box": {"inertial": inertial(), "shapes": of_ball(**BOX)},
     "an uneven ball": {"inertial": inertial(0.02)},
     "a ball that wobbles": {"inertial": inertial(product=0.001)},
-    "a ball beside its centre of mass": {"inertial": inertial(centre=(0.01, 0.0, 0.0))},
+    "a ball off its centre of mass": {"inertial": inertial(centre=(0.01, 0.0, 0.0))},
     "a ball on a slide": {
         "inertial": inertial(),
         "joint": Joint("ball_joint", "slide", axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,)),

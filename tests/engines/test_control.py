@@ -1,5 +1,5 @@
-"""Control where the engine is asked in this process, and what the runner keeps of it (the rest is the shipped suite's): quick
-access is the slow one to the last bit, and nothing is left behind."""
+"""Control with the engine in this process, and its record by the runner (the rest is the shipped suite's): quick and slow
+access are equal to the last bit, and nothing is left behind."""
 
 from __future__ import annotations
 

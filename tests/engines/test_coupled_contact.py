@@ -66,8 +66,8 @@ def test_a_rod_leans_on_a_smooth_wall_where_friction_is_enough(engine):
 
 
 def _clamp(engine, share, cone):
-    """How far a body falls that holds itself by two balls on both sides of a post, 0.2 m apart in height, its centre of mass
-    0.2 m beside: without friction nothing presses them on. They overlap the post by 10 µm."""
+    """How far a body falls that holds itself by two balls on both sides of a post, 0.2 m different in height, its centre of
+    mass 0.2 m to the side: without friction nothing presses them on. They overlap the post by 10 µm."""
     sides = [[-0.2 - 0.07 + 1e-5, 0, 0.1], [-0.2 + 0.07 - 1e-5, 0, -0.1]]
     post = {"fixed": True, "shapes": [{"box": {"size": [0.1, 0.1, 2]}, "material": "m"}]}
     shapes = [{"sphere": {"radius": 0.02}, "pose": {"xyz": side}, "material": "m"} for side in sides]

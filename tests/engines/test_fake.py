@@ -1,6 +1,6 @@
-"""An engine of somebody else: a package and a suite of three lines (``fake/``), in an interpreter with numpy and nothing more.
+"""A third-party engine: a package and a suite of three lines (``fake/``), in an interpreter with numpy and nothing more.
 
-It runs in a process of its own, as it would in its own repository: entry points are read once in a process.
+It runs in a separate process, as it would in another repository: entry points are read once in a process.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def link_numpy(site: Path) -> None:
     here = Path(spec.origin).parent.parent
     names = ["numpy", "numpy.libs", f"numpy-{importlib.metadata.version('numpy')}.dist-info"]
     for name in names:
-        if (here / name).exists():  # wheels of some systems bring no libraries beside
+        if (here / name).exists():  # wheels of some systems have no folder of libraries
             (site / name).symlink_to(here / name)
 
 

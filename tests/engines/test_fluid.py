@@ -125,7 +125,7 @@ def test_merged_bodies_have_a_single_box():
     root = {"pose": {"xyz": [0, 0, 1]}}
     alone = world_of({"a": root, "b": fixed_slab}, {"density": 1})
     first, second = alone.bodies
-    assert second.box is None  # the massless root is told the slab's inertia, and is its box
+    assert second.box is None  # the massless root gets the slab's inertia, and is its box
     np.testing.assert_allclose(first.box.edges, [0.3, 0.2, 0.1], rtol=1e-12)
     np.testing.assert_allclose(first.box.quaternion, frames.from_rpy(0.1, 0.2, 0.3), atol=1e-15)
     both = world_of({"a": SLAB, "b": POINT}, {"density": 1})

@@ -23,7 +23,7 @@ SLICK = {
     "pybullet": {"iterations": 50, "residual_threshold": 1e-7, "contact_breaking_threshold": 0.002},
     "dart": {"contact_solver": "dantzig"},
 }
-"""What the files of balls without friction hold beside the ordinary defaults."""
+"""Values in the files of balls without friction that differ from the ordinary defaults."""
 
 
 def without_friction(world: World) -> World:
@@ -108,7 +108,7 @@ def test_settings_stated_in_a_spec_are_kept(engine):
 
 
 def test_a_stated_setting_keeps_what_it_needs():
-    """The line search is Newton's: who states its iterations gets Newton, who states PGS with them is refused."""
+    """The line search is Newton's: a spec with its iterations gets Newton, and a spec with PGS and them is rejected."""
     mujoco = find_engine("mujoco")
     world = stating(SLIPPERY, "mujoco", ("ls_iterations", 20))
     assert resolve_settings(mujoco, world)["solver"] == "newton"
@@ -149,7 +149,7 @@ def test_the_defaults_are_listed_for_programs():
         engine: {name: entry["frictionless"] for name, entry in settings.items() if "frictionless" in entry}
         for engine, settings in listed.items()
     }
-    chosen = {"dart"}  # auto: what it chooses is no default of its own
+    chosen = {"dart"}  # auto: the chosen value is not a separate default
     assert {engine: given[engine] for engine in SLICK} == {
         engine: {} if engine in chosen else values for engine, values in SLICK.items()
     }

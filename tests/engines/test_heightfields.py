@@ -1,4 +1,4 @@
-"""Height fields in every engine that has them: what it holds, where it is felt, how a ball slides down one of its triangles."""
+"""Height fields in every engine that has them: stored values, points of contact, and a ball that slides down a triangle."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_the_surface_that_it_holds_is_the_worlds(engine, tmp_path):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_ball_touches_it_where_its_triangles_are(engine, tmp_path):
-    """Over cells, edges, rim and walls: apart by 10 µm it does not touch, as deep it does."""
+    """Over cells, edges, rim and walls: at a gap of 10 µm it does not touch, at that depth it does."""
     world = accepting(ground(), engine)
     field, ball = solids(world)
     pose = transform(world.bodies[0].shapes[0].pose)

@@ -68,7 +68,7 @@ def test_a_hull_rests_on_its_face(engine, tmp_path):
 
 @pytest.mark.parametrize("engine", each(DEEPEST))
 def test_a_hull_touches_where_its_surface_is(engine, tmp_path):
-    """In twelve poses: apart by more than the engine's hull may be off it does not touch, as deep it does."""
+    """In twelve poses: at a gap beyond the tolerance of the engine's hull it does not touch, at that depth it does."""
     world = dropped(engine, (1.0, 0.0, 0.0, 0.0))
     size = world.bodies[1].shapes[0].size
     off = 1e-6 + HULLS_OFF[engine] * extent(size)
@@ -214,7 +214,7 @@ def test_a_body_of_two_hulls_lands_flat(engine, tmp_path):
     world = of_two_hulls(engine, 0.1)
     assert tilt(world, engine, tmp_path / "files") < 0.1
     other = dataclasses.replace(world, bodies=world.bodies[::-1])
-    assert tilt(other, engine, tmp_path / "other") < 0.1, "whatever the order of the bodies"
+    assert tilt(other, engine, tmp_path / "other") < 0.1, "in any order of the bodies"
 
 
 def test_a_hull_on_a_link_is_loaded_without_features_of_faces(tmp_path):

@@ -1,5 +1,5 @@
-"""Law ``native`` in every engine that has it, beyond the shipped suite: what the declared law says of whole robots, of
-controllers beside laws, and what is refused."""
+"""Law ``native`` in every engine that has it, beyond the shipped suite: the declared law on whole robots, native
+controllers together with laws, and refusals."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_difference_between_engines_is_as_declared(name, loaded):
     motor = math.exp(-0.05 * KP / KD)
     fast, slow = (np.roots([INERTIA, KD, KP]).real[k] for k in (0, 1))
     spring = (fast * math.exp(slow * 0.05) - slow * math.exp(fast * 0.05)) / (fast - slow)
-    assert abs(motor - spring) > 0.02  # what the joint's inertia is worth after 50 ms
+    assert abs(motor - spring) > 0.02  # the effect of the joint's inertia after 50 ms
     assert found == pytest.approx(spring if declared(name).sags else motor, abs=1e-3)
 
 

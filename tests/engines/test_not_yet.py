@@ -1,5 +1,5 @@
-"""What is declared as not built yet fails today: each is tried as if it were declared exact. A test that fails here says that
-something has started to work; it is then declared as what it is."""
+"""Features declared as not built yet fail today: each is tried as if declared exact. A failure of a test here means that
+a feature works now; its declaration must then be changed."""
 
 from __future__ import annotations
 

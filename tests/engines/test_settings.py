@@ -74,7 +74,7 @@ def test_all_wrong_settings_are_reported_at_once(engine):
     assert len(caught.value.problems) == len(given) + 1
 
 
-# --- settings that do nothing beside another ------------------------------------------------------------------------
+# --- settings without effect under another ------------------------------------------------------------------------
 
 IDLE = [
     (engine, name, other, value)
@@ -131,7 +131,7 @@ def test_a_setting_without_effect_under_another_is_a_located_error(engine, name,
 
 @pytest.mark.parametrize("name", ["friction_cushion", "friction_rate", "friction_share"])
 def test_settings_declared_without_effect_have_no_effect(name, monkeypatch):
-    """Taken for one that acts, it changes nothing but what the sidecar says of it; beside what it needs it changes the file."""
+    """Written without the settings that it needs, it changes only its value in the sidecar; with them it changes the file."""
     known = find_engine("mujoco")
     setting = dataclasses.replace(known.SETTINGS[name], needs=None)
     monkeypatch.setattr(known, "SETTINGS", {**known.SETTINGS, name: setting})

@@ -1,5 +1,5 @@
-"""Sleeping where the engine is asked in this process (the rest is the shipped suite's): questions do not see it, and a new
-state ends it."""
+"""Sleeping with the engine in this process (the rest is the shipped suite's): queries are independent of it, and a new state
+ends it."""
 
 from __future__ import annotations
 

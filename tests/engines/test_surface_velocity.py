@@ -61,7 +61,7 @@ def test_a_belt_and_a_turntable_carry_at_the_grip_of_friction(tmp_path):
     time, velocity = run.arrays["time"], run.arrays["velocity"]
     along = np.array([math.cos(math.radians(30.0)), math.sin(math.radians(30.0))])  # in the axes of the shape
     expected = np.minimum(GRIP * time, SPEED)[:, None] * along
-    # what is put down at a gap of zero is felt one step later, with the impulse of both
+    # a body placed at a gap of zero has contact one step later, with the impulse of both
     assert velocity[2:, place["slider"], :2] == pytest.approx(expected[2:], abs=1e-4)
     # on the disc it is taken along ω × r, and what moves in the crawler's own surface drives it the other way, on the belt
     rider = velocity[:, place["rider"]]

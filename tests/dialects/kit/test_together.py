@@ -27,7 +27,7 @@ def test_a_group_of_a_single_mutation_is_that_mutation():
         assert TOGETHER.files([mutation]) == {mutation.file: mutation.text}, mutation.name
 
 
-def test_each_mutation_is_in_exactly_one_group():
+def test_the_groups_partition_the_mutations():
     names = [mutation.name for group in TOGETHER.groups(ALL) for mutation in group]
     assert sorted(names) == sorted(mutation.name for mutation in ALL)
 

@@ -1,4 +1,4 @@
-"""DART's contact: what touches, where, and by which law."""
+"""DART's contact: pairs, points, and laws."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def pairs_of(friction, **law):
 
 
 def shaped_tree(friction):
-    """A tree with a small sphere on each body and three that fly beside it, in three materials."""
+    """A tree with a small sphere on each body and three free spheres next to it, in three materials."""
     bodies = worlds.tree(["free", "hinge", "ball", "slide", "fixed", "hinge"], 11)
     alongside = [
         dataclasses.replace(

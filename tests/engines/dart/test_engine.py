@@ -1,4 +1,4 @@
-"""DART: what it holds is the world, it moves as the oracle says, and nothing of its own is left switched on."""
+"""DART: its model equals the world, its motion agrees with the oracle, and its defaults are switched off."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not in
 STATE = 1e-14
 """A state goes in and out through a rotation vector: some units of the last place of numbers below 10."""
 DYNAMICS = 1e-12
-"""Relative to the largest entry; measured 2e-15. The proof asks for 1e-9."""
+"""Relative to the largest entry; measured 2e-15. The proof requires 1e-9."""
 MOTION = 1e-11
 """Pose after 2,000 steps, m or rad; measured 2e-13. The proof asks for 1e-9."""
 STEPS = 2000
@@ -200,7 +200,7 @@ def test_contact_free_motion(name, pushed, speed, load_dart):
 
 
 def tumbling(**options):
-    """A torque-free body that turns by 1e-4 to 5e-4 rad in a step; with a sphere as a shape if asked for."""
+    """A torque-free body that turns by 1e-4 to 5e-4 rad in a step; with a sphere as a shape if requested."""
     shapes = (Shape("s", "sphere", (0.1,), Pose(), "default"),) if options.pop("solid", False) else ()
     joint = Joint("j", "free", position=(0.0,) * 3 + (1.0,) + (0.0,) * 3, velocity=(0.0,) * 3 + (0.3, 0.4, 0.1))
     body = Body("a", "a", Inertial(1.0, inertia=(0.1, 0.2, 0.25, 0.0, 0.0, 0.0)), joint, shapes)
@@ -246,7 +246,7 @@ def test_dry_friction_stops_and_holds(load_dart):
     engine.step(900)
     engine.step(100, np.array([3.9]))
     stopped = engine.get_state()
-    assert abs(stopped[1][0]) < 1e-11, "measured 2e-12: what the solver leaves of the velocity"
+    assert abs(stopped[1][0]) < 1e-11, "measured 2e-12: the residual velocity of the solver"
     engine.step(100, np.array([3.999999]))
     assert engine.get_state()[0][0] == pytest.approx(stopped[0][0], abs=1e-11)
     engine.step(100, np.array([4.5]))
@@ -273,7 +273,7 @@ def test_velocities_are_not_clamped_and_ratings_do_not_act(load_dart):
 
 
 def test_nothing_falls_asleep(load_dart):
-    """DART 6.20 takes slow bodies out of the simulation unless told not to."""
+    """DART 6.20 removes slow bodies from the simulation by default."""
     engine = load_dart(slider(velocity=(1e-4,)))
     engine.step(5000)
     assert engine.get_state()[0][0] == pytest.approx(5e-4, rel=1e-12)

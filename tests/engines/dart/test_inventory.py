@@ -1,5 +1,4 @@
-"""DART's inventory: it is what the world demands, whatever is told to the engine besides shows, and no getter of dartpy's is
-left unnamed."""
+"""DART's inventory: it equals the expectation of the world, additional calls are found, and every getter of dartpy is named."""
 
 from __future__ import annotations
 
@@ -125,7 +124,7 @@ BESIDES = {
     "matrix-free": option("MatrixFreeContactSolverOptions", mMaxIterations=3),
     "detector": lambda sim: sim.world.setCollisionDetector(dartpy.simulation.CollisionDetectorType.ODE),
     "shape taken out": lambda sim: sim.solver.getCollisionGroup().removeAllShapeFrames(),
-    "kept apart": lambda sim: sim.excluded.append(("cube", "floor")),
+    "excluded pair": lambda sim: sim.excluded.append(("cube", "floor")),
     "secondary": lambda sim: sim.solver.setSecondaryBoxedLcpSolver(None),
 }
 
@@ -146,7 +145,7 @@ INVENTORY = "in the inventory"
 READ_BACK = "a field of the read-back"
 STATE = "state or what was computed from it, compared by levels L2, L3 and L6"
 DERIVED = "follows from what is in the inventory or the read-back"
-WAY = "leads to other objects, which are asked themselves"
+WAY = "leads to other objects, which are queried themselves"
 LABEL = "a name or a number of order; names of bodies are those of the read-back"
 UNUSED = "of what simspec has none of: counted, or a part of what is"
 
@@ -305,7 +304,7 @@ NOT_REPORTED = (
     "the numbers of the secondary solver (PgsBoxedLcpSolver), which it uses when Dantzig's or NSGS fails",
     "of a shape the second friction coefficient, slip compliances and the direction of friction, which .skel cannot set",
 )
-"""What dartpy does not tell."""
+"""Values that dartpy does not report."""
 
 CLASSES = {
     "World": [dartpy.simulation.World],

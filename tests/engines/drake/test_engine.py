@@ -1,4 +1,4 @@
-"""What is Drake's own: everything it holds, what it refuses and by which words, its choice of solvers, contact of faces."""
+"""Drake: its read-back, its refusals and their messages, its choice of solvers, contact of faces."""
 
 from __future__ import annotations
 

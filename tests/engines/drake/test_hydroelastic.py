@@ -1,4 +1,4 @@
-"""Faces by hydroelastic contact, where a spec asks for it: what touches by pressure, what is held, and what the probes say."""
+"""Faces by hydroelastic contact, where a spec requests it: pairs with pressure, stored values, and results of the probes."""
 
 from __future__ import annotations
 

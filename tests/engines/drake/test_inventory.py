@@ -1,4 +1,4 @@
-"""Drake's inventory: whatever the engine is told besides shows, and no getter of pydrake's is left unnamed."""
+"""Drake's inventory: additional calls are found, and every getter of pydrake is named."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def load(load_files):
 
 
 def failures(world, engine):
-    """What differs in the inventory, or in the read-back."""
+    """Differences of the inventory or of the read-back."""
     back = engine.read_back()
     (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
     checks = [check, *compare(world, dataclasses.replace(back, inventory={}, neutral={}), Drake.RULES, Drake.LAYERS)]
@@ -86,7 +86,7 @@ BESIDES = {
     "relaxation": material("material.relaxation_time", 0.3),
     "stiffness": material("material.point_contact_stiffness", 1.0),
     "margin": material("hydroelastic.margin", 0.01),
-    "kept apart": unfiltered,
+    "not filtered": unfiltered,
 }
 
 
@@ -111,7 +111,7 @@ def test_two_frictions_of_a_geometry_are_the_engines_failure(load):
 INVENTORY = "in the inventory"
 READ_BACK = "a field of the read-back"
 STATE = "state or what was computed from it, compared by levels L2, L3 and L6"
-DEFAULT = "of contexts that are made later: this one's own value is asked for"
+DEFAULT = "the default of later contexts: the value of this context is queried"
 DERIVED = "follows from what is in the inventory or the read-back"
 WAY = "leads to other objects, which are asked themselves"
 LABEL = "a name or a number of order; names of bodies are those of the read-back"
@@ -265,7 +265,7 @@ def test_every_class_is_queried():
 
 @pytest.mark.parametrize("end", [(0.002, 0.0, 0.0), (4e-4, 4.9e-10, -3e-9), (0.0, 0.0, 2e-12)])
 def test_zeros_remain_zero_after_a_rotation(end, load):
-    """Ends of capsules beside the origin, whose y and z are 0, or next to it, but for the round-off of a sum."""
+    """Ends of capsules at y = z = 0, or near it, except for the round-off of a sum."""
     base = worlds.shapes_world(("capsule",))
     turns = [frames.from_rpy(0.3 * index, 0.2 + index, 0.7 * index) for index in range(6)]
     solid = next(shape for body in base.bodies for shape in body.shapes if shape.collision)

@@ -1,5 +1,5 @@
-"""Drake's PD controllers stand in ``world.json``, since they get their gains before the plant is finished: what is wrong with
-them is noticed there and in the engine."""
+"""Drake's PD controllers are in ``world.json``, since they get gains before the plant is finalised. Their errors are found
+there and in the engine."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_the_effort_limit_of_a_controller_is_not_the_joints(load_files):
 
 
 def test_only_driven_joints_are_driven(load_files):
-    """Beside joints that have an effort limit and no controller, whose actuators come first."""
+    """With other joints that have an effort limit and no controller: their actuators come first."""
     world = chain(("hinge", "hinge", "hinge"))
     bodies = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, effort_limit=50.0)) for body in world.bodies

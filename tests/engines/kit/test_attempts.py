@@ -1,4 +1,4 @@
-"""Operations in a process of their own: what is shared, and what becomes of those after one that ends it."""
+"""Operations in a separate process: shared processes, and operations after the end of a process."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_operations_share_a_process_until_an_operation_ends_it(tmp_path):
 
 
 def test_an_operation_that_ends_a_used_process_is_retried_in_a_new_process(tmp_path):
-    """What came before it may have ended it: then it is done, and what follows shares its process."""
+    """An earlier operation may have ended the process: the retry succeeds, and later operations share its process."""
     operations = [{"op": str(place), "artifacts": str(place)} for place in range(4)]
 
     def begin():

@@ -1,6 +1,6 @@
-"""Whatever comes back from an engine's process is that engine's failure, and nobody else's.
+"""A bad answer of an engine's process is a failure of that engine alone.
 
-Each engine's own good answer is recorded once; impostors (a shell script in place of the interpreter) then give it back spoilt
+The good answer of each engine is recorded once; impostors (a shell script in place of the interpreter) then give it back spoilt
 in one way. The engine that runs after it, whose impostor gives its answer back as it was, comes out whole.
 """
 
@@ -53,7 +53,7 @@ def scene():
 
 @pytest.fixture(autouse=True)
 def _separate_temporary_folder(tmp_path, monkeypatch):
-    """What hostile engines put in the place of their folders is not left in everybody's."""
+    """Files that hostile engines put in place of their folders are not left in the shared temporary folder."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
@@ -97,7 +97,7 @@ def answering(place: Path, answer: Path, more: str = "") -> str:
 
 
 def spoiled_result(change):
-    """Spoil result.json by ``change`` of what it says."""
+    """Spoil result.json by a ``change`` of its content."""
 
     def spoil(answer: Path) -> None:
         path = answer / "result.json"
@@ -184,7 +184,7 @@ BAD = {
     "unknown key": spoiled_result(lambda content: content.update(more=1)),
     "version of a list": spoiled_result(lambda content: content.update(engine_version=[4, 0])),
     "long version": spoiled_result(lambda content: content.update(engine_version="9" * 1_000_000)),
-    "version of words": spoiled_result(lambda content: content.update(engine_version="what it likes")),
+    "version of words": spoiled_result(lambda content: content.update(engine_version="any text")),
     "version that is not seen": spoiled_result(lambda content: content.update(engine_version="1.0\u202e")),
     "log of a word": entry(lambda item: item.update(log="words")),
     "log without end": entry(lambda item: item.update(log=["x"] * 100_000)),
@@ -222,12 +222,12 @@ BAD = {
     "missing array": lambda answer: (answer / "0.pose.bin").unlink(),
     "short array": resized("0.pose.bin", lambda content: content[:-8]),
     "long array": resized("0.pose.bin", lambda content: content + b"\0" * 8),
-    "odd array": resized("0.q.bin", lambda content: content[:-3]),
+    "truncated array": resized("0.q.bin", lambda content: content[:-3]),
     "NaN in a pose": array("pose", put((5, 0, 2), np.nan)),
     "infinite energy": array("energy", put((10, 1), np.inf)),
     "steps that go back": array("step", put(3, 10.0)),
     "steps of NaN": array("step", put(3, np.nan)),
-    "contact of nobody": array("contact.body", put((0, 1), 17)),
+    "contact of an unknown body": array("contact.body", put((0, 1), 17)),
     "contact of less than nobody": array("contact.body", put((0, 1), -1)),
     "contact in no row": array("contact.row", put(-1, 11)),
     "contact rows that go back": array("contact.row", put(-1, 0)),
@@ -235,7 +235,7 @@ BAD = {
     "contact of less than a unit": array("contact.unit", put((0, 1), -1)),
     "contact of another body's unit": array("contact.unit", lambda numbers: numbers.__setitem__(0, numbers[0, ::-1])),
     "units without contacts of them": entry(lambda item: item["arrays"].pop("contact.unit") and None),
-    "contacts of units that are not told": result(contact_units=None),
+    "contacts of unknown units": result(contact_units=None),
     "units of other shapes": entry(lambda item: item["result"].update(
         contact_units=[{**unit, "shapes": ["nothing"]} for unit in item["result"]["contact_units"]])),
     "units of no shapes": entry(lambda item: item["result"].update(
@@ -279,7 +279,7 @@ BY_SCRIPT = {
 
 
 def after(engine: str) -> str:
-    """The engine beside which ``engine`` is spoilt: each is, for one."""
+    """The engine that runs after the spoilt ``engine``: each engine is spoilt for another."""
     return ENGINES[(ENGINES.index(engine) + 1) % len(ENGINES)]
 
 
@@ -467,7 +467,7 @@ def test_the_proof_survives_any_read_back(engine, tmp_path):
 
 
 def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
-    """Where nobody says how many bodies there are, at least all arrays say the same."""
+    """Without a given number of bodies, all arrays must agree on it."""
     described = {
         name: {"kind": "f8", "shape": shape, "stored": True}
         for name, shape in {"time": [3], "pose": [3, 2, 7], "velocity": [3, 1, 6]}.items()

@@ -1,4 +1,4 @@
-"""An engine has each capability, or declares why it lacks it; what it lacks raises that reason."""
+"""An engine has each capability, or declares why it lacks it; a missing capability raises that reason."""
 
 from __future__ import annotations
 

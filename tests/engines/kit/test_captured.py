@@ -1,4 +1,4 @@
-"""What native code prints is caught, whichever stream it takes, and the streams are as before."""
+"""Output of native code is captured from either stream, and the streams are restored."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def count(place: Path) -> int:
 
 
 def left(place: Path) -> list[str]:
-    """What is in the cache but the lock."""
+    """The content of the cache without the lock."""
     return sorted(
         path.name for path in (place / "cache" / "simspec" / "compiled" / "toy-part").glob("*") if path.name != "lock"
     )
@@ -274,7 +274,7 @@ def test_files_of_a_killed_process_are_removed(place):
     folder = of(place).file().parent
     (folder / "tmp-0123456789abcdef").mkdir()
     (folder / "tmp-0123456789abcdef" / "part.o").write_text("half")
-    (folder / "mine.txt").write_text("of somebody else")
+    (folder / "mine.txt").write_text("of another program")
     of(place, flags=("-O0",)).file()
     assert "mine.txt" in left(place)
     assert len(left(place)) == 3

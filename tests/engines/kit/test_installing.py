@@ -42,7 +42,7 @@ def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path):
     assert str(requested[0].not_taken["pybullet"]) == (
         "cannot be installed on Python 3.12; --python pybullet=PATH runs it in another Python"
     )
-    # an interpreter of its own makes it one of them again; who names it gets it, or the error
+    # an interpreter given for it adds it again; naming it returns it, or the error
     assert cli.main([*words, "--python", "pybullet=/some/python"]) == 0
     assert cli.main(["run", "bouncing-ball", "--engine", "pybullet", "--out", str(tmp_path)]) == 0
     assert [entry.engines for entry in requested[1:]] == [tuple(INSTALLED), ("pybullet",)]

@@ -1,4 +1,4 @@
-"""What an engine needs of the machine is data, of which every message is made that says what is missing and how to have it."""
+"""The requirements of an engine are data, and every message about missing requirements and their installation is made of it."""
 
 from __future__ import annotations
 

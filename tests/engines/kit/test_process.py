@@ -1,4 +1,4 @@
-"""The folder contract: what becomes of an engine that is missing, crashes, hangs, lies or turns to NaN."""
+"""The folder contract, with engines that are missing, crash, hang, lie or return NaN."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_a_hanging_engine_is_killed_at_its_deadline(stub):
 
 
 def test_an_attempt_that_crashes_is_refused_and_the_others_go_on(stub):
-    """Each is apart, with its own limit of CPU time; what is lost in a loop ends long before the deadline."""
+    """Each is separate, with a limit of CPU time; an endless loop ends long before the deadline."""
     reply = stub("fine", "crash", "refuse", "lost", "leave", "fine", attempt=True, cpu_seconds=0.5)
     assert [answer.result["refused"] for answer in reply.answers] == [
         "the engine's process was ended by signal 6 (SIGABRT)",
@@ -217,21 +217,21 @@ def test_every_channel_is_looked_at(what, value, tmp_path):
         def step(self, count, effort=None):
             self.height += count
 
-    odd = unexpected()
-    odd.height = -1.0
+    diverging = unexpected()
+    diverging.height = -1.0
     operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose", "energy"]}
-    result, arrays = record(session_of(odd, tmp_path), {}, operation, tmp_path / "0.")
+    result, arrays = record(session_of(diverging, tmp_path), {}, operation, tmp_path / "0.")
     place = [k - 1 for k in CHANNELS[what]]
     assert result["failed"] == {"step": 3, "channel": what, "place": place}
     assert arrays["step"]["shape"] == [4]
 
 
 class HeardError(Exception):
-    """Raised by who is told, when it has heard enough."""
+    """Raised by the receiver of progress after enough reports."""
 
 
 def test_a_long_run_says_how_far_it_is(monkeypatch):
-    """The share that is done is told while it runs, and grows: the run is so long that only what it says ends the test."""
+    """The completed share is reported during the run and grows: the run is so long that only a report ends the test."""
     monkeypatch.setattr(process, "LOOK_EVERY", 0.01)
     world = worlds.damped_springs()
     world = dataclasses.replace(
@@ -254,7 +254,7 @@ def test_a_long_run_says_how_far_it_is(monkeypatch):
 
 @pytest.mark.parametrize("threads", [None, "3"])
 def test_an_engine_has_a_single_thread_by_default(monkeypatch, tmp_path, threads):
-    """A threaded BLAS sums in another order from run to run: what an engine's process sees is looked at in that process."""
+    """A threaded BLAS sums in a different order in each run: the environment is read in the engine's process."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     for name in names:
         monkeypatch.delenv(name, raising=False)
@@ -267,6 +267,6 @@ def test_an_engine_has_a_single_thread_by_default(monkeypatch, tmp_path, threads
     )
     python.write_text(f"#!{sys.executable}\n{script}\n")
     python.chmod(0o755)
-    with pytest.raises(EngineError):  # it gives no result: what it saw is all that is wanted
+    with pytest.raises(EngineError):  # it gives no result: only its environment is wanted
         run(worlds.damped_springs(), "mujoco", python=str(python))
     assert json.loads(seen.read_text()) == dict.fromkeys(names, threads or "1")

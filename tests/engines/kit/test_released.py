@@ -1,4 +1,4 @@
-"""The released versions of an engine: what the package index's client lists, asked away from the user's folder."""
+"""The released versions of an engine, listed by the client of the package index outside the user's folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MUJOCO = find_engine("mujoco")
 
 @pytest.fixture
 def log(tmp_path, monkeypatch):
-    """What was asked of a client of the test's own."""
+    """The requests to a client of the test."""
     text = SCRIPT.format(log=tmp_path / "log")
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "python", text)))
     monkeypatch.chdir(tmp_path)

@@ -32,7 +32,7 @@ HAS: dict[str, Any] = {
 
 
 class Noting(type("Able", (Engine,), HAS, abstract=True)):
-    """Notes what it is asked."""
+    """Notes its requests."""
 
     NAME: ClassVar = "noting"
     DIALECT, DISTRIBUTION, EXTRA = "none", "numpy", "none"
@@ -43,11 +43,11 @@ class Noting(type("Able", (Engine,), HAS, abstract=True)):
     made: ClassVar[list[Noting]] = []
 
     def __init__(self):
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         self.made.append(self)
 
     def note(self, name):
-        self.asked.append(name)
+        self.requests.append(name)
         return name
 
     def load(self, folder, sidecar):
@@ -100,7 +100,7 @@ def test_questions_leave_it_clean(folder, name):
     assert session.condition is Condition.FRESH
     getattr(session, name)()
     assert (session.condition, session.clean) == (Condition.QUERIED, True)
-    assert Noting.made[0].asked == ["load this", name]
+    assert Noting.made[0].requests == ["load this", name]
 
 
 @pytest.mark.parametrize("name", CHANGING)
@@ -125,7 +125,7 @@ def test_a_world_without_dry_friction_is_not_requested_to_disable_it(folder):
     session = Session(Noting, folder)
     session.disable_dry_friction(np.zeros(0, np.int64))
     assert session.condition is Condition.FRESH
-    assert Noting.made[0].asked == ["load this"]
+    assert Noting.made[0].requests == ["load this"]
 
 
 def test_reset_loads_another_engine_and_closes_the_first(folder):
@@ -134,9 +134,9 @@ def test_reset_loads_another_engine_and_closes_the_first(folder):
         session.reset()
         assert session.condition is Condition.FRESH
         first, second = Noting.made
-        assert first.asked == ["load this", "step", "close"]
+        assert first.requests == ["load this", "step", "close"]
         session.step()
-    assert second.asked == ["load this", "step", "close"]
+    assert second.requests == ["load this", "step", "close"]
     with pytest.raises(RuntimeError, match="the session is closed"):
         session.step()
     session.reset()
@@ -147,7 +147,7 @@ def test_reset_loads_another_engine_and_closes_the_first(folder):
 def test_a_failed_load_is_closed_and_reports_its_reason(folder):
     with pytest.raises(EngineError, match="refusing: refuses it"):
         Session(Refusing, folder)
-    assert Noting.made[0].asked == ["close"]
+    assert Noting.made[0].requests == ["close"]
 
 
 def test_the_error_of_the_block_is_raised(folder):

@@ -1,4 +1,4 @@
-"""Warm processes: what a forked process gives is what a new one gives, in every way that it may end."""
+"""Warm processes: a forked process gives the results of a new process, in every way that it may end."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_forked_process_gives_the_bits_of_a_new_process_and_keeps_nothing(name
         assert reply.versions == new.versions
         assert reply.answers[0].arrays.keys() == new.answers[0].arrays.keys()
         for key, value in new.answers[0].arrays.items():
-            if key == "seconds":  # what it took is no result
+            if key == "seconds":  # durations are no result
                 continue
             assert reply.answers[0].arrays[key].tobytes() == value.tobytes()
         assert reply.usage["cpu_user"] < new.usage["cpu_user"]

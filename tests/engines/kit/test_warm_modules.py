@@ -1,4 +1,4 @@
-"""What modules of tests with ``warm_engines`` have: engine processes that are forked, but for runs that are timed."""
+"""Modules of tests with ``warm_engines`` have forked engine processes, except for timed runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Warp compiled is kept up to a number of folders; nothing is removed while another process uses it."""
+"""Kernels compiled by Warp are kept up to a number of folders; no folder is removed while another process uses it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What is MuJoCo Warp's own: what it refuses, that it holds and computes what MuJoCo does of the same files, all its fields,
-room for contacts, and where it keeps what it compiles."""
+"""MuJoCo Warp: its refusals, agreement with MuJoCo on the same files, all its fields, room for contacts, and its cache of
+compiled kernels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests import worlds
 
 installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is not installed")
 SINGLE = 3e-6
-"""Of a second's motion of 1 m in steps of 1 ms: what singles make of it (the floor of a double pendulum is 6e-5 after 2 s)."""
+"""Round-off of singles in a second's motion of 1 m in steps of 1 ms (the floor of a double pendulum is 6e-5 after 2 s)."""
 
 
 def refused(world) -> str:
@@ -120,7 +120,7 @@ def test_the_proof_reads_every_field_of_the_model():
 
 @installed
 def test_a_changed_value_is_reported(load_files):
-    """Of a law, too, whose numbers are told as MuJoCo's where these are rounded to what is held."""
+    """Also of a law: its values are reported as MuJoCo's where these round to the stored values."""
     live = load_files(MjWarp, files_of(shipped.hinges(), MjWarp))
     seen = WarpModel(live._taken, live.model, 0)
     assert seen.opt.timestep == live.model.opt.timestep

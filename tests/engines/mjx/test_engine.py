@@ -1,4 +1,4 @@
-"""What is MJX's own: what it refuses, that it holds and computes what MuJoCo does of the same files, all its fields."""
+"""MJX: its refusals, agreement with MuJoCo on the same files, and all its fields."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_world_with_frictional_and_frictionless_contacts_is_rejected():
 
 
 def test_the_pyramid_is_refused_where_anything_has_friction():
-    """There what rests overlaps by less than MJX tells corners of faces apart at."""
+    """There a resting body overlaps by less than the distance at which MJX distinguishes corners of faces."""
     assert "faces that overlap by less than 1 µm" in refused(worlds.with_cone("pyramid-inscribed"))
     slippery = shipped.shapes_world(("sphere",), friction=0.0)
     contact = dataclasses.replace(slippery.contact, friction_cone="pyramid-inscribed")
@@ -88,7 +88,7 @@ def test_a_file_that_says_otherwise_is_noticed(load_files):
     files = dict(compile_world(world, ["mjx"])["mjx"].files)
     for before, after, name in (
         ('impratio="1000"', 'impratio="999"', "opt.impratio"),
-        ("<worldbody>", '<worldbody><body><joint name="odd"/><geom size="1"/></body>', ""),
+        ("<worldbody>", '<worldbody><body><joint name="other"/><geom size="1"/></body>', ""),
     ):
         assert before in files["model.xml"]
         changed = files | {"model.xml": files["model.xml"].replace(before, after, 1)}
@@ -119,7 +119,7 @@ def test_it_moves_and_touches_as_the_other_engine_does(load_files):
 
 @installed
 def test_limits_hold_where_contact_is_switched_off(load_files):
-    """MJX's elliptic cone has no form without contacts beside other rows of constraints."""
+    """MJX's elliptic cone does not support other rows of constraints without contacts."""
     world = accepting(WORLDS["model"]("mjx"), "mujoco")
     live = [load_files(kind, dict(compile_world(world, [kind.NAME])[kind.NAME].files)) for kind in (Mjx, MuJoCo)]
     for item in live:
@@ -143,7 +143,7 @@ def test_the_same_run_gives_the_same_bits(load_files):
 
 @installed
 def test_a_program_that_was_compiled_before_is_taken_up_again(load_files, tmp_path, monkeypatch):
-    """To the same bits, and where names and initial states differ, of which no program knows; what is damaged is made anew."""
+    """To the same bits, also with other names and initial states, which no program contains; damaged programs are compiled again."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     world = accepting(shipped.hinges(), "mjx")
     bodies = [

@@ -260,7 +260,7 @@ def test_a_deviation_counts_only_where_it_was_measured():
 
 
 def rest_allowed(timestep: float) -> float:
-    """The depth (m) that is declared of a pair without restitution, beside the 0.1 mm that is promised."""
+    """The depth (m) that is declared of a pair without restitution, in addition to the promised 0.1 mm."""
     settings = {"friction": "native"}
     pair = PairContact("m", "m", 0.0, 0.0)
     return max(

@@ -1,4 +1,4 @@
-"""MuJoCo's mode ``friction: coulomb``: what it must do better than MuJoCo's own friction, and what it must leave alone."""
+"""MuJoCo's mode ``friction: coulomb``: improvements over MuJoCo's native friction, and motion that it must not change."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_a_single_solve_is_not_sufficient(load, monkeypatch):
 
 
 def test_a_sudden_push_of_what_rests_does_not_lift_it(load):
-    """A resting body is solved once; what a force does in its first step must be seen all the same (8 mm where it is not)."""
+    """A resting body is solved once; the effect of a force in its first step must be found (8 mm otherwise)."""
     engine = load(coulomb(scene(box("one", (0.0, 0.0, 0.02)), friction=1.0)))
     engine.step(100)
     height = engine.body_states()[0][1, 2]
@@ -170,7 +170,7 @@ def probed(load, probe, wanted):
 @pytest.mark.parametrize("timestep", [0.001, 0.004])
 @pytest.mark.parametrize("value", [0.1, 0.3, 0.4])
 def test_a_clamp_that_jams_under_the_pyramid_stands(load, value, timestep):
-    """It creeps within the tolerance at rest; pushed apart by that, one side lets go within 46 steps of 1 ms at 0.3."""
+    """It creeps within the tolerance at rest; separated by it, a side loses contact within 46 steps of 1 ms at 0.3."""
     wanted = dataclasses.replace(
         law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=Reach(jams=True)
     )
@@ -265,7 +265,7 @@ def test_repeated_runs_give_the_same_bits_with_any_queries_between_steps(load):
 
 @pytest.mark.parametrize("settings", [{"island": True}, {"sleeping": True}, {"solver": "cg"}, {"warmstart": False}])
 def test_it_works_with_other_settings(load, settings):
-    """The same drop, with groups of bodies solved apart, with sleep, with another solver."""
+    """The same drop, with groups of bodies solved separately, with sleep, with another solver."""
     bodies = [ball("far", (5.0, 0.0, 0.5)), ball("one", (0.0, 0.0, 0.5), (5.0, 0.0, 0.0))]
     engine = load(coulomb(scene(*bodies, friction=0.3), **settings))
     normal, before, after = landed(engine, 0.4)

@@ -86,7 +86,7 @@ DEFECTS = [
 
 @pytest.mark.parametrize(("name", "old", "new"), DEFECTS)
 def test_read_back_sees_what_the_engine_holds(name, old, new, tmp_path):
-    """Asked from the engine, not from the request: a change of the file shows."""
+    """Read from the engine, not from the request: a change of the file shows."""
     world = WORLDS[name]
     folder = write(world, tmp_path)
     text = (folder / MODEL).read_text()
@@ -219,7 +219,7 @@ def test_motion_is_the_oracles(name, load):
 
 
 def test_asking_never_disturbs_the_motion(load):
-    """A run that asks everything at every tenth step equals a bare loop to the last bit; contacts included."""
+    """A run that queries all channels at every tenth step equals a bare loop to the last bit; contacts included."""
     world = dataclasses.replace(worlds.shapes_world(ALL_SHAPES), physics=Physics(timestep=0.002, steps=500))
     requested, bare = load(world), load(world)
     for _ in range(50):

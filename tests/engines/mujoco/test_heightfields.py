@@ -1,4 +1,4 @@
-"""Height fields in MuJoCo: what it holds, where it touches, and what it lacks in contact with faces."""
+"""Height fields in MuJoCo: stored values, points of contact, and limits of contact with faces."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def fields_of(value):
     return [name for name in dir(value) if not name.startswith("_") and not callable(getattr(value, name))]
 
 
-def test_every_field_of_the_model_is_in_exactly_one_table():
+def test_the_tables_partition_the_fields_of_the_model():
     empty = mujoco.MjModel.from_xml_string("<mujoco/>")
     for name in fields_of(empty):
         found = [table for table, rows in TABLES.items() if any(fnmatch.fnmatchcase(name, row) for row in rows)]
@@ -203,7 +203,7 @@ def _same(entry, other):
 
 
 def test_settings_are_the_worlds_not_the_sidecars(tmp_path):
-    """A sidecar that agrees with its model.xml, and with nobody else."""
+    """A sidecar that agrees only with its model.xml."""
     world = model("mujoco")
     folder = tmp_path / "files"
     write_folder(compile_world(with_settings(iterations=50), ["mujoco"])["mujoco"].files, folder)

@@ -1,4 +1,4 @@
-"""Kinematic bodies beside joints with dry friction: the solver has a tolerance by which the lighter ones are solved, too."""
+"""Kinematic bodies with joints with dry friction: the tolerance of the solver suffices for the lighter bodies, too."""
 
 from __future__ import annotations
 

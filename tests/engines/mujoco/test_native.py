@@ -1,4 +1,4 @@
-"""MuJoCo's actuators stand in its file: what is wrong with them is noticed there and in the engine."""
+"""MuJoCo's actuators are in its file: their errors are found there and in the engine."""
 
 from __future__ import annotations
 

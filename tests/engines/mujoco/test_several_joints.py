@@ -38,7 +38,7 @@ def light(world):
 
 
 def test_the_mass_matrix_of_a_light_body_is_exact(load_files):
-    """Anything between the joints would be told at least 1e-15 kg m², of the 1e-10 here."""
+    """A link between the joints would have at least 1e-15 kg m², of the 1e-10 here."""
     world = light(worlds.several_joints())
     engine, oracle = load_files(MuJoCo, emit(world)), Oracle(world)
     assert engine.model.nbody == 1 + len(world.bodies) - len(absorbed(world))

@@ -1,4 +1,4 @@
-"""What is ODE's own: everything it holds, what it refuses, stops and dry friction as rows, steps that it cannot solve."""
+"""ODE: its read-back, its refusals, stops and dry friction as rows, steps that it cannot solve."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_joint_stops_at_its_limit_within_the_step(kind, side, load):
     engine.step(1)
     q, v = engine.get_state()
     assert q == pytest.approx(0.0105 * side, abs=1e-9)
-    assert v == pytest.approx(0.5 * side, abs=1e-6)  # what the rest of the way takes
+    assert v == pytest.approx(0.5 * side, abs=1e-6)  # of the remaining distance
     engine.step(10, np.array([3.0 * side]))
     q, v = engine.get_state()
     assert q == pytest.approx(0.0105 * side, abs=1e-9)
@@ -172,7 +172,7 @@ def test_rolling_friction_acts_against_the_turning_and_is_a_disc(load):
 
 
 def test_steps_of_redundant_points_at_their_limits_are_solved(load):
-    """Ten steps of these were left without a solution before points were nudged apart."""
+    """Ten steps of these were left without a solution before points were separated by a small distance."""
     engine = load(with_moments(boxes(3), 0.5, 0.001, 0.001, (0.3, 0.1, 0.0, 0.0, 0.0, 5.0)))
     engine.step(300)
     assert not [line for line in engine.log() if "did not solve" in line]

@@ -1,4 +1,4 @@
-"""Convex hulls in ODE: overlaps against coal's, where points of contact are, and a cube as a hull beside a box."""
+"""Convex hulls in ODE: overlaps compared with coal, points of contact, and a cube as a hull compared with a box."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ODE's own motion, which a spec asks for by a setting and accepts by name."""
+"""ODE's native motion, which a spec requests by a setting and accepts by name."""
 
 from __future__ import annotations
 
@@ -87,4 +87,4 @@ def test_bodies_rest_and_slide_as_the_law_has_it(load_files):
     q, v = engine.get_state()
     assert v[:2] == pytest.approx(np.array([0.6, 0.8]) * (1.0 - 0.5 * 9.81 * 0.1), rel=0.02)
     assert q[[2, 9]] == pytest.approx([0.05, 0.05], abs=1e-4)
-    assert v[6:] == pytest.approx(0.0, abs=1e-4)  # what is left of the overlap is taken back
+    assert v[6:] == pytest.approx(0.0, abs=1e-4)  # the remaining overlap is corrected

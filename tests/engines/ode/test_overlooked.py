@@ -1,4 +1,4 @@
-"""What ODE's own code overlooks: some overlaps of a box and a cylinder."""
+"""Overlaps that ODE's native code overlooks: some of a box and a cylinder."""
 
 from __future__ import annotations
 

@@ -79,16 +79,16 @@ def test_a_hull_that_is_only_seen_is_not_refused():
 
 @installed
 @pytest.mark.parametrize(
-    ("told", "why"),
+    ("size", "why"),
     [
         (dented(1e-4), "leaves 1 of the 9 corners of 'hull' out of its hull, and adds 0"),
         ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0], "leaves 4 of the 4 corners of .* and adds 5"),
     ],
 )
-def test_files_with_such_a_hull_are_an_error(told, why, load):
+def test_files_with_such_a_hull_are_an_error(size, why, load):
     world = scene(solid("hull", random_hull(1), (0.0, 0.0, 1.0)))
     with pytest.raises(EngineError, match=why):
-        load(world, lambda content, _: of("hull")(content)["shapes"][0].update(size=list(told)))
+        load(world, lambda content, _: of("hull")(content)["shapes"][0].update(size=list(size)))
 
 
 FLOORS = {"plane": None, "box": ("box", (4.0, 4.0, 0.2)), "hull": ("mesh", prism(4, 2.0, 0.2))}

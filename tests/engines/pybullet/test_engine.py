@@ -1,4 +1,4 @@
-"""PyBullet: what it holds is the world, it moves as the oracle says, and nothing of its own is left switched on."""
+"""PyBullet: its model equals the world, its motion agrees with the oracle, and its defaults are switched off."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.skipif(PyBullet.version() is None, reason="pybullet is 
 STATE = 1e-14
 """A state goes in and out through two products of rotations: some units of the last place of numbers below 10."""
 DYNAMICS = 1e-12
-"""Relative to the largest entry; measured 4e-15. The proof asks for 1e-9."""
+"""Relative to the largest entry; measured 4e-15. The proof requires 1e-9."""
 MOTION = 1e-11
 """Pose after 2,000 steps, m or quaternion; measured 2e-13. The proof asks for 1e-9."""
 STEPS = 2000

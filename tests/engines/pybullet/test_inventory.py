@@ -1,5 +1,5 @@
-"""PyBullet's inventory: it is what the world demands, whatever is told to the engine besides shows, and no member of what
-PyBullet can be asked is left unnamed."""
+"""PyBullet's inventory: it equals the expectation of the world, additional calls are found, and every member of PyBullet's
+queries is named."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_hulls_of_any_number_of_points_are_compared_in_bounded_memory():
     points = flat / np.linalg.norm(flat, axis=1, keepdims=True)
     bent = points.copy()
     bent[77] *= 1.0 + 20.0 * KEPT
-    assert (np.abs(np.ptp(bent, axis=0) - np.ptp(points, axis=0)) < KEPT).all(), "no axis tells"
+    assert (np.abs(np.ptp(bent, axis=0) - np.ptp(points, axis=0)) < KEPT).all(), "no axis shows it"
     tracemalloc.start()
     assert not alike(points.ravel(), bent.ravel())
     assert alike(points[:3000].ravel(), points[:3000].ravel())

@@ -153,7 +153,7 @@ def arm(*kinds, steps=None, excluded=()):
 
 
 @pytest.mark.parametrize(
-    ("world", "apart"),
+    ("world", "excluded"),
     [
         (arm("fixed", "hinge"), {("b1", "floor")}),  # a joint to the ground is one to all of it
         (arm("fixed", "hinge", "hinge", steps=((), (0.3, 0.0, 0.0), (0.4, 0.0, 0.0))), {("b1", "floor")}),
@@ -169,9 +169,9 @@ def arm(*kinds, steps=None, excluded=()):
         (arm("fixed", "fixed", "hinge"), {("b2", "floor"), ("b0", "b2")}),
     ],
 )
-def test_pairs_that_webots_excludes_are_known(world, apart):
+def test_pairs_that_webots_excludes_are_known(world, excluded):
     """By its collision callback: joined bodies, what is joined to the ground, and chains whose hinges have one anchor."""
-    assert set(excluded_by_joints(world)) == apart
+    assert set(excluded_by_joints(world)) == excluded
 
 
 def test_excluded_pairs_are_reported_with_the_approximation():

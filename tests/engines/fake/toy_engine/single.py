@@ -1,4 +1,4 @@
-"""Toy with numbers of single precision: what it is told, and what it has after every step, is rounded to them."""
+"""Toy in single precision: its inputs and its state after every step are rounded to it."""
 
 import numpy as np
 

@@ -56,7 +56,7 @@ class _Components:
         assert float(physics.find("real_time_factor").text) == 0.0
         self.gravity = _numbers(world.find("gravity").text)
         self.timestep = int(float(physics.find("max_step_size").text) * 1e9) / 1e9
-        self.names, self.told, self.axes, self.types = [], {}, {}, {}
+        self.names, self.axes, self.types = [], {}, {}
         bodies = []
         for model in world.findall("model"):
             self.names.append(("model", model.get("name")))
