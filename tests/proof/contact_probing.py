@@ -59,7 +59,7 @@ def motions(engine, cases, folder, settings=None):
 
 
 def drive(world, phases, artifacts):
-    """What drives one world through ``phases``."""
+    """A driver of a world through ``phases``."""
     velocity = layout_of(world)
     effort = np.zeros((len(phases), velocity.nv))
     names = [body.name for body in world.bodies]
@@ -72,7 +72,7 @@ def drive(world, phases, artifacts):
 
 
 def motion(world, arrays):
-    """What moved, by the names of the bodies."""
+    """The motion, by names of bodies."""
     names = [body.name for body in world.bodies]
     return Motion(
         arrays["time"],

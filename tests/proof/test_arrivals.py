@@ -1,4 +1,4 @@
-"""What arrives at the limit of a ball joint: the stop takes what it feels, and damping what was turned aside before."""
+"""Arrivals at the limit of a ball joint: the stop removes the velocity into it, damping the velocity deflected before."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def arrived(damping):
 
 
 @pytest.mark.parametrize("damping", [0.03, 0.06, 0.1])
-def test_what_damping_turns_aside_is_no_fault_of_a_stop(damping):
+def test_velocity_deflected_by_damping_is_no_fault_of_a_stop(damping):
     """Of a light body on a ball with damping, an ideal stop leaves more than a stop may leave else."""
     entry, plan, trial, left = arrived(damping)
     rest = np.zeros_like(left)

@@ -54,7 +54,7 @@ def test_a_long_chain_is_followed_near_its_rest(first):
     assert chaotic(world) == ""
     assert plan.tolerance <= 1e-7
     moves = np.abs(plan.poses[-1] - plan.poses[0]).max()
-    assert moves > 1e4 * plan.tolerance, "what is compared is motion"
+    assert moves > 1e4 * plan.tolerance, "the plan compares motion"
     assert (plan.effort != 0.0).all()
 
 
@@ -72,7 +72,7 @@ def test_rest_is_where_weights_and_springs_balance():
     assert 0.9 <= values[0] < 0.95, "it ends where a joint comes near a limit"
 
 
-def test_what_grows_by_itself_is_too_chaotic_and_a_narrow_range_is_not():
+def test_growing_errors_are_chaos_and_a_narrow_range_is_not():
     plan = motion.plan(STANDING, Oracle(STANDING))
     assert plan.steps < motion.FEWEST
     assert plan.chaos.startswith(TOO_CHAOTIC)

@@ -404,7 +404,7 @@ def test_a_margin_that_the_world_has_not_is_noticed():
     ]
 
 
-def test_text_is_held_to_twelve_digits():
+def test_text_is_compared_to_twelve_digits():
     found = with_inertial(READ_BACK, HINGE, mass=body_of(READ_BACK, HINGE).inertial.mass * (1 + 1e-11))
     assert failures(WORLD, found) == []
     assert [entry[:2] for entry in failures(WORLD, found, text=True)] == [("L0", "mass")]
@@ -416,7 +416,7 @@ def negative(q):
 
 
 def _same_cases():
-    """What says the same in other words."""
+    """Equivalent read-backs in another notation."""
     for name in (HINGE, FIXED, BALL):
         origin = body_of(READ_BACK, name).joint.origin
         other = dataclasses.replace(origin, quaternion=negative(origin.quaternion))
@@ -452,7 +452,7 @@ SAME = list(_same_cases())
 
 
 @pytest.mark.parametrize("found", [case[1] for case in SAME], ids=[case[0] for case in SAME])
-def test_what_means_the_same_passes(found):
+def test_equivalent_descriptions_pass(found):
     assert failures(WORLD, found) == []
 
 
@@ -476,13 +476,13 @@ UNREADABLE = {
 
 
 @pytest.mark.parametrize("field", UNREADABLE)
-def test_what_cannot_be_read_is_left_out_only_when_it_is_declared(field):
+def test_unreadable_fields_are_omitted_only_when_declared(field):
     found = UNREADABLE[field]()
     assert failures(WORLD, found)
-    assert failures(WORLD, dataclasses.replace(found, unreadable={field: "cannot be asked"})) == []
+    assert failures(WORLD, dataclasses.replace(found, unreadable={field: "cannot be queried"})) == []
 
 
-def test_pairs_are_combined_by_the_engines_own_rule():
+def test_pairs_are_combined_by_the_rule_of_the_engine():
     """The numbers that give 0.3 under min give another under max or product."""
     numbers = {"rubber": Surface(0.8, 0.03, 0.02, 0.5, Hardness()), "steel": Surface(0.3, 0.03, 0.02, 0.2, Hardness())}
     shape = {shape.name: shape for body in WORLD.bodies for shape in body.shapes}
@@ -601,13 +601,13 @@ def test_a_failure_says_where_and_what():
     assert check.detail == "0.4, should be 0.3"
 
 
-def test_what_cannot_move_and_has_no_mass_needs_no_inertia():
+def test_fixed_massless_bodies_need_no_inertia():
     found = with_inertial(READ_BACK, "floor", mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     assert failures(WORLD, found) == []
 
 
-def test_a_small_inertia_is_compared_in_its_own_scale():
-    """A tensor of 1e-9 kg m² that is wrong by a millionth is wrong, though 1e-15 is nothing beside 1."""
+def test_a_small_inertia_is_compared_relative_to_its_size():
+    """A tensor of 1e-9 kg m² that is wrong by a millionth is wrong, though 1e-15 is negligible relative to 1."""
     small = Inertial(1e-3, (0.0, 0.0, 0.0), (1e-9, 2e-9, 1.5e-9, 0.0, 0.0, 0.0))
     bodies = (dataclasses.replace(WORLD.bodies[0], inertial=small, shapes=()),)
     world = worlds.world(bodies, "small")
@@ -640,12 +640,12 @@ INVENTORY = {
         ("geom.a.name", "b"),
     ],
 )
-def test_everything_else_held_is_compared_by_name(name, value):
+def test_the_rest_of_the_inventory_is_compared_by_name(name, value):
     (check,) = inventory_checks(INVENTORY, {**INVENTORY, name: value})
     assert (check.passed, check.level, check.where, check.count) == (False, "L4", name, len(INVENTORY))
 
 
-def test_names_that_only_one_side_has_differ_in_kind():
+def test_names_missing_on_either_side_differ_in_kind():
     (good,) = inventory_checks(INVENTORY, {key: list(v) if isinstance(v, tuple) else v for key, v in INVENTORY.items()})
     assert (good.passed, good.count) == (True, len(INVENTORY))
     (extra,) = inventory_checks(INVENTORY, {**INVENTORY, "count.tendon": 0})

@@ -1,4 +1,4 @@
-"""The complete self-test: what the proof notices is caught, what an engine refuses is refused, the rest is missed or inert."""
+"""The complete self-test: mutations are caught by the proof, refused by the engine, missed or inert."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_mutations_are_caught_refused_or_inert(tested):
 
 
 @pytest.mark.parametrize("seen", ["whole", "glimpsed", "together"])
-def test_what_is_declared_inert_must_move_as_before(seen, monkeypatch):
+def test_mutations_declared_inert_must_not_change_the_motion(seen, monkeypatch):
     """A declaration that covers something that acts is not believed: where each moves alone, where glimpses show it, and
     where they show nothing, and several move together."""
     monkeypatch.setattr(complete, "SHORT", 60.0 if seen == "whole" else 0.0)
@@ -63,7 +63,7 @@ def test_what_is_declared_inert_must_move_as_before(seen, monkeypatch):
         return found, {(verdict.site, verdict.kind): verdict.verdict for verdict in found.verdicts}
 
     _, verdicts = verdicts_of()
-    assert verdicts["inertial@mass", "scaled"] == "caught", "what moves otherwise has the whole proof before it"
+    assert verdicts["inertial@mass", "scaled"] == "caught", "a mutation of the motion gets the whole proof first"
     monkeypatch.setattr(complete._Bench, "_proven", lambda *_: None)
     found, verdicts = verdicts_of()
     assert verdicts["inertial@mass", "scaled"] == "missed"
@@ -162,9 +162,9 @@ def test_the_table_counts_by_engine_and_kind():
 
 
 def test_rows_that_no_change_needs_are_named(tested):
-    """Whether nothing matches them, or all they match is caught or refused before motion is asked."""
+    """Rows without a match, and rows with matches that are all caught or refused before a motion is requested."""
     needed, stale = Inert("mujoco@model", "a name"), Inert("nothing@*", "of nothing", ("word",))
-    caught = Inert("inertial@mass", "what is caught", file="*.xml")
+    caught = Inert("inertial@mass", "caught", file="*.xml")
     table = MutationTable(inert=(needed, stale, caught))
     assert needed.name in {verdict.row for verdict in tested.verdicts if verdict.verdict == "inert"}
     assert complete.unused_rows(table, tested.verdicts) == ("nothing@*; word", "inertial@mass; *.xml")
@@ -173,7 +173,7 @@ def test_rows_that_no_change_needs_are_named(tested):
 
 @pytest.mark.parametrize(("engine", "acts"), [("mujoco", True), ("mjwarp", False)])
 def test_the_same_motion_is_as_near_as_numbers_of_the_engine_are(engine, acts, monkeypatch):
-    """What singles make of another order of the same sums is not an effect of a change; what doubles make is much less."""
+    """Round-off of singles by another order of sums is not an effect of a change; that of doubles is much smaller."""
     monkeypatch.setattr(complete._Bench, "__init__", lambda self: None)
     bench, row, found = complete._Bench(), Inert("*", "because"), complete._Found()
     change = Mutation("model.xml", "scaled", "geom@quat", "geom@quat", "[0] 1 to 1.01", "")
@@ -185,7 +185,7 @@ def test_the_same_motion_is_as_near_as_numbers_of_the_engine_are(engine, acts, m
 
 
 @pytest.mark.parametrize("large", [True, False])
-def test_a_world_that_stands_in_for_another_is_left_out_where_that_one_is_supported(large, monkeypatch):
+def test_a_substitute_world_is_omitted_where_the_original_is_supported(large, monkeypatch):
     def bench_of(engine, name, python):
         if name == "model" and not large:
             return "it refuses slides"
@@ -208,8 +208,8 @@ NOT_ACCEPTED = {("ode", "settings"), ("ode", "settings on a floor")}
 
 @pytest.mark.parametrize("engine", [name for name, known in engines().items() if not known.FILES_ALONE])
 def test_no_world_is_left_out_for_want_of_an_acceptance(engine):
-    """What an engine has approximately is asked of it, too: where it began to be declared so, changes of a whole world would
-    no longer be tried, and the self-test pass by trying less."""
+    """Approximate features of an engine are tested, too. Otherwise a new declaration of an approximation would remove the
+    mutations of a whole world, and the self-test would pass by trying less."""
     for name, make in WORLDS.items():
         world = make(engine)
         try:
@@ -219,7 +219,7 @@ def test_no_world_is_left_out_for_want_of_an_acceptance(engine):
         assert not needed or (engine, name) in NOT_ACCEPTED, f"{name}: {needed}"
 
 
-def test_a_format_without_a_table_gets_an_empty_one(monkeypatch):
+def test_a_format_without_a_table_gets_an_empty_table(monkeypatch):
     monkeypatch.setattr(complete, "dialects", lambda: {"odd": type("Odd", (), {"__module__": "tests.worlds"})()})
     assert complete.table_of("odd") == MutationTable()
 
@@ -245,8 +245,8 @@ def test_contact_under_a_friction_that_is_not_the_default_is_among_the_worlds():
     }
 
 
-def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(monkeypatch):
-    """An engine that hashes that is asked for no glimpses of it, but for whole motions together with others."""
+def test_mutations_that_leave_the_computed_model_unchanged_are_not_run_alone(monkeypatch):
+    """For an engine that hashes its model, such mutations have no short motions, but whole motions together with others."""
     bench = complete._Bench.of("mujoco", "ball joint")
     assert bench.made_of == "", "MuJoCo's motions are quick: it hashes nothing"
     local, requested = selftest.call, set()

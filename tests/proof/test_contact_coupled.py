@@ -66,7 +66,7 @@ def test_a_rod_at_its_least_friction_does_not_accelerate(angle):
     assert rod_acceleration(angle, 0.0, 0.9 * least, rod.LENGTH, rod.RADIUS, rod.MASS, rod.INERTIA) < 0.0
 
 
-def test_the_least_friction_of_a_thin_rod_is_the_textbook_one():
+def test_the_least_friction_of_a_thin_rod_agrees_with_the_textbook():
     """tan θ = (1 − μ²) / 2 μ for equal friction at floor and wall."""
     rod = Rod()
     rod.RADIUS = 0.0
@@ -106,7 +106,7 @@ def test_smooth_impacts_never_add_energy(restitution, opening):
     assert after == pytest.approx(1.0 - 2.0 * (1.0 - restitution**2) * c * c / (1.0 + 2.0 * c * c), rel=1e-9)
 
 
-def test_one_ball_on_two_is_the_known_case():
+def test_a_ball_on_two_balls_agrees_with_the_known_solution():
     """At e = 1, without friction and from 2 m/s the struck balls leave at (±0.693, 1.2) m/s."""
     wanted = coupled(friction=0.0, restitution=1.0)
     probe = Strike()
@@ -126,7 +126,7 @@ def test_a_stick_that_stops_takes_the_whole_slip():
 
 
 @given(st.floats(0.05, 1.9), st.sampled_from((0.0005, 0.001, 0.004, 0.016)))
-def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, timestep):
+def test_bodies_that_slide_together_stop_in_the_steps_of_the_probe(friction, timestep):
     """By semi-implicit Euler, with μ g of each of two bodies of any masses."""
     probe, wanted = stacks.SlidingStack(), coupled(friction=friction, timestep=timestep)
     speed, way = probe.speed(wanted), 0.0
@@ -139,7 +139,7 @@ def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, tim
     assert 0.8 * stacks.WAY < way < (stacks.SLAB[0] - stacks.CUBE[0]) / 2.0 + stacks.WAY / 2.0
 
 
-def test_stacks_slide_on_a_plane_where_there_is_one_in_another_order():
+def test_stacks_slide_on_a_plane_in_either_order():
     probe = stacks.SlidingStack()
     on_box, on_plane = probe.trials(coupled())
     assert [body.name for body in on_plane.bodies] == [body.name for body in reversed(on_box.bodies)]
@@ -181,7 +181,7 @@ def balls(*masses):
     return "".join(BALL.format(name=f"ball_{number}", x=number, mass=mass) for number, mass in enumerate(masses))
 
 
-def test_one_ball_on_one_floor_can_do_nothing_coupled(tmp_path):
+def test_a_single_ball_on_a_floor_has_no_coupled_contacts(tmp_path):
     assert found(tmp_path, balls(1.0)) == Reach(kinds=BALLS)
 
 
@@ -204,7 +204,7 @@ def test_two_balls_weigh_on_each_other_and_three_are_a_pile(tmp_path):
     assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, False, 60.0, 3, BALLS)
 
 
-def test_what_is_kinematic_carries_and_is_no_weight(tmp_path):
+def test_kinematic_bodies_carry_and_have_no_weight(tmp_path):
     plate = "  plate: {kinematic: true, pose: {xyz: [9, 9, 1]}, shapes: [{box: {size: [1, 1, 1]}, material: wood}]}\n"
     there = found(tmp_path, balls(1.0) + plate)
     assert (there.carries, there.leans, there.ratio) == (True, True, 0.0)
@@ -253,7 +253,7 @@ def test_a_clamp_jams_on_what_fits_between_its_shapes(tmp_path, wide, thick, jam
     assert found(tmp_path, CLAMP.format(wide=wide) + POST.format(thick=thick)).jams is jams
 
 
-def test_one_shape_clamps_nothing_and_bodies_fixed_to_each_other_may(tmp_path):
+def test_a_single_shape_cannot_clamp_and_fixed_bodies_can(tmp_path):
     post = POST.format(thick=0.1)
     assert not found(tmp_path, balls(1.0, 2.0) + post).jams
     arm = (
@@ -293,7 +293,7 @@ def test_a_ball_does_not_jam_in_a_slot_and_a_slab_under_a_shelf_may(tmp_path):
     assert not found(tmp_path, slab + shelf.format(z=0.5)).jams
 
 
-def test_a_body_does_not_jam_between_walls_of_which_it_touches_one_alone(tmp_path):
+def test_a_body_that_touches_a_single_wall_does_not_jam(tmp_path):
     slot = SLOT.format(at=0.2, turn=0)
     first, second = slot.rsplit("material: wood", 1)
     path = tmp_path / "world.yaml"
@@ -341,7 +341,7 @@ def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
         pytest.skip(f"{engine} is not installed")
     for restitution in (0.0, 0.5) if name in IMPACTS else (0.0,):
         wanted = coupled(restitution=restitution)
-        if engine == "pybullet":  # what slides on a plane with a heavier body on it stops short, as is declared
+        if engine == "pybullet":  # a body that slides on a plane under a heavier body stops early, as declared
             wanted = dataclasses.replace(wanted, reach=dataclasses.replace(ALL, plane=False))
         found_figures = figures(engine, PROBES[name], wanted, tmp_path / str(restitution))
         assert [figure for figure in found_figures if not figure.passed] == []
@@ -365,7 +365,7 @@ def test_ode_settles_what_its_passes_once_did_not(name, friction, timestep, cone
 
 
 def test_drake_has_crossing_edges_by_pressure_alone(tmp_path):
-    """Its corners and one point for each pair let the upper box sink; what Drake's faces do is within tolerance."""
+    """Its corners and one point for each pair let the upper box sink; the error of Drake's faces is within tolerance."""
     if not installed("drake"):
         pytest.skip("drake is not installed")
     cross = PROBES["cross"]
@@ -397,7 +397,7 @@ def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_norma
 
 
 def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end_early(tmp_path):
-    """What slips at 0.8 times the friction that holds falls with 0.2 g, straight."""
+    """A body with 0.8 times the friction that holds it falls with 0.2 g, straight."""
     probe, wanted = run.PROBES["squeeze"], coupled()
     slips = next(figure for figure in probe.wanted(wanted) if figure.probe == "squeeze-slips")
     assert slips.expected == pytest.approx(0.1, abs=0.001)
@@ -408,7 +408,7 @@ def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end
             assert [figure.passed for figure in shown] == passed
 
 
-def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_within_two_metres():
+def test_a_clamp_is_probed_where_possible_and_stops_within_two_metres():
     for probe in (PROBES[name] for name in JAMMING):
         assert probe.applies(coupled(friction=0.05))
         assert not probe.applies(coupled(friction=0.02))
@@ -422,7 +422,7 @@ def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_wit
     [(Feature.MASS_RATIO, "stack"), (Feature.SELF_LOCKING, "jam"), (Feature.EVEN_PRESSURE, "squeeze")],
 )
 @pytest.mark.parametrize("timestep", [1, 16])
-def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, feature, probe, timestep, tmp_path):
+def test_deviations_under_default_settings_must_be_accepted_by_name(engine, feature, probe, timestep, tmp_path):
     """Support is decided with the settings that are in force, stated or not."""
     kind = find_engine(engine)
     more = balls(1.0, 1000.0) + CLAMP.format(wide=0.3) + POST.format(thick=0.1)
@@ -466,7 +466,7 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
     ],
 )
 def test_a_wrong_number_is_seen(name, compiled, tmp_path):
-    """What DART shows under another law than the one that the figures are held against."""
+    """The motion of DART under another law than that of the expected figures."""
     restitution = 0.3 if name in IMPACTS else 0.0
     wanted = coupled(friction=0.5, restitution=restitution)
     found_figures = figures("dart", PROBES[name], wanted, tmp_path, compiled=coupled(**compiled))

@@ -1,5 +1,5 @@
-"""What the scenes showed of the engines (docs/concepts/scenes.md), each held to a law of its own: a later version that does
-otherwise makes the page wrong, and these fail."""
+"""Results of the scenes for the engines (docs/concepts/scenes.md), each under its law. If a later version differs, the page is
+wrong and these tests fail."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DIRECTIONS = (0, 30, 45, 60, 90)
 
 
 def world_of(name: str, duration: float, bodies: dict, *, accepting=()):
-    """Bodies of one material on a floor; ``accepting``: what PyBullet has approximately."""
+    """Bodies of one material on a floor; ``accepting``: approximations of PyBullet."""
     floor = {"box": {"size": [8, 8, 1]}, "pose": {"xyz": [0, 0, -0.5]}, "material": "floor"}
     data = {
         "simspec": 1,
@@ -37,7 +37,7 @@ def world_of(name: str, duration: float, bodies: dict, *, accepting=()):
         "contact": {
             "friction_cone": "elliptic",
             "materials": {"floor": {"friction": FRICTION}},
-            "groups": {"apart": {"ignores": ["apart"]}},
+            "groups": {"separate": {"ignores": ["separate"]}},
         },
         "bodies": {"ground": {"fixed": True, "shapes": [floor]}, **bodies},
         "record": {"every": 0.01, "channels": ["pose", "velocity", "contacts"]},
@@ -176,7 +176,7 @@ def test_when_a_cylinder_tips(engine, stands):
         bodies[f"cylinder_{index}"] = {
             "pose": {"xyz": [half * math.sin(angle), index - 1.5, 5 + half * math.cos(angle)], "quat": tilt},
             "mass": 1,
-            "collision_group": "apart",
+            "collision_group": "separate",
             "shapes": [{"cylinder": {"radius": radius, "length": 2 * half}, "material": "floor"}],
         }
     run = simspec.run(world_of("tipping", 0.6, bodies), engine)
@@ -189,11 +189,9 @@ def test_when_a_cylinder_tips(engine, stands):
     assert all(abs(lean) < 1 or lean > 10 for lean in leaning)
 
 
-def cradle(engine: str, apart: float) -> np.ndarray:
-    """Speeds (5,) of the balls after the impacts, over that of the first before them: e = 1, the balls ``apart`` (m)."""
-    sets = [
-        f"bodies.ball_{number + 1}.joint.origin.xyz=[{number * (0.05 + apart):.12f}, 0, 0]" for number in range(1, 5)
-    ]
+def cradle(engine: str, gap: float) -> np.ndarray:
+    """Speeds (5,) of the balls after the impacts, over that of the first before them: e = 1, gaps of ``gap`` (m)."""
+    sets = [f"bodies.ball_{number + 1}.joint.origin.xyz=[{number * (0.05 + gap):.12f}, 0, 0]" for number in range(1, 5)]
     sets.append("contact.materials.steel.restitution=1")
     run = simspec.run(simspec.load(SCENES / "newtons-cradle.yaml", sets=sets).resolve(), engine)
     arrives = math.sqrt(2 * GRAVITY * 0.4 * (1 - math.cos(math.radians(30))))
@@ -209,7 +207,7 @@ the others, which press on each other, do not part."""
 
 # Rapier has contacts from 1 µm on, its prediction distance; PhysX has no hinges
 @pytest.mark.parametrize("engine", [name for name in ENGINES if name not in ("physx", "rapier")])
-def test_the_balls_of_a_cradle_a_nanometre_apart_collide_one_after_the_other(engine):
+def test_balls_of_a_cradle_with_gaps_of_a_nanometre_collide_in_sequence(engine):
     np.testing.assert_allclose(cradle(engine, 1e-9), LAST_ALONE, atol=0.03)
 
 

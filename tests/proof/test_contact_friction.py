@@ -58,7 +58,7 @@ def test_rows_are_projected_as_each_of_them_is(cone):
 
 
 def motions(probe, requested, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
-    """What a flat world with the friction ``mu`` under ``cone`` gives for the trials of ``asked``."""
+    """Motions of a flat world with the friction ``mu`` under ``cone`` for the trials of ``requested``."""
     mu = requested.pair.friction if mu is None else mu
     cone = cone or requested.friction_cone
     found = []
@@ -120,10 +120,10 @@ def test_another_friction_fails(name, factor, cone):
     assert (figure.measured > figure.expected) == ((factor > 1.0) == (name == "push"))
 
 
-@pytest.mark.parametrize(("asked", "real"), list(itertools.permutations(FRICTION_CONES, 2)))
+@pytest.mark.parametrize(("requested", "real"), list(itertools.permutations(FRICTION_CONES, 2)))
 @pytest.mark.parametrize("name", ["push", "stop"])
-def test_another_cone_fails(name, asked, real):
-    (figure,) = figures(name, law(0.3, asked), cone=real)
+def test_another_cone_fails(name, requested, real):
+    (figure,) = figures(name, law(0.3, requested), cone=real)
     assert not figure.passed
     assert "worst at" in figure.label
 
@@ -144,12 +144,12 @@ def test_without_friction_any_force_fails(friction_found):
     assert not figures("push", requested, mu=friction_found)[0].passed
 
 
-@pytest.mark.parametrize(("told", "sign"), [((0.33, -0.22, 0.11), 1), ((-0.3, 0.2, -0.1), 1), ((0.0, 0.0, 0.0), -1)])
-def test_another_surface_velocity_fails(told, sign):
+@pytest.mark.parametrize(("belt", "sign"), [((0.33, -0.22, 0.11), 1), ((-0.3, 0.2, -0.1), 1), ((0.0, 0.0, 0.0), -1)])
+def test_another_surface_velocity_fails(belt, sign):
     """Faster, backwards (off by a vector that is longer than the way), and not at all."""
     requested = law()
     probe = PROBES["carry"]
-    (figure,) = probe.figures(requested, motions(probe, dataclasses.replace(requested, belt_written=told)))
+    (figure,) = probe.figures(requested, motions(probe, dataclasses.replace(requested, belt_written=belt)))
     assert not figure.passed
     assert (figure.measured - figure.expected) * sign > 0.0
 
@@ -164,7 +164,7 @@ def test_creep_below_the_limit_fails():
 @pytest.mark.parametrize("dt", TIMESTEPS)
 @pytest.mark.parametrize("mu", [0.002, 0.05, 1.0])
 @pytest.mark.parametrize("name", PROBES)
-def test_a_probe_is_bounded_and_its_sliders_stay_apart(name, mu, dt):
+def test_a_probe_is_bounded_and_its_sliders_stay_separate(name, mu, dt):
     for cone in FRICTION_CONES:
         requested = law(mu, cone, dt)
         for trial in PROBES[name].trials(requested):
@@ -177,7 +177,7 @@ def test_a_probe_is_bounded_and_its_sliders_stay_apart(name, mu, dt):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_what_has_no_numbers_fails_without_a_traceback(name):
+def test_motion_with_nan_fails_without_a_traceback(name):
     """Of an engine that gives NaN from some step on."""
     hardness = Hardness("time-constant", time_constant=0.05, damping_ratio=1.0)
     more = {"hardness": hardness} if name == "compliance" else {}
@@ -207,7 +207,7 @@ ASIDE = {
     ("rapier", "push-oblong"): 0.0191,
     ("rapier", "stop-oblong"): 0.0255,
 }
-"""Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
+"""Engines with friction that does not oppose the slip under the elliptic cone, and the measured share of the expected value."""
 
 
 @pytest.mark.parametrize("engine", with_the_cone(Feature.RESTITUTION))

@@ -1,4 +1,4 @@
-"""The law as files hold it: what is read is what probe worlds get, the worst shape counts, and nonsense is refused by name."""
+"""The law in files: probe worlds get the values read, the worst shape counts, and invalid values are rejected by name."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_sound_files_hold_the_world(engine, tmp_path):
     idle = {name for name, setting in kind.SETTINGS.items() if setting.needs is not None}
     settings = read_sidecar(tmp_path / engine)["settings"]
     assert dict(found.options.settings).items() <= settings.items()
-    assert settings.keys() - dict(found.options.settings).keys() <= idle, "what does nothing is not said"
+    assert settings.keys() - dict(found.options.settings).keys() <= idle, "settings without effect are omitted"
     assert found.plan.layer_of == plan.layer_of
     assert found.plan.missed == plan.missed
     for key, surface in plan.numbers.items():
@@ -74,7 +74,7 @@ def test_files_of_another_law_are_what_counts(engine, tmp_path):
 
 
 class Stub:
-    """A format whose reader says what it is told."""
+    """A format with a given result of its reader."""
 
     def __init__(self, read):
         self._read = read
@@ -84,7 +84,7 @@ class Stub:
 
 
 def stored_after(monkeypatch, world, engine, folder, change):
-    """What is held when the files say what ``change`` makes of their read-back."""
+    """The stored law when the read-back of the files is changed by ``change``."""
     kind = find_engine(engine)
     files = written(world, engine, folder)
     said = change(dialects()[kind.DIALECT].read(files))
@@ -115,7 +115,7 @@ def with_surface(read, name, **values):
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("body", ["sphere_0", "sphere_3"])
-def test_one_wrong_shape_does_not_hide_behind_the_others(engine, body, tmp_path, monkeypatch):
+def test_a_single_wrong_shape_is_found_among_others(engine, body, tmp_path, monkeypatch):
     world = worlds.spheres(4)
     names = [body.name for body in world.bodies if body.joint.kind == "free"]
     wrong = names[0] if body == "sphere_0" else names[-1]
@@ -233,8 +233,8 @@ def test_probes_have_the_world_wide_numbers_of_the_scenario(tmp_path):
     assert found["impratio"] == option.attrib["impratio"] != plain["impratio"]
 
 
-def test_a_pair_is_only_its_own():
-    """What else a scenario has does not change what probes of two materials get."""
+def test_a_pair_is_independent_of_the_rest_of_the_scenario():
+    """Other parts of a scenario do not change the values that probes of two materials get."""
     pairs = (
         PairContact("a", "a", 0.1, 0.0),
         PairContact("a", "b", 0.2, 0.0),
@@ -276,4 +276,4 @@ def test_settings_are_those_that_the_engine_runs_with(tmp_path):
     path.write_text(text)
     settings = dict(law_of_files(world, find_engine("mujoco"), folder).options.settings)
     assert [settings[name] for name in ("iterations", "solver", "impratio", "high_impratio")] == [7, "cg", 5.0, 5.0]
-    assert settings["friction_rate"] == 100.0, "what is no option stands beside the file"
+    assert settings["friction_rate"] == 100.0, "values that are no options are in the sidecar"

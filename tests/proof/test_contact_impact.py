@@ -26,7 +26,7 @@ COMPLIANCE = run.PROBES["compliance"]
 # --- what a motion is read as -------------------------------------------------------------------------------------
 
 
-def test_a_bounce_within_one_step():
+def test_a_bounce_within_a_single_step():
     speed = np.array([-0.99, -1.0, 0.5, 0.49, 0.48])
     assert bounce_ratio(speed, DT) == pytest.approx(0.5)
 
@@ -36,12 +36,12 @@ def test_a_bounce_over_several_steps_gets_back_what_gravity_took():
     assert bounce_ratio(np.array([-0.99, *after]), DT) == pytest.approx(0.7)
 
 
-def test_what_comes_out_of_an_overlap_slowly_is_no_bounce():
+def test_slow_recovery_from_an_overlap_is_no_bounce():
     speed = np.array([-0.99, -1.0, 0.009, 0.0095, 0.01, 0.01])
     assert bounce_ratio(speed, DT) == pytest.approx(0.009)
 
 
-def test_what_is_brought_to_rest_in_several_steps_has_not_bounced():
+def test_a_body_brought_to_rest_in_several_steps_has_not_bounced():
     """Of one that lies gravity takes nothing, which is not to be given back."""
     speed = np.array([-0.14, -0.15, -0.12, -0.03, -0.001, 0.0, 0.0, 1e-7, 0.0])
     assert bounce_ratio(speed, DT) == pytest.approx(0.0, abs=0.01)
@@ -67,7 +67,7 @@ def test_lowest_point_of_a_tilted_cube():
 
 
 @pytest.mark.parametrize("timestep", [0.0005, 0.004, 0.016])
-def test_balls_arrive_with_the_asked_speed_at_the_asked_phase(timestep):
+def test_balls_arrive_with_the_requested_speed_and_phase(timestep):
     """Against stepping each ball by hand."""
     wanted = law(timestep, restitution=0.5)
     balls = iter(RESTITUTION.trials(wanted)[0].bodies[1:])

@@ -1,5 +1,5 @@
-"""A certificate that was edited and sealed again is not valid: what it says must follow from its world and from what its engine
-declares."""
+"""A certificate that was edited and sealed again is not valid: its content must follow from its world and from the declarations
+of its engine."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def of(probe, **more):
 FORGERIES = {
     "L6 of one comparison": (lambda proof: with_check(proof, "L6", "motion", count=1), "L6 motion: 1 comparisons"),
     "L6 compared coarsely": (lambda proof: with_check(proof, "L6", "motion", tolerance=1e-2), "L6 motion: a tolerance"),
-    "a check that nobody makes": (
+    "an unknown check": (
         lambda proof: {"checks": (*proof.checks, dataclasses.replace(proof.level("L6")[0], name="peace"))},
         "L6 peace: this world has no such check",
     ),
@@ -114,14 +114,14 @@ FORGERIES = {
 }
 
 
-def test_what_was_measured_is_what_the_world_wants(sealed):
+def test_measured_figures_satisfy_the_world(sealed):
     world, certificate = sealed
     assert certificate.valid
     assert judge(Certificate.from_json(certificate.to_json()), world) == []
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_what_was_edited_and_sealed_again_is_not_valid(forgery, sealed):
+def test_an_edited_and_resealed_certificate_is_not_valid(forgery, sealed):
     world, certificate = sealed
     change, words = FORGERIES[forgery]
     proof = certificate.engines[ENGINE]

@@ -18,7 +18,7 @@ GAUGES = {
     "pyramid-inscribed": lambda v: np.abs(v[..., 0]) + np.abs(v[..., 1]),
     "pyramid-circumscribed": lambda v: np.maximum(np.abs(v[..., 0]), np.abs(v[..., 1])),
 }
-"""What must not exceed μ N, by cone: the inequalities of the language's reference."""
+"""Forces that must not exceed μ N, by cone: the inequalities of the language's reference."""
 
 
 def law(friction, timestep, cone):

@@ -39,7 +39,7 @@ def few_probes(monkeypatch, tmp_path):
 
 
 def inverse_mass(body, lever):
-    """(3, 3): what an impulse at ``lever`` from the centre changes of the velocity there; a flat box is taken not to turn."""
+    """(3, 3): the change of velocity by an impulse at ``lever`` from the centre; a flat box is assumed not to rotate."""
     if body.joint.kind == "fixed":
         return np.zeros((3, 3))
     found = np.eye(3) / body.inertial.mass
@@ -117,7 +117,7 @@ def test_closed_forms_are_what_momentum_says(friction, restitution, timestep):
 
 
 def test_both_regimes_occur():
-    """What grips ends without slip, what slips does not: by the speeds that the trials begin with."""
+    """Gripping bodies end without slip, slipping bodies do not, by the initial speeds of the trials."""
     wanted = law(friction=0.5, restitution=0.5)
     for case, body in zip(PROBE.landings(wanted), PROBE.trials(wanted)[0].bodies[1:], strict=True):
         slip = math.hypot(*body.joint.velocity[:2]) * oblique.SHARE[case.shape]
@@ -163,7 +163,7 @@ def test_no_number_is_never_passed():
     assert not any(figure.passed for figure in PROBE.figures(wanted, motions))
 
 
-def test_what_passes_through_is_not_passed():
+def test_free_flight_through_the_floor_fails():
     """Free flight, without an impact."""
     wanted = law(restitution=0.5)
     motions = []
@@ -189,7 +189,7 @@ def measured(world, engine, folder, settings=()):
         return measuring.wait()[0]
 
 
-POINTS_APART = ("rapier", "oblique-separation")
+SEPARATE_POINTS = ("rapier", "oblique-separation")
 """An engine and the probe in which it declares what it makes of several points that bounce at once."""
 
 
@@ -204,7 +204,7 @@ def test_impacts_have_friction_within_four_percent_and_without_a_deviation(engin
         found = measured(world, engine, tmp_path / str(friction), MODES[engine])
         assert len(found) == 16
         assert all(
-            figure.passed and (not figure.deviation or (engine, figure.probe) == POINTS_APART) for figure in found
+            figure.passed and (not figure.deviation or (engine, figure.probe) == SEPARATE_POINTS) for figure in found
         ), [f for f in found if not f.passed]
         most = 0.03 if engine == "mujoco" else 0.04
         assert all(
@@ -214,7 +214,7 @@ def test_impacts_have_friction_within_four_percent_and_without_a_deviation(engin
         )
 
 
-def test_mujocos_own_friction_is_missing_and_declared(tmp_path):
+def test_mujocos_native_friction_is_insufficient_and_declared(tmp_path):
     found = measured(worlds.ball_with_law(friction=0.5), "mujoco", tmp_path / "native")
     assert all(figure.passed for figure in found)
     off = [abs(f.measured - f.expected) / f.expected for f in found if f.probe == "oblique"]
@@ -224,7 +224,7 @@ def test_mujocos_own_friction_is_missing_and_declared(tmp_path):
 
 @pytest.mark.parametrize("engine", MODES)
 def test_another_friction_is_measured_as_such(engine, tmp_path):
-    """A twentieth more friction than is wanted: what slips shows it, what grips does not care."""
+    """A twentieth more friction than required: slipping bodies show it, gripping bodies do not."""
     if find_engine(engine).version() is None:
         pytest.skip(f"{engine} is not installed")
     world = worlds.ball_with_law(friction=0.4)

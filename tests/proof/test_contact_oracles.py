@@ -128,7 +128,7 @@ def test_oblique_impact():
             if height < 0.0 and not (bounced and pair.restitution):
                 after = 0.0 if bounced else -pair.restitution * (fall + GRAVITY * dt)
                 impulse, fall, bounced = after - fall, after, True
-            left = speed - (1.0 - share) * along  # what grips keeps the rest
+            left = speed - (1.0 - share) * along  # the rest remains where the contact grips
             speed -= min(left, pair.friction * impulse)
             height, way = height + dt * fall, way + dt * speed
             spin[step + 1] = 2.5 / 0.1 * (along - speed)
@@ -176,7 +176,7 @@ def test_card_house():
     half = length / 2
 
     def push(angle: float, rate: float, bend: float) -> float:
-        """What the torque about the centre lacks when the angle's second derivative is ``bend``; linear in it."""
+        """The residual torque about the centre for the second derivative ``bend`` of the angle; linear in it."""
         sine, cosine = math.sin(angle), math.cos(angle)
         normal = mass * (GRAVITY - half * (sine * bend + cosine * rate**2))
         wall = friction * normal + mass * half * (cosine * bend - sine * rate**2)
@@ -210,7 +210,7 @@ def test_spinning_disc():
     assert expected("spinning-disc", "angular_speed")["disc"]["speed"] == pytest.approx(spin, abs=1e-3)
 
 
-def test_six_materials_are_held_to_1_percent():
+def test_six_materials_agree_to_1_percent():
     physics = scene("six-materials").physics
     found = expected("six-materials", "displacement")
     pairs = set()

@@ -1,4 +1,4 @@
-"""Level L5: what is measured of a scenario's files, what is taken from the cache, and what becomes of an engine that fails."""
+"""Level L5: figures measured of the files of a scenario, figures from the cache, and engines that fail."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ENGINES = with_the_cone(Feature.RESTITUTION)
 QUICK = ("mujoco", "ode")
 """In which every probe takes ten seconds; in the others every commit measures the laws of other tests."""
 SAID_TWICE = ("ode", "physx", "rapier")
-"""Whose sidecar says the cone too: files that contradict each other are refused."""
+"""For engines with the cone in the sidecar too, files that contradict each other are rejected."""
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0
 ASIDE = {"pybullet": ("push-oblong", "stop-oblong"), "mujoco": ("oblique",), "rapier": ("push-oblong", "stop-oblong")}
@@ -110,7 +110,7 @@ def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
     subjects = {", ".join(pair) for pair in PAIRS}
     for probe in PROBES:
         assert {figure.subject for figure in found if figure.probe == probe} == subjects
-    # bodies slide with spin wherever there is friction; what else is coupled depends on what the world can do
+    # bodies slide with spin wherever there is friction; other coupled probes depend on the contacts that the world can have
     coupled = {name for law in run.laws(world) for name, probe in run.COUPLED.items() if probe.applies(law)}
     endings = ("-slips", "-energy", "-sideways", "-plane")
     there = {functools.reduce(str.removesuffix, endings, figure.probe) for figure in found}
@@ -131,7 +131,7 @@ def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_the_files_hold_is_measured_and_not_what_was_meant(engine, tmp_path, few_probes):
+def test_the_content_of_the_files_is_measured_and_not_the_world(engine, tmp_path, few_probes):
     """Half the friction of one pair, in files that stand for the whole world."""
     world = worlds.table(PAIRS)
     halved = worlds.table({**PAIRS, ("rubber", "rubber"): 0.1})
@@ -278,7 +278,7 @@ def test_the_largest_declared_deviation_counts():
     assert (found.deviation, found.tolerance) == ("large", pytest.approx(0.15))
 
 
-def test_what_passes_by_itself_needs_no_deviation():
+def test_figures_within_tolerance_need_no_deviation():
     fine = dataclasses.replace(FIGURE, measured=0.501)
     assert deviating(fine, Deviation("push", 0.3, "hops")) == fine
 
@@ -287,7 +287,7 @@ def test_what_passes_by_itself_needs_no_deviation():
 
 
 class Replayed:
-    """A process that gives the answers of one that was asked the same."""
+    """A process that replays the answers to an equal request."""
 
     def __init__(self, reply):
         self.reply = reply
@@ -297,10 +297,10 @@ class Replayed:
 
 
 REPLIES: dict[str, Reply] = {}
-"""What engines' processes answered in this module, by all that they were asked."""
+"""Answers of engine processes in this module, by their whole request."""
 
 
-def everything_asked(engine, operations) -> str:
+def whole_request(engine, operations) -> str:
     """Engine, operations and artifacts, as words. Where artifacts are is not a part of it."""
     said = [engine]
     for operation in operations:
@@ -312,14 +312,14 @@ def everything_asked(engine, operations) -> str:
 
 
 def processes(monkeypatch):
-    """The operations of each engine process that is asked for from here on. What was asked before, with the same files, is
-    answered as it was then: whether it is asked is what counts."""
+    """The number of operations of each engine process that is requested from here on. Equal earlier requests with the same
+    files are replayed: the test counts the requests."""
     started = []
 
     @contextlib.contextmanager
     def counting(engine, artifacts, operations, **more):
         started.append(len(operations))
-        text = everything_asked(engine, operations)
+        text = whole_request(engine, operations)
         if text in REPLIES:
             yield Replayed(REPLIES[text])
             return
@@ -332,7 +332,7 @@ def processes(monkeypatch):
     return started
 
 
-def test_what_was_measured_is_not_measured_again(tmp_path, few_probes, monkeypatch):
+def test_cached_figures_are_not_measured_again(tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     world = worlds.table(PAIRS)
     place = files(world, engine, tmp_path / engine)
@@ -345,7 +345,7 @@ def test_what_was_measured_is_not_measured_again(tmp_path, few_probes, monkeypat
     assert started == [3, 3]
 
 
-def test_a_new_material_is_measured_with_its_own_pairs_alone(tmp_path, few_probes, monkeypatch):
+def test_for_a_new_material_only_its_pairs_are_measured(tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     small = worlds.table(dict.fromkeys(PAIRS, 0.3))
     large = worlds.table(dict.fromkeys([*PAIRS, ("ice", "steel"), ("rubber", "steel"), ("steel", "steel")], 0.3))
@@ -357,7 +357,7 @@ def test_a_new_material_is_measured_with_its_own_pairs_alone(tmp_path, few_probe
 
 
 @pytest.mark.parametrize("change", ["friction", "cone", "timestep", "setting", "version", "code"])
-def test_whatever_changes_a_figure_is_measured_anew(change, tmp_path, few_probes, monkeypatch):
+def test_changes_that_affect_a_figure_are_measured_again(change, tmp_path, few_probes, monkeypatch):
     engine = installed("dart")
     world = worlds.ball_with_law()
     other = {
@@ -412,7 +412,7 @@ def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypa
 
 
 @pytest.mark.parametrize("text", ["[1]", '[{"probe": "push"}]', "mine"])
-def test_what_is_no_entry_is_left_alone(text, tmp_path, few_probes, monkeypatch):
+def test_files_that_are_no_cache_entries_are_unchanged(text, tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     world = worlds.ball_with_law()
     place = files(world, engine, tmp_path / engine)
@@ -440,7 +440,7 @@ def test_the_key_is_of_all_code_and_of_the_processor(monkeypatch):
     assert set(environment) == {"simspec", "numpy", "python", "platform", "processor"}
 
 
-def test_of_what_the_cache_knows_one_is_measured_again(tmp_path, few_probes, monkeypatch):
+def test_a_single_cached_figure_is_measured_again(tmp_path, few_probes, monkeypatch):
     world = worlds.table(PAIRS)
     artifacts = files(world, ENGINES[0], tmp_path / "files")
     first = measured(world, installed(ENGINES[0]), artifacts)
@@ -538,7 +538,7 @@ def test_a_crash_is_the_figure_of_the_probe_that_crashes(tmp_path, few_probes, m
     assert bad.measured is None
     assert "SIGSEGV" in bad.case
     assert "SIGSEGV" in run.contact_checks(found)[0].detail
-    # what crashed is not kept
+    # figures of a crash are not kept
     assert len(list(cache.ENTRIES.folder().iterdir())) == 2
 
 
@@ -571,7 +571,7 @@ def test_files_that_cannot_be_probed_are_a_failed_check(engine, tmp_path, few_pr
     assert "nonsense" in check.detail
 
 
-def test_motion_without_numbers_is_a_figure_without_one(tmp_path, few_probes, monkeypatch):
+def test_motion_with_nan_gives_a_figure_without_a_value(tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     world = worlds.ball_with_law()
     with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, False) as measuring:

@@ -38,7 +38,7 @@ QUICK = (
 )
 TOWERS = ("tower-boxes", "tower-cylinders")
 OF_VERSIONS = ("box-on-box",)
-"""What compares releases of one engine (tests/commands/test_bisect.py), by its own contact."""
+"""The world that compares releases of an engine (tests/commands/test_bisect.py), with its native contact."""
 GRAVITY = 9.81
 
 REFUSED = {
@@ -49,8 +49,8 @@ REFUSED = {
 }
 """Scenes that an engine does not support, each with the feature."""
 MISSES = {("tripod", "rapier"): 1, ("tripod", "physx"): 1, ("card-house", "physx"): 2}
-"""How many expectations of a scene an engine misses, as it declares: what spins fast as it slides is braked too strongly, and
-cards that slide on their edges in PhysX."""
+"""Number of expectations of a scene that an engine misses, as it declares: bodies that spin fast while sliding are braked too
+strongly, and cards slide on their edges in PhysX."""
 
 WRONG = {
     "slide-24, a circumscribed pyramid": (
@@ -97,7 +97,7 @@ WRONG = {
     "six-materials, one value 2 % off in layers": ("six-materials", "pybullet", ("contact.pairs.4.friction=0.755",)),
     "six-materials, one value 2 % off in pairs": ("six-materials", "mujoco", ("contact.pairs.12.friction=0.143",)),
 }
-"""What a wrong law does to a scene: the scene, an engine, and what is set otherwise."""
+"""Effects of a wrong law on a scene: the scene, an engine, and the changed settings."""
 
 
 def outcomes(name: str, engine: str, sets: tuple[str, ...] = ()):

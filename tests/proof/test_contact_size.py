@@ -88,7 +88,7 @@ DISTANCE = {
 
 @pytest.mark.parametrize("kind", sorted(SIZES))
 def test_points_lie_on_the_surface_and_normals_point_out_of_it(kind):
-    """Against signed distances, written down apart."""
+    """Compared with signed distances of a separate implementation."""
     shape = Shape("x", kind, SIZES[kind])
     points = surface_points(shape, 0.0)
     assert len(points) >= 2
@@ -172,7 +172,7 @@ def test_a_detector_that_takes_capsules_for_balls_is_caught(tmp_path):
     assert {figure.subject.split()[0] for figure in found if not figure.passed} == {"capsule"}
 
 
-def test_what_cannot_be_touched_is_not_probed():
+def test_shapes_without_contact_are_not_probed():
     world = world_of(["box"])
     separate = dataclasses.replace(world.contact, pairs=(PairContact("rubber", "rubber", 0.0, 0.0, collide=False),))
     assert size_trial(dataclasses.replace(world, contact=separate)) is None

@@ -80,7 +80,7 @@ def test_a_dropped_moment_is_caught(engine, tmp_path):
     assert not left.passed
 
 
-def test_what_needs_a_huge_ball_or_slips_is_not_rolled():
+def test_laws_that_need_a_huge_ball_or_slip_are_not_probed_by_rolling():
     assert ROLLING.applies(law(friction=0.5, rolling_friction=0.09))
     assert not ROLLING.applies(law(friction=0.5, rolling_friction=0.11))
     assert not ROLLING.applies(law(friction=0.0, rolling_friction=0.01))

@@ -30,7 +30,7 @@ def names(parts):
     return [[entry.name for entry in part.bodies] for part in parts]
 
 
-def test_free_bodies_go_apart_and_the_floor_with_each():
+def test_free_bodies_are_split_and_each_part_has_the_floor():
     trial = Trial((FLOOR, *(body(name) for name in "abcde")), (Phase(3, 1, {"a": (1.0,) * 6, "e": (2.0,) * 6}),))
     parts = split(trial, 2)
     assert names(parts) == [["floor", "a", "b"], ["floor", "c", "d"], ["floor", "e"]]
@@ -38,7 +38,7 @@ def test_free_bodies_go_apart_and_the_floor_with_each():
     assert split(trial, None) == split(trial, 5) == [trial]
 
 
-def test_what_is_joined_or_meets_stays_together():
+def test_joined_or_touching_bodies_stay_together():
     chain = (body("a"), body("b", "a", "hinge"), body("c", "floor", "hinge"))
     couple = (body("d", group="one"), body("e"), body("f", group="other"))
     trial = Trial((FLOOR, *chain, *couple), (Phase(1),), (("one", "other"),))
@@ -64,7 +64,7 @@ def test_every_probe_keeps_all_its_bodies(probe):
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "drake"])
-def test_figures_are_those_of_one_world(engine, tmp_path, monkeypatch):
+def test_figures_equal_those_of_the_unsplit_world(engine, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "PROBES", {name: run.PROBES[name] for name in ("push", "oblique")})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
     world = worlds.table({("a", "a"): 0.4})

@@ -1,4 +1,4 @@
-"""The probe of stacks: without friction cubes that slide apart are measured while they lie on each other."""
+"""The probe of stacks: without friction sliding cubes are measured while they lie on each other."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def test_with_friction_the_last_state_counts():
     assert (depth, way) == (pytest.approx(0.1), pytest.approx(2.0 * stacks.ADRIFT))
 
 
-def test_what_is_adrift_at_once_is_measured_all_the_same():
+def test_stacks_that_drift_immediately_are_measured():
     samples = np.arange(100)
     assert measured(0.0, np.where(samples > 0, 1.0, 0.0), np.where(samples > 0, 0.1, 0.0)) == [pytest.approx(0.1)]
 
 
 @pytest.mark.parametrize("at", [5, 50])
-def test_what_is_not_finite_is_the_figure(at):
+def test_a_non_finite_drift_is_the_figure(at):
     """Also where cubes are adrift before, or after."""
     sideways, down = falling()
     sideways[at:], down[at:] = math.nan, math.nan
@@ -57,6 +57,6 @@ def test_what_is_not_finite_is_the_figure(at):
     assert math.isnan(depth)
 
 
-def test_what_falls_without_sliding_is_measured_at_the_end():
+def test_a_stack_that_sinks_without_sliding_is_measured_at_the_end():
     down = np.linspace(0.0, 3.0, 100)
     assert measured(0.0, np.zeros(100), down) == [pytest.approx(3.0)]

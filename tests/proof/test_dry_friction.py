@@ -33,7 +33,7 @@ ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
 
 def arm_with_friction(seed: int = 5, timestep: float = 0.001) -> World:
-    """A base that rubs, a damped and sprung hinge, a slide that rubs within limits, a ball, and a loose arm that rubs."""
+    """A base with friction, a damped and sprung hinge, a slide with friction and limits, a ball, and a loose arm with friction."""
     first = worlds.tree(["fixed", "hinge", "hinge", "slide", "ball"], seed)
     changes = {
         1: {"dry_friction": 0.4},
@@ -55,7 +55,7 @@ def arm_with_friction(seed: int = 5, timestep: float = 0.001) -> World:
 
 
 def stick_and_slip(world: World, plan: forces.DryFriction, friction: np.ndarray) -> np.ndarray:
-    """What a perfect engine answers: |f| ≤ F, f = −F sign(v') where a joint slides, v' = 0 where it does not, solved by
+    """The answer of a perfect engine: |f| ≤ F, f = −F sign(v') where a joint slides, v' = 0 where it does not, solved by
     projected Gauss-Seidel. ``friction`` (nv, 2): the limits against moving down and up."""
     oracle, found = Oracle(world), []
     places, step = plan.places, world.physics.timestep
@@ -110,7 +110,7 @@ def test_a_friction_that_is_off_is_noticed(probe, factor):
                 assert joint in failures(world, plan, wrong, 1e-7)
 
 
-def test_what_is_no_number_fails(probe):
+def test_non_finite_friction_fails(probe):
     world, plan, friction = probe
     found = stick_and_slip(world, plan, friction)
     found[3, plan.places[1]] = np.nan
@@ -202,7 +202,7 @@ DEFECTS = {
         ),
         "spring tendon": ("model.xml", adding(TENDON.format("name='t' stiffness='1' springlength='0.1'"))),
         "damped tendon": ("model.xml", adding(TENDON.format("name='t' damping='0.01'"))),
-        "tendon that rubs": ("model.xml", adding(TENDON.format("name='t' frictionloss='0.01'"))),
+        "tendon with friction": ("model.xml", adding(TENDON.format("name='t' frictionloss='0.01'"))),
         "tendon with armature": ("model.xml", adding(TENDON.format("name='t' armature='0.001'"))),
         "joint that should not rub": ("model.xml", setting(".//joint[@name='link2_joint']", frictionloss="0.001")),
         "friction": ("model.xml", setting(".//joint[@name='link1_joint']", frictionloss="0.404")),
@@ -233,7 +233,7 @@ DEFECTS = {
 
 
 @pytest.mark.parametrize(("engine", "defect"), [(engine, name) for engine, some in DEFECTS.items() for name in some])
-def test_what_only_motion_shows_is_seen_beside_dry_friction(engine, defect, tmp_path):
+def test_defects_visible_only_in_motion_are_found_with_dry_friction(engine, defect, tmp_path):
     """Each of these went unseen while worlds with dry friction had no L6."""
     world = arm_with_friction()
     file, change = DEFECTS[engine][defect]
@@ -251,7 +251,7 @@ def test_what_only_motion_shows_is_seen_beside_dry_friction(engine, defect, tmp_
     assert found <= {SLIDING_CHECK, REST_CHECK} if has_friction else "motion" in found
 
 
-def test_joints_that_are_held_together_are_tried_within_the_limits_of_both():
+def test_coupled_joints_are_tried_within_the_limits_of_both():
     """A thread: a cap that turns rises, and is let in by the limits of what follows it alone."""
     turn, rise = worlds.tree(["hinge", "slide"], 12)
     limits = dataclasses.replace(rise.joint, position_limits=(0.0, 0.032), position=(0.001,), velocity=(0.0,))

@@ -1,4 +1,4 @@
-"""What must be compared in a world, what cannot be, and that a certificate cannot call the one the other."""
+"""Required and inapplicable comparisons of a world: a certificate cannot call a required comparison inapplicable."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_the_worst_of_many_is_kept_also_where_it_has_no_place():
     assert [check.worst for check in tally.checks()] == [5.0]
 
 
-def test_what_a_world_has_not_is_said_with_its_reason():
+def test_inapplicable_levels_are_reported_with_their_reason():
     assert left_out(STATIC) == {
         "L3": "nothing moves in this world",
         "L4 collision matrix": "there are no two bodies with collision shapes",
@@ -72,7 +72,7 @@ def proof() -> EngineProof:
 ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
 
-def test_motion_is_compared_beside_dry_friction(proof):
+def test_motion_is_compared_with_dry_friction(proof):
     assert proof.valid
     (motion,) = (check for check in proof.level("L6") if check.name == "motion")
     assert motion.count > 100

@@ -38,7 +38,7 @@ def test_the_sound_filter_passes_with_all_that_can_meet(bench):
 
 
 def test_every_defect_of_the_filter_is_caught(bench, tmp_path):
-    """By bringing shapes together, or by the engine's own refusal, beside what the inventory of its masks tells."""
+    """By bringing shapes together, or by a refusal of the engine, in addition to the inventory of its masks."""
     engine, world, compiled, probes = bench
     missed = []
     for number, (name, plant) in enumerate(filters.DEFECTS[engine].items()):
@@ -50,7 +50,7 @@ def test_every_defect_of_the_filter_is_caught(bench, tmp_path):
     assert missed == []
 
 
-def test_what_is_welded_to_an_arms_first_link_meets_the_ground():
+def test_a_body_welded_to_the_first_link_of_an_arm_meets_the_ground():
     """PyBullet takes it for unmoved; contact must be found all the same."""
     upper = Joint("j", "hinge", None, Pose((0.0, 0.0, 0.3)), (0.0, 1.0, 0.0), position=(0.0,), velocity=(0.0,))
     arm = Body("arm", "arm", filters.SOLID, upper)
@@ -76,7 +76,7 @@ def box(name: str, material: str, x: float = 0.0) -> Shape:
 
 
 def materials(engine: str, *bodies: Body, passing: bool = False, friction: float = 0.0) -> World:
-    """Bodies of materials a, b and c; a passes through b where asked."""
+    """Bodies of materials a, b and c; a passes through b where requested."""
     names = "abc"
     pairs = tuple(
         PairContact(x, y, 0.0, 0.0, collide=False) if passing and x + y == "ab" else PairContact(x, y, friction, 0.0)
@@ -90,7 +90,7 @@ def materials(engine: str, *bodies: Body, passing: bool = False, friction: float
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_shapes_of_one_body_never_touch_each_other(engine):
+def test_shapes_of_the_same_body_never_touch(engine):
     """Two materials on one body, overlapping."""
     world = materials(engine, free("one", 0.0, box("x", "a"), box("y", "c", 0.05)), free("two", 2.0, box("z", "a")))
     found = verify(world, [engine], levels=["L4"])

@@ -1,4 +1,4 @@
-"""How far two hulls are apart: the bound by their vertices, the directions that are looked along, and what each passes over."""
+"""The distance of two hulls: the bound by their vertices, the directions of the search, and the misses of each."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_the_bound_is_above_the_distance_and_taken_only_where_it_is_tolerated(na
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_vertex_that_is_moved_or_lacks_is_found_whatever_is_tolerated_below_it(name):
+def test_a_moved_or_missing_vertex_is_found_at_any_lower_tolerance(name):
     points = a_hull(name, 200, False)
     wanted = mesh_size(points)
     least = np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1))

@@ -1,4 +1,4 @@
-"""A stored proof of bodies without mass, or with masses that engines are told as one, compares what such a world has."""
+"""A stored proof of massless bodies, or of bodies merged for engines, compares the quantities that such a world has."""
 
 from __future__ import annotations
 

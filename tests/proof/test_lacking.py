@@ -1,4 +1,4 @@
-"""What an engine lacks is told as not checked, and nothing else can hide there."""
+"""Missing capabilities of an engine are reported as not checked, and no other check can be omitted under this name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def lacking(monkeypatch):
     return kind
 
 
-def test_what_is_lacking_is_not_asked_for_and_stands_in_the_certificate(lacking):
+def test_missing_capabilities_are_not_requested_and_are_in_the_certificate(lacking):
     operations = {operation.op: operation for operation in prepare(WORLD).operations(lacking)}
     assert operations["dynamics"].parameters["quantities"] == ["bias_force"]
     proof = verify(WORLD, [NAME]).engines[NAME]

@@ -1,4 +1,4 @@
-"""Where motion proofs begin in worlds with loops and narrow limits, and of which worlds none is asked for, with the reason."""
+"""Initial states of motion proofs in worlds with loops and narrow limits, and worlds without such a proof, with the reason."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_loop_that_begins_at_a_limit_is_moved_inside_along_its_constraints(lim
     assert limits[0] + 0.1 * (limits[1] - limits[0]) < first < limits[1] - 0.1 * (limits[1] - limits[0])
 
 
-def test_what_is_inside_stays_where_it_is():
+def test_states_within_the_limits_are_unchanged():
     world = constrained.linkage((-1.0, 1.0))
     start, _ = initial_state(world)
     assert np.array_equal(Oracle(world).inwards(start), start)
@@ -53,7 +53,7 @@ def test_a_joint_that_constraints_hold_at_its_limit_is_named():
 
 
 @pytest.mark.parametrize(("limits", "word"), [((0.0, 0.5), "no position of joint"), ((-0.5, 0.5), "")])
-def test_joints_that_turn_against_each_other_and_may_turn_one_way_only_are_named(limits, word):
+def test_coupled_joints_with_opposing_single_sided_ranges_are_named(limits, word):
     """As in a gripper whose fingers' joints all have one range: where two add up to zero, both are at its end."""
     base = constrained.follower()
     joints = [dataclasses.replace(body.joint, position_limits=limits, position=(0.0,)) for body in base.bodies[1:3]]
@@ -66,7 +66,7 @@ def test_joints_that_turn_against_each_other_and_may_turn_one_way_only_are_named
         assert left_out(world)["L6"] == motionless(world)
 
 
-def test_a_joint_of_one_position_is_not_asked_to_move_and_the_certificate_says_so():
+def test_a_joint_with_a_single_position_has_no_motion_test_and_the_certificate_says_so():
     base = worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 7))
     joint = base.bodies[1].joint
     (value,) = joint.position

@@ -13,7 +13,7 @@ from simspec.support.negotiation import needs
 from simspec.world.types import World
 
 NOT_IN_FILES = {
-    **dict.fromkeys(("control", "forces", "body.kinematic"), "computed beside the engine, from the request"),
+    **dict.fromkeys(("control", "forces", "body.kinematic"), "computed outside the engine, from the request"),
     **dict.fromkeys(("tree.size", "tree.depth"), "how large a tree is"),
     "contact.touch": "which shapes may touch at all, of worlds of any contact",
     "contact.mass-ratio": "how engines solve stacks: of worlds of any masses",
@@ -23,7 +23,7 @@ NOT_IN_FILES = {
     "contact.friction.impact": "how engines compute friction: of worlds of any friction",
     **dict.fromkeys(
         ("material.friction.pairs", "material.restitution.pairs", "contact.hardness.pairs"),
-        "what an engine's rule of combination cannot give: found by the plan of contact (the world “surfaces”)",
+        "values that an engine's rule of combination cannot give: found by the plan of contact (the world “surfaces”)",
     ),
 }
 UNSAID = {
@@ -33,19 +33,19 @@ UNSAID = {
     **dict.fromkeys(
         ("World.expectations", "World.record", "Record.every_steps", "Record.channels"), "not of the model"
     ),
-    **dict.fromkeys(("World.forces", "World.motions"), "computed beside the engine"),
+    **dict.fromkeys(("World.forces", "World.motions"), "computed outside the engine"),
     **dict.fromkeys(
         (f"Trajectory.{name}" for name in ("accelerations", "efforts", "interpolation", "velocities")),
-        "computed beside the engine",
+        "computed outside the engine",
     ),
     **dict.fromkeys(
         (
             f"Controller.{name}"
             for name in ("damping_ratio", "discretisation", "every_steps", "gravity_compensation", "natural_frequency")
         ),
-        "of laws that are computed beside the engine",
+        "of laws that are computed outside the engine",
     ),
-    **dict.fromkeys(("Connect.kind", "Follow.kind", "Weld.kind"), "what the class says"),
+    **dict.fromkeys(("Connect.kind", "Follow.kind", "Weld.kind"), "given by the class"),
 }
 
 

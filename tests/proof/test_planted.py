@@ -41,7 +41,7 @@ def test_planted_defects_are_seen(engine):
 
 
 @pytest.mark.parametrize("engine", ["dart", "ode"])
-def test_what_changes_nothing_is_not_seen(engine):
+def test_defects_without_effect_are_inert(engine):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
     settings, probes = planted.SETTINGS[engine][0], {"row": PROBES["row"]}
@@ -51,13 +51,13 @@ def test_what_changes_nothing_is_not_seen(engine):
     assert (found.verdict, found.seen, found.blind) == ("inert", [], [])
 
 
-def row(verdict, **fields):
+def row(verdict, pairs=(), **fields):
     entry = {"engine": "dart", "version": "1", "setting": "", "cone": "elliptic", "defect": "d", "date": "2026-01-01"}
-    return {**entry, "verdict": verdict, "seen": [], "blind": [], "one_pair": [], "why": "", **fields}
+    return {**entry, "verdict": verdict, "seen": [], "blind": [], "one_pair": list(pairs), "why": "", **fields}
 
 
-def test_the_table_stands_between_its_marks_and_counts_what_nobody_sees():
-    rows = [row("seen", seen=["rod"]), row("hidden", why="pile 0.1 m", one_pair=["push"]), row("blind"), row("inert")]
+def test_the_table_is_between_its_marks_and_counts_missed_defects():
+    rows = [row("seen", seen=["rod"]), row("hidden", why="pile 0.1 m", pairs=["push"]), row("blind"), row("inert")]
     begin, end = planted_pages.BEGIN, planted_pages.END
     page = planted_pages.with_tables(f"before\n{begin}\nold\n{end}\nafter\n", rows)
     assert page.startswith(f"before\n{begin}\n")
@@ -69,6 +69,6 @@ def test_the_table_stands_between_its_marks_and_counts_what_nobody_sees():
 
 
 def test_the_record_says_what_hides_and_what_is_missed():
-    text = planted_pages.record([row("hidden", why="pile 0.1 m", one_pair=["push"]), row("blind", cone="other")])
+    text = planted_pages.record([row("hidden", why="pile 0.1 m", pairs=["push"]), row("blind", cone="other")])
     assert "*hidden* pile 0.1 m; push" in text
     assert "*blind*; **missed**" in text

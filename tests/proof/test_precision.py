@@ -1,4 +1,4 @@
-"""What a proof demands follows from the numbers of an engine, and still catches what is wrong by more than these."""
+"""Tolerances of a proof follow from the precision of an engine, and larger errors are still caught."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def rougher(law: PairContact) -> PairContact:
     return dataclasses.replace(law, friction=law.friction * 1.001)
 
 
-def test_what_is_rounded_is_held_and_what_is_wrong_is_not():
+def test_rounded_values_pass_and_wrong_values_fail():
     sound = read_back_of(WORLD)
     rounded = single(sound)
     assert rounded != sound
@@ -84,7 +84,7 @@ def test_what_is_rounded_is_held_and_what_is_wrong_is_not():
 
 
 def test_the_floor_of_single_precision_is_that_of_rounded_steps():
-    """What rounds its state after every step is well within the tolerance; a weight that is off by 1e-3 is not."""
+    """A state rounded after every step is well within the tolerance; a weight that is off by 1e-3 is not."""
     world = worlds.hinges()
     oracle = Oracle(world)
     plan = motion.plan(world, oracle, OF_SINGLES)

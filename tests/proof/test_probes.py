@@ -123,7 +123,7 @@ def test_velocities_and_states_that_are_off_are_noticed(engine):
     assert failed(kinematics_checks(world, oracle, *states, kinematics)) == {"body velocity", "state given back"}
 
 
-def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine):
+def test_frames_of_an_engine_move_with_their_bodies(engine):
     world, oracle, states, kinematics, *_ = engine
     frame = Frame("tip", world.bodies[2].name, Pose((0.3, -0.2, 0.1), frames.normalise((0.5, 0.1, -0.7, 0.2))))
     world = dataclasses.replace(world, frames=(frame,))
@@ -140,7 +140,7 @@ def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine)
         c for c in kinematics_checks(world, oracle, *states, kinematics, has_frames=True) if c.name == FRAME_CHECK
     )
     assert check.count == 3
-    assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set(), "an engine that is told none"
+    assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set(), "an engine without frames"
     for column, name in ((1, FRAME_CHECK), (5, "frame, orientation")):
         off = kinematics["frame"].copy()
         off[2, 0, column] += 10 * MISS
@@ -151,13 +151,13 @@ def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine)
 
 
 @pytest.mark.parametrize("field", ["pose", "velocity", "v"])
-def test_what_is_not_a_number_fails(engine, field):
+def test_non_finite_kinematics_fail(engine, field):
     world, oracle, states, kinematics, *_ = engine
     kinematics[field][1, 0] = math.nan
     assert failed(kinematics_checks(world, oracle, *states, kinematics))
 
 
-def test_every_element_of_the_mass_matrix_counts_in_its_own_scale(engine):
+def test_every_element_of_the_mass_matrix_is_compared_in_its_scale(engine):
     world, oracle, states, _, dynamics = engine
     right = dynamics["mass"].copy()
     mass = oracle.mass_matrix(states[0][0])
@@ -170,14 +170,14 @@ def test_every_element_of_the_mass_matrix_counts_in_its_own_scale(engine):
 
 
 @pytest.mark.parametrize(("precision", "share"), [("double", 1.0), ("single", 109.0 * 2.0**-24 / 2e-6)])
-def test_moments_of_a_thin_rod_are_held_to_what_inverse_tensors_keep(precision, share):
+def test_moments_of_a_thin_rod_are_compared_to_the_precision_of_inverse_tensors(precision, share):
     """In singles the larger moments of a rod are as precise as the ratio of its moments allows; the least one is as ever."""
     mass = np.diag([1.0, 1.0, 1.0, 0.01, 1.09, 1.09])
     scale = _scale(mass, np.array([-1, -1, -1, 0, 0, 0]), PRECISIONS[precision])
     assert np.diag(scale) == pytest.approx(np.diag(mass) * [1.0, 1.0, 1.0, 1.0, share, share])
 
 
-def test_forces_at_speed_and_at_rest_are_told_apart(engine):
+def test_forces_at_speed_and_at_rest_are_distinguished(engine):
     world, oracle, states, _, dynamics = engine
     for key in ("bias_force", "gravity_force"):
         right = dynamics[key].copy()
@@ -196,7 +196,7 @@ def test_gravity_pulling_the_other_way_is_noticed(engine):
     assert failed(dynamics_checks(up, Oracle(up), *states, dynamics)) == {"bias force", "gravity force"}
 
 
-def test_each_tree_is_asked_for_its_own_block_of_the_mass_matrix():
+def test_each_tree_is_queried_for_its_block_of_the_mass_matrix():
     """Two arms and a loose body, their bodies mixed: M of the whole is zero elsewhere."""
     arms = [worlds.tree(["hinge", "slide"], seed, prefix=f"{seed}_") for seed in (3, 4)]
     bodies = (arms[0][0], *worlds.tree(["free"], 5, prefix="loose_"), arms[1][0], arms[0][1], arms[1][1])
@@ -214,7 +214,7 @@ def test_each_tree_is_asked_for_its_own_block_of_the_mass_matrix():
     assert not whole.any()
 
 
-def test_copies_of_a_body_share_a_model_and_move_apart():
+def test_copies_of_a_body_share_a_model_and_move_independently():
     world = worlds.spheres(40)
     oracle = Oracle(world)
     assert len({id(part[0]) for part in oracle._parts}) < len(oracle._parts)
@@ -286,7 +286,7 @@ def test_an_engine_with_another_damping_is_noticed(factor):
     assert not plan.checks(world, {"pose": found})[0].passed
 
 
-def test_what_ends_early_or_is_not_a_number_fails():
+def test_short_or_non_finite_motion_fails():
     world = worlds.damped_springs()
     _, plan = moved(world)
     assert not plan.checks(world, {"pose": plan.poses[:-1]})[0].passed
@@ -334,7 +334,7 @@ def test_a_range_of_a_hair_is_enough_and_too_few_steps_fail(monkeypatch):
     assert "then a joint comes near a limit" in check.detail
 
 
-def test_motion_is_asked_without_dry_friction_and_says_so():
+def test_motion_is_requested_without_dry_friction_and_reports_it():
     world = worlds.limits_and_armature(dry_friction=0.2)
     _, plan = moved(world)
     assert plan.frictional.tolist() == [0, 1, 2]

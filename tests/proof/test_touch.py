@@ -42,7 +42,7 @@ def at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn=frames.IDENTITY) -> 
 BLOCK = tuple(x for corner in itertools.product((-0.1, 0.1), (-0.2, 0.2), (-0.3, 0.3)) for x in corner)
 """The corners of a box."""
 CLOSED_FORMS = [
-    # shapes in line along x: how far apart (half widths added up) they touch
+    # shapes in line along x: the distance (sum of half widths) at which they touch
     ("sphere", (0.1,), "sphere", (0.2,), 0.3),
     ("sphere", (0.1,), "box", (0.2, 0.4, 0.6), 0.2),
     ("sphere", (0.1,), "cylinder", (0.2, 0.5), 0.3),
@@ -109,7 +109,7 @@ def support(kind: str, size: tuple[float, ...], normal: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("kind", "other"), list(itertools.combinations_with_replacement([k for k in KINDS if k != "plane"], 2))
 )
-def test_in_any_pose_the_distance_is_the_gap_along_the_normal_and_no_direction_has_a_larger_one(kind, other):
+def test_in_any_pose_the_distance_is_the_largest_gap_over_all_directions(kind, other):
     generator = np.random.default_rng(len(kind) * 31 + len(other))
     entry, two = solid(kind), solid(other, number=1)
     for _ in range(20):
@@ -235,7 +235,7 @@ def test_joints_are_searched_until_shapes_meet_or_cannot():
     met = {frozenset((names[i], names[j])) for i, j in check_states(world, oracle, meetings)}
     reachable = [("near", "lower"), ("near", "tip"), ("upper", "lower")]
     assert met == {frozenset(pair) for pair in reachable}
-    # upper and near: 0.5 m from the axis, not 1.3; upper and tip: 0.5 m apart at least; upper, lower and tip with far
+    # upper and near: 0.5 m from the axis, not 1.3; upper and tip: at least 0.5 m distant; upper, lower and tip with far
     assert len(meetings.separate) == 5
     groups = rigid_groups(world)
     assert groups["lower"] == groups["tip"]
@@ -267,7 +267,7 @@ def random_mechanism(seed: int) -> World:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_is_said_to_stay_apart_stays_apart_in_a_thousand_random_states(seed):
+def test_pairs_planned_as_separate_are_separate_in_random_states(seed):
     world = random_mechanism(seed)
     oracle = Oracle(world)
     meetings = plan.plan(world, oracle)
@@ -285,7 +285,7 @@ def test_effort_is_bounded_and_what_is_left_is_said(monkeypatch):
     world = worlds.spheres(8)
     oracle = Oracle(world)
     meetings = plan.plan(world, oracle)
-    assert len(meetings.q) == 4, "three states, one with all apart"
+    assert len(meetings.q) == 4, "three states, and one with all pairs separate"
     tried = check_states(world, oracle, meetings)
     assert {number for pair in tried for number in pair} == set(range(9)), "every shape is tried"
     assert meetings.untried == 36 - len(tried)
@@ -306,7 +306,7 @@ def test_the_search_is_bounded_too(monkeypatch):
 
 
 def perfect(meetings: plan.Meetings, world: World | None = None) -> tuple[list, np.ndarray]:
-    """What an engine would report that tells all shapes apart and filters rightly (None: filters nothing)."""
+    """The report of an engine that distinguishes all shapes and filters correctly (None: filters nothing)."""
     units = [(entry.body, (entry.name,)) for entry in meetings.solids]
     wrong = set() if world is None else forbidden(world, meetings)
     rows = [(state, i, j) for state, i, j, _ in meetings.tried.tolist() if (i, j) not in wrong]
@@ -371,7 +371,7 @@ def test_a_contact_that_should_be_filtered_is_noticed(gripper):
     assert check.where.startswith("shapes ")
 
 
-def test_what_is_of_no_shape_of_the_world_must_not_touch(gripper):
+def test_unknown_shapes_must_not_touch(gripper):
     world, meetings, units, touching = gripper
     for unknown in ((-1, ("x",)), (0, ("x",)), (0, ())):
         (check,) = touch_checks(world, meetings, [*units, unknown], np.vstack([touching, (0, 3, len(units))]))
@@ -413,7 +413,7 @@ def test_where_a_link_inconclusive_note_from_another_of_its_shapes_it_is_said():
     )
 
 
-def test_bodies_of_one_rigid_group_alone_are_asked_about_too():
+def test_bodies_of_a_single_rigid_group_are_queried_too():
     world = arm_of_spheres()
     joint = Joint("j", "fixed", "upper", Pose((0.45, 0.0, 0.0)))
     bodies = (world.bodies[0], dataclasses.replace(world.bodies[3], joint=joint))
@@ -442,7 +442,7 @@ def test_where_nothing_can_meet_nothing_is_compared():
     assert plan.nothing_to_try(alone) == "there are no two bodies with collision shapes"
 
 
-def test_what_an_engine_is_known_to_overlook_is_told_while_it_is_rare():
+def test_known_missed_contacts_are_reported_while_they_are_rare():
     world = random_mechanism(0)
     meetings = plan.plan(world, Oracle(world))
     rules = CollisionFilter(world)
@@ -468,7 +468,7 @@ def test_what_an_engine_is_known_to_overlook_is_told_while_it_is_rare():
 
 
 def narrow_leg() -> World:
-    """A cylinder on two hinges beside a block."""
+    """A cylinder on two hinges next to a block."""
     block = Shape("block_0", "box", (0.13, 0.2, 0.13), Pose((0.0, 0.0, 0.0)), "default")
     leg = Shape("leg_0", "cylinder", (0.05, 0.2), Pose((0.0, 0.0, -0.2)), "default")
     inertial = Inertial(1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
@@ -484,7 +484,7 @@ def narrow_leg() -> World:
     return worlds.world(bodies, "narrow-leg", contact=contact)
 
 
-def test_poses_of_one_pair_are_not_all_the_same(monkeypatch):
+def test_poses_of_a_pair_differ(monkeypatch):
     """Where all searches end in one place, others are looked for around it."""
     world, oracle = narrow_leg(), Oracle(narrow_leg())
     monkeypatch.setattr(mechanisms, "random_states", lambda world, count: (np.zeros((count, 2)), None))

@@ -1,4 +1,4 @@
-"""Certificates: what they hold, how they read back, and that the self-test catches what it plants."""
+"""Certificates: their content and their reader, and the self-test catches the defects that it plants."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_an_engine_that_does_not_answer_is_a_failed_check(engine, tmp_path):
     assert any("without a result" in check.detail for _, check in found.failures())
 
 
-def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
+def test_uncompilable_worlds_are_rejected_for_all_engines_at_once():
     world = worlds.shapes_world()
     contact = dataclasses.replace(world.contact, friction_cone="pyramid-inscribed")
     with pytest.raises(UnsupportedError) as caught:
@@ -129,12 +129,12 @@ def test_every_planted_defect_is_caught(engine):
         assert outcome.caught is not None or outcome.reason
 
 
-def test_every_defect_is_planted_in_mujoco_and_every_second_one_in_another_engine():
+def test_every_defect_is_planted_in_mujoco_and_every_second_defect_in_another_engine():
     assert "mujoco" not in SOME
     assert {name for engine in ("dart", "pybullet", "ode") for name in SOME[engine]} == set(tuple(NAMES)[0::2])
 
 
-def test_a_sound_world_is_proven_once_at_each_level_that_it_is_asked_about():
+def test_a_sound_world_is_proven_once_at_each_requested_level():
     world, requested, valid = worlds.every_joint(), [], [True, True, False]
 
     def prove(of, engines, *, compiled, levels):

@@ -16,7 +16,7 @@ def at_4_ms(kinds: list[str], seed: int, parents: list[int] | None = None, **joi
 
 WILD = [
     (["free", "ball", "hinge"], 284, [-1, 0, 0], {}, "round-off alone"),
-    # stiff for its timestep, and far from its springs' rest at first: a gentler beginning is found. What diverges ends with
+    # stiff for its timestep, and far from its springs' rest at first: a gentler beginning is found. Divergence ends with
     # whole turns in a step, and PyBullet turns nothing by more than π/4
     (["fixed", "hinge", "ball", "ball", "ball", "hinge"], 148, None, {"spring_stiffness": 20.0}, "turns by more than"),
     # flung out to 100 m, where one step of PyBullet is off by 1e-8

@@ -30,7 +30,7 @@ STATE = 1e-14
 DYNAMICS = 1e-12
 """Relative to the largest entry; measured 2e-15. The proof requires 1e-9."""
 MOTION = 1e-11
-"""Pose after 2,000 steps, m or rad; measured 2e-13. The proof asks for 1e-9."""
+"""Pose after 2,000 steps, m or rad; measured 2e-13. The proof requires 1e-9."""
 STEPS = 2000
 
 

@@ -113,7 +113,7 @@ READ_BACK = "a field of the read-back"
 STATE = "state or what was computed from it, compared by levels L2, L3 and L6"
 DEFAULT = "the default of later contexts: the value of this context is queried"
 DERIVED = "follows from what is in the inventory or the read-back"
-WAY = "leads to other objects, which are asked themselves"
+WAY = "leads to other objects, which are queried themselves"
 LABEL = "a name or a number of order; names of bodies are those of the read-back"
 UNUSED = "of what simspec has none of: counted, or a part of what is"
 

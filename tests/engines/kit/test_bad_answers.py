@@ -228,7 +228,7 @@ BAD = {
     "steps that go back": array("step", put(3, 10.0)),
     "steps of NaN": array("step", put(3, np.nan)),
     "contact of an unknown body": array("contact.body", put((0, 1), 17)),
-    "contact of less than nobody": array("contact.body", put((0, 1), -1)),
+    "contact of a negative body": array("contact.body", put((0, 1), -1)),
     "contact in no row": array("contact.row", put(-1, 11)),
     "contact rows that go back": array("contact.row", put(-1, 0)),
     "contact of no unit": array("contact.unit", put((0, 1), 99)),

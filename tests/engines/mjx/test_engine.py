@@ -143,7 +143,7 @@ def test_the_same_run_gives_the_same_bits(load_files):
 
 @installed
 def test_a_program_that_was_compiled_before_is_taken_up_again(load_files, tmp_path, monkeypatch):
-    """To the same bits, also with other names and initial states, which no program contains; damaged programs are compiled again."""
+    """To the same bits, also with other names and initial states, which programs lack; damaged programs are compiled again."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     world = accepting(shipped.hinges(), "mjx")
     bodies = [
