@@ -26,8 +26,8 @@ BOTH = MUJOCO | ODE
 """One engine that is always installed, and the quickest."""
 ENGINES = {
     "attribution/test_planted.py::test_the_culprit_is_named_first_although_the_engines_differ_too": BOTH,
-    "engines/kit/test_bad_answers.py::test_the_proof_stands_whatever_an_engine_says_it_holds": BOTH,
-    "engines/kit/test_warm.py::test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing": BOTH,
+    "engines/kit/test_bad_answers.py::test_the_proof_survives_any_read_back": BOTH,
+    "engines/kit/test_warm.py::test_a_forked_process_gives_the_bits_of_a_new_process_and_keeps_nothing": BOTH,
     "engines/test_engine_suite.py::test_a_native_controller_settles_at_its_target_without_gravity": BOTH,
     "engines/test_engine_suite.py::test_a_stack_stands_as_it_does_awake": BOTH,
     "engines/test_engine_suite.py::test_a_table_of_six_materials_is_stored_and_measured": ODE,
@@ -57,7 +57,7 @@ CASES = {
     "language/test_formatting.py::test_any_layout_leads_to_the_same": 5,
     "language/test_formatting.py::test_data_are_laid_out_as_files_are": 5,
     "proof/test_contact_run.py::test_every_pair_is_measured_by_every_probe_that_applies": 2,
-    "proof/test_touch.py::test_what_is_said_to_stay_apart_stays_apart_in_a_thousand_random_states": 3,
+    "proof/test_touch.py::test_pairs_planned_as_separate_are_separate_in_random_states": 3,
     "report/test_contact.py::test_the_plot_is_the_same_bytes_every_time": 3,
     "test_bad_input.py::test_a_bad_spec_is_refused_in_bounded_work": 3,
     "test_endings.py::test_a_signal_at_work_leaves_no_process_and_no_folder": 2,
@@ -66,13 +66,13 @@ CASES = {
 }
 """Of these each commit runs one case in so many, the first among them."""
 WHOLE = (
-    "attribution/test_planted.py::test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about",
+    "attribution/test_planted.py::test_a_non_default_setting_is_named_and_the_remainder_is_examined",
     "attribution/test_planted.py::test_an_engine_begins_windows_with_the_contact_points_that_it_keeps",
     "commands/test_sweep.py::test_killed_at_random_moments_it_loses_and_repeats_nothing",
     "comparison/test_long.py::test_no_array_of_all_rows_is_ever_in_memory",
     "engines/dart/test_copies.py::test_seven_cylinders_stand_under_the_elliptic_cone",
     "experiments/test_dask.py::test_an_engine_that_no_worker_has_is_an_error_before_any_run_and_a_scheduler_that_goes_is_one",
-    "proof/test_chaos.py::test_what_grows_by_itself_is_too_chaotic_and_a_narrow_range_is_not",
+    "proof/test_chaos.py::test_growing_errors_are_chaos_and_a_narrow_range_is_not",
     "proof/test_contact_scenes.py::test_a_tower_of_cylinders_needs_a_sound_detector",
     "test_ci_example.py::test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change",
 )

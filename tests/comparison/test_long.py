@@ -171,15 +171,15 @@ LISTED = st.lists(st.tuples(st.integers(0, 10), st.sampled_from([(0, 1), (1, 0),
 
 
 @settings(max_examples=60)
-@given(common=LISTED, one=LISTED, other=LISTED, block=st.sampled_from([1, 400, 10**6]), coarse=st.booleans())
-def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, one, other, block, coarse):
+@given(common=LISTED, first=LISTED, other=LISTED, block=st.sampled_from([1, 400, 10**6]), coarse=st.booleans())
+def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, first, other, block, coarse):
     a, b = (
         run(
             world(*(free_body(name) for name in names)),
             engine=engine,
             contacts=[(row, *pair, 0.0, 1.0) for row, pair in sorted(common + local)],
         )
-        for engine, names, local in (("first", NAMES, one), ("second", NAMES, other))
+        for engine, names, local in (("first", NAMES, first), ("second", NAMES, other))
     )
     rows = range(0, len(a.time), 2 if coarse else 1)
     if coarse:  # every second row alone is of a common time

@@ -33,7 +33,7 @@ ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
 
 def arm_with_friction(seed: int = 5, timestep: float = 0.001) -> World:
-    """A base with friction, a damped and sprung hinge, a slide with friction and limits, a ball, and a loose arm with friction."""
+    """A base with friction, a damped spring hinge, a slide with friction and limits, a ball, a loose arm with friction."""
     first = worlds.tree(["fixed", "hinge", "hinge", "slide", "ball"], seed)
     changes = {
         1: {"dry_friction": 0.4},
