@@ -47,8 +47,8 @@ demo: setup
 	$(BIN)/simspec run specs/ur10e.yaml --all-engines
 
 # pages that are filled from the studies in docs/records/studies, as soon as these are published
-PAGES := docs/records/results.md $(if $(wildcard docs/records/studies/koerber-2021/study.json),docs/records/stacking.md) \
-	$(if $(wildcard docs/records/studies/contact/study.json),docs/records/contact.md)
+PAGES := docs/records/results.md $(if $(wildcard docs/records/studies/koerber-2021/study.json.gz),docs/records/stacking.md) \
+	$(if $(wildcard docs/records/studies/contact/study.json.gz),docs/records/contact.md)
 
 check: types stale
 

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 from simspec.report.figures import deviation_over_timestep
+from simspec.report.study.pages import tables_text
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "images" / "stacking.png"
@@ -21,8 +22,11 @@ TOLERANCE = 0.01
 
 
 def main(folder: Path) -> None:
-    tables = json.loads((folder / "study.json").read_text(encoding="utf-8"))["sweeps"][SWEEP]
-    (records,) = [one["records"] for one in tables if one["name"] == TABLE]
+    stored = tables_text(folder)
+    if stored is None:
+        raise SystemExit(f"{folder} is not a study")
+    tables = json.loads(stored[1])["sweeps"][SWEEP]
+    (records,) = [table["records"] for table in tables if table["name"] == TABLE]
     PICTURE.write_bytes(deviation_over_timestep(records, TOLERANCE)[".png"])
     print(f"{PICTURE.relative_to(ROOT)}: {len(records)} records, {PICTURE.stat().st_size / 1000:.0f} kB")
 

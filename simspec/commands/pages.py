@@ -17,7 +17,7 @@ from simspec.outputs.targets import LARGEST_MARKER
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters
 from simspec.report.screen import say
-from simspec.report.study.pages import TABLES_FILE, Mark, filled, marks, study_tables
+from simspec.report.study.pages import PUBLISHED_FILE, Mark, filled, marks, study_tables, tables_text
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
@@ -91,16 +91,12 @@ def _text(path: Path) -> str:
         raise SpecError([Problem(f"{path} is not text in UTF-8")]) from None
 
 
-def _hash(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path, LARGEST_MARKER)).hexdigest()
-
-
 def _published(folder: Path) -> StudyTables:
     """The tables of a published study. Raises SpecError where there are none, or not those of its models."""
     models = read_models(folder)
-    tables = study_tables(folder)
-    if tables is None or _hash(folder / TABLES_FILE) != models.study_sha256:
-        message = f"{folder / TABLES_FILE}: was edited or is damaged: it is not the one that was published"
+    stored, tables = tables_text(folder), study_tables(folder)
+    if stored is None or tables is None or hashlib.sha256(stored[1]).hexdigest() != models.study_sha256:
+        message = f"{folder / PUBLISHED_FILE}: was edited or is damaged: it is not the one that was published"
         raise SpecError([Problem(message, hint=f"simspec study {models.source} --publish {folder} writes it anew")])
     return tables
 

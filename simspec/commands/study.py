@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gzip
 import hashlib
 import itertools
 import json
@@ -37,7 +38,7 @@ from simspec.report.page.document import page as html
 from simspec.report.plain import PAGE_FILE as HTML_FILE
 from simspec.report.problems import show_error
 from simspec.report.screen import console, duration, progress, say
-from simspec.report.study.pages import SCHEMA, TABLES_FILE, study_parts
+from simspec.report.study.pages import PUBLISHED_FILE, SCHEMA, TABLES_FILE, study_parts
 from simspec.report.study.runs import Done, Explained, StudyTable
 from simspec.report.study.tables import counted, measured, shown_of
 from simspec.report.study.validity import unfailed
@@ -381,7 +382,7 @@ def demand_publishable(folder: Path, source: StudySource, name: str) -> None:
 
 
 def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], files: dict[str, str]) -> None:
-    """Write ``files`` (``study.json`` among them), and the hashes of the models that they are of, into the folder of
+    """Write ``files`` (``study.json`` among them), and the hashes of the models of its figures, into the folder of
     ``--publish``.
 
     Raises SpecError where a run in the store is not of the model that the code makes of it today, or where there is none.
@@ -406,9 +407,17 @@ def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], fi
         "schema": MODELS_SCHEMA,
         "source": options.study,
         "small": options.small,
-        "study_sha256": hashlib.sha256(files["study.json"].encode()).hexdigest(),
+        "study_sha256": hashlib.sha256(files[TABLES_FILE].encode()).hexdigest(),
         "sweeps": {entry.sweep.name: sweep_models(source, entry.sweep, entry.outcome.plan) for entry in done},
     }
     text = json.dumps(models, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     if options.publish is not None:
-        write_folder({**files, MODELS_FILE: text}, options.publish, STUDY)
+        write_folder(published_files(files, text), options.publish, STUDY)
+
+
+def published_files(files: Mapping[str, str], models: str) -> dict[str, str | bytes]:
+    """The files of a published study: ``files`` with the tables compressed, since these reach megabytes and are committed,
+    and ``models``, the text of ``models.json``."""
+    tables = gzip.compress(files[TABLES_FILE].encode(), mtime=0)
+    rest = {name: text for name, text in files.items() if name != TABLES_FILE}
+    return {**rest, PUBLISHED_FILE: tables, MODELS_FILE: models}

@@ -22,10 +22,8 @@ import math
 import os
 import platform
 import re
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -33,7 +31,7 @@ from simspec.comparison.runs import summary
 from simspec.distribution import simspec_version
 from simspec.errors import Problem, SpecError
 from simspec.outputs.collection import Collection, open_collection
-from simspec.outputs.files import open_regular, read_bytes
+from simspec.outputs.files import open_regular, read_bytes, read_gzip
 from simspec.outputs.targets import STORE, read_marker
 from simspec.outputs.writing import put
 from simspec.runner.expectations import evaluate
@@ -305,14 +303,9 @@ class Store:
         """A stored world. Raises SpecError, which names its file, where it is missing or damaged."""
         path = self.path / WORLDS / f"{key}.json.gz"
         try:
-            with gzip.GzipFile(fileobj=BytesIO(read_bytes(path, LARGEST_WORLD, self.path))) as file:
-                content = file.read(LARGEST_WORLD + 1)
+            content = read_gzip(path, LARGEST_WORLD, self.path)
         except FileNotFoundError:
             raise SpecError([Problem(f"{path} is missing")]) from None
-        except (OSError, EOFError, ValueError, zlib.error) as error:
-            raise SpecError([Problem(f"{path} cannot be read: {str(error)[:200]}")]) from None
-        if len(content) > LARGEST_WORLD:
-            raise SpecError([Problem(f"{path}: a world of more than {LARGEST_WORLD:,} bytes")])
         try:
             world: World = from_plain(World, parse(content, str(path)))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

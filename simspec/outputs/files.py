@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import stat
+import zlib
+from io import BytesIO
 from pathlib import Path
 
 from simspec import files
@@ -60,6 +63,21 @@ def read_bytes(path: Path, limit: int = LARGEST_TEXT, root: Path | None = None) 
         content = files.read_at_most(file, limit)
     if len(content) > limit:
         raise refuse(path, f"more than the {limit:,} bytes that are read")
+    return content
+
+
+def read_gzip(path: Path, limit: int, root: Path | None = None) -> bytes:
+    """The uncompressed content of a file, both of at most ``limit`` bytes; as :func:`open_regular`. Raises SpecError also
+    where it is damaged."""
+    try:
+        with gzip.GzipFile(fileobj=BytesIO(read_bytes(path, limit, root))) as file:
+            content = file.read(limit + 1)
+    except FileNotFoundError:
+        raise
+    except (OSError, EOFError, zlib.error) as error:
+        raise refuse(path, f"cannot be read: {str(error)[:200]}") from None
+    if len(content) > limit:
+        raise refuse(path, f"more than {limit:,} bytes uncompressed")
     return content
 
 

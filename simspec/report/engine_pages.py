@@ -29,6 +29,7 @@ from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title, strain
 from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
+from simspec.report.study.pages import tables_text
 from simspec.report.table import markdown_cell, markdown_rows
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -87,10 +88,10 @@ def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
 
 def study_of(root: Path) -> dict[str, dict[str, list[dict[str, Any]]]]:
     """The records of the published study's tables, by sweep and name; empty where it is not published."""
-    file = root / STUDY / "study.json"
-    if not file.is_file():
+    stored = tables_text(root / STUDY)
+    if stored is None:
         return {}
-    sweeps = json.loads(read_bytes(file, LARGEST))["sweeps"]
+    sweeps = json.loads(stored[1])["sweeps"]
     return {sweep: {table["name"]: table["records"] for table in tables} for sweep, tables in sweeps.items()}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 import shutil
@@ -104,7 +105,7 @@ def test_a_damaged_certificate_is_an_error(tmp_path):
 
 
 def test_what_is_measured_is_that_of_certificates_and_study(pages):
-    study = json.loads((ROOT / engine_pages.STUDY / "study.json").read_text())["sweeps"]["spheres"]
+    study = json.loads(gzip.decompress((ROOT / engine_pages.STUDY / "study.json.gz").read_bytes()))["sweeps"]["spheres"]
     tables = {table["name"]: table["records"] for table in study}
     [speed] = [row for row in tables["speed.cpu_factor"] if (row["engine"], row["timestep"]) == ("rapier", 0.001)]
     [gap] = [row for row in tables["attribution"] if row["engine"] == "rapier"]
@@ -117,7 +118,7 @@ def test_what_is_measured_is_that_of_certificates_and_study(pages):
 
 
 def test_every_engine_that_can_be_had_has_a_row_of_each_of_its_scenarios(pages):
-    study = json.loads((ROOT / engine_pages.STUDY / "study.json").read_text())["sweeps"]
+    study = json.loads(gzip.decompress((ROOT / engine_pages.STUDY / "study.json.gz").read_bytes()))["sweeps"]
     for sweep, tables in study.items():
         records = {table["name"]: table["records"] for table in tables}["speed.cpu_factor"]
         for label in {row["engine"] for row in records}:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from simspec.errors import Problem, SpecError, visible
 from simspec.experiments.store import Store
-from simspec.outputs.files import read_bytes
+from simspec.outputs.files import read_bytes, read_gzip
 from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
 from simspec.report.page.document import Section, section
@@ -266,6 +266,8 @@ def _motion(run: Run) -> str:
 # A study as a section of a page, read back from ``study.json``.
 
 TABLES_FILE = "study.json"
+PUBLISHED_FILE = "study.json.gz"
+"""The same in the folder of a published study, which is committed."""
 SCHEMA = 2
 LARGEST = 64 * 2**20
 """Bytes of ``study.json``."""
@@ -274,14 +276,25 @@ LARGEST = 64 * 2**20
 def study_tables(folder: Path) -> StudyTables | None:
     """The tables that ``simspec study`` wrote into a folder; None where it wrote nothing there. Raises SpecError where it is
     damaged."""
-    path = folder / TABLES_FILE
+    return None if (text := tables_text(folder)) is None else _parsed(*text)
+
+
+def tables_text(folder: Path) -> tuple[Path, bytes] | None:
+    """The file of a study's tables in ``folder``, published or not, and its text; None and errors as :func:`study_tables`."""
     marker = read_marker(folder) if folder.is_dir() else None
-    if marker is None or marker.kind != STUDY or not marker.owns(TABLES_FILE):
+    if marker is None or marker.kind != STUDY:
         return None
-    try:
-        content = read_bytes(path, LARGEST, folder)
-    except FileNotFoundError:
-        raise SpecError([Problem(f"{path} is missing", hint="simspec study STUDY writes it")]) from None
+    for name, read in ((TABLES_FILE, read_bytes), (PUBLISHED_FILE, read_gzip)):
+        if marker.owns(name):
+            path = folder / name
+            try:
+                return path, read(path, LARGEST, folder)
+            except FileNotFoundError:
+                raise SpecError([Problem(f"{path} is missing", hint="simspec study STUDY writes it")]) from None
+    return None
+
+
+def _parsed(path: Path, content: bytes) -> StudyTables:
     tables = read_as(StudyTables, content, str(path))
     if tables.schema_ != SCHEMA:
         hint = "simspec study STUDY writes it anew"
