@@ -64,11 +64,11 @@ def packages(tmp_path, monkeypatch):
         (
             {},
             State.ABSENT,
-            ["toy-core is not installed: simspec-physics[toy] asks for toy-core<2,>=1.0", "toy-oracle is not"],
+            ["toy-core is not installed: simspec-physics[toy] requires toy-core<2,>=1.0", "toy-oracle is not"],
         ),
         ({"toy_core": "1.2", "toy_oracle": "3.1"}, State.WHOLE, []),
         ({"toy": "1.3", "toy_oracle": "3.1"}, State.WHOLE, []),
-        ({"toy_core": "1.2"}, State.HALF, ["toy-oracle is not installed: simspec-physics[toy] asks for toy-oracle>=3"]),
+        ({"toy_core": "1.2"}, State.HALF, ["toy-oracle is not installed: simspec-physics[toy] requires toy-oracle>=3"]),
         (
             {"toy_core": "2.0", "toy_oracle": "3.1"},
             State.OTHER_VERSION,
@@ -147,7 +147,7 @@ def test_a_library_without_compiler_is_half_an_engine_and_an_old_one_another(toy
     engine.NEEDS = dataclasses.replace(engine.NEEDS, library="toys >= 2")
     old = diagnose(engine)
     assert (old.state, old.version) == (State.OTHER_VERSION, "1.2")
-    assert old.problems == ("version 1.2 of its library is installed: it asks for toys >= 2",)
+    assert old.problems == ("version 1.2 of its library is installed: it requires toys >= 2",)
     engine.NEEDS = dataclasses.replace(engine.NEEDS, library="toys")
     monkeypatch.setenv("CC", "no-such-compiler")
     half = diagnose(engine)

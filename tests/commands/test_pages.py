@@ -138,7 +138,7 @@ def test_a_page_is_filled_and_stays_current_until_a_model_changes(folder):
 @pytest.mark.parametrize(
     ("before", "after", "why"),
     [
-        ("repeat: 2\n    small", "repeat: 3\n    small", "the study asks for something else"),
+        ("repeat: 2\n    small", "repeat: 3\n    small", "the study requests something else"),
         ("[1 ms, 4 ms]", "[1 ms, 2 ms]", "2 of 3 models differ (new: 1, no longer requested: 1)"),
         ("engines: [mujoco]", "engines: [pybullet]", "no longer requested"),
         (

@@ -91,7 +91,7 @@ class JointArrays(Actuation):
 
     @staticmethod
     def suits(sim: Simulation) -> bool:
-        """Whether a simulation has none of what asks for more."""
+        """Whether a simulation needs no further actuation."""
         return not sim.efforts.driven and not (sim.exact_rotation and sim.coordinates.turners)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:

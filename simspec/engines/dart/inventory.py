@@ -315,7 +315,7 @@ def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, EngineValue]:
 
 def _parts(sim: Simulation) -> dict[str, EngineValue]:
     """Of every body's material in every layer the numbers of its shapes, and the others that it does not touch: those on nodes
-    that were told to be apart, on its own node, and, for what cannot move, on all others of that kind."""
+    that are excluded, on its own node, and, for immovable shapes, on all others of that kind."""
     on: dict[str, set[str]] = {}
     static: set[str] = set()
     shapes = sim.sidecar.shapes

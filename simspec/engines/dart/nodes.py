@@ -86,7 +86,7 @@ class Nodes:
         return self._copies[_key(shape)]
 
     def wrong_meeting(self, shape: Any, other: Any) -> str:
-        """What is wrong when two collision shapes touch that are not the copies which should; "" for those that should.
+        """The fault where two collision shapes touch that are not the intended copies; "" for the intended ones.
 
         The filter is DART's own and cannot be listed; a contact shows what it lets through.
         """

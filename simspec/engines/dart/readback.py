@@ -32,7 +32,7 @@ SHAPE_KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
 
 MESH = "MeshShape"
 """DART's type of a mesh. It does not tell the vertices: they are those of the file that it names, which must have the box that
-it tells of its own."""
+it reports of its own."""
 BOX_TOLERANCE = 1e-6
 """Share of a mesh's extent by which that box may be off: DART keeps single precision."""
 COPY_TOLERANCE = 1e-12
@@ -123,7 +123,7 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     dof = efforts.place(joint).start
     found = dataclasses.replace(
         found,
-        # DART's own damping stands for the armature; what it has beyond that damps
+        # DART's own damping stands for the armature; the rest of it damps
         damping=float(efforts.damping[dof] + joint.getDampingCoefficient(0) - efforts.armature[dof] / sim.timestep),
         spring_stiffness=float(efforts.stiffness[dof]),
         position=position if kind != "ball" else frames.normalise(position),

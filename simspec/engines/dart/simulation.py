@@ -48,7 +48,7 @@ def import_dartpy() -> Any:
 class Simulation:
     """A loaded world, in its initial state.
 
-    Visual-only shapes are left out unless ``pictures`` are asked for: DART carries them along in every step (measured: 59 of
+    Visual-only shapes are left out unless ``pictures`` are requested: DART carries them along in every step (measured: 59 of
     them cost 7 µs of 126). See :meth:`whole`.
     """
 
@@ -59,7 +59,7 @@ class Simulation:
         self.settings: Mapping[str, Any] = sidecar.settings
         self.log: list[str] = []
         self.excluded: list[tuple[str, str]] = []
-        """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
+        """The pairs of nodes that DART excludes from contact; it does not report them."""
         self.folder, self._blind = folder, False
         self.meshes: Mapping[str, tuple[float, ...]] = {}
         """The vertices (flat, m) of the files of meshes, by relative path."""
@@ -122,7 +122,7 @@ class Simulation:
             raise EngineError(NAME, f"{WORLD} names the mesh {missing[0][:60]!r}, which is missing")
 
     def whole(self) -> Simulation:
-        """The files as they are, visual-only shapes included, in their initial state; what DART says of those goes into the
+        """The files as they are, visual-only shapes included, in their initial state; DART's messages on those go into the
         log."""
         if not self._blind:
             return self
@@ -141,7 +141,7 @@ class Simulation:
         options = world.getDeactivationOptions()
         # on by default; the setting is not there when off
         options.mEnabled = bool(given.get("sleeping", False))
-        # DART looks at speeds before it solves contact: what rests has the speed of the step's fall (measured)
+        # DART tests speeds before it solves contact: a body at rest has the speed of the step's fall (measured)
         options.mLinearSpeedThreshold += math.dist((0.0, 0.0, 0.0), world.getGravity()) * world.getTimeStep()
         world.setDeactivationOptions(options)
         world.setNumSimulationThreads(1)
@@ -284,7 +284,7 @@ class Simulation:
 
     def disable_contact(self) -> None:
         """Switch contact off; without contact the exact rotations cost nothing that matters."""
-        # the detectors do not ask a shape whether it may collide (measured); what is not in the solver's group cannot
+        # the detectors do not ask a shape whether it may collide (measured); shapes outside of the solver's group cannot
         self.world.getConstraintSolver().getCollisionGroup().removeAllShapeFrames()
         if self.settings["exact_rotation"] != "never":
             self.exact_rotation = True

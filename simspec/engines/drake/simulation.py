@@ -28,7 +28,7 @@ from simspec.world.types import World
 UNSOLVED = "failed to converge"
 """Part of Drake's message for a step of which a contact solver finds no solution."""
 WHOLE = 600
-"""Velocities up to which the mass matrix is asked for whole."""
+"""Velocities up to which the mass matrix is computed whole."""
 
 
 class Simulation(WorldSimulation[WorldSidecar]):
@@ -58,7 +58,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
         self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _index(self) -> None:
-        """Drake's joints by the index of their child, and its actuators by the index of their joint, asked for once."""
+        """Drake's joints by the index of their child, and its actuators by the index of their joint, queried once."""
         plant = self.plant
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
         self.inboard = {int(joint.child_body().index()): joint for joint in joints}
@@ -315,7 +315,7 @@ def pd_controllers_hold(world: World) -> Refinement | None:
     """Not supported by TAMSI, nor with an effort limit of zero."""
     if requested_approximation(world) != "sap":
         return unsupported_if(
-            "Drake's PD controllers work by SAP alone, and the spec asks for contact_approximation: tamsi"
+            "Drake's PD controllers work by SAP alone, and the spec sets contact_approximation: tamsi"
         )
     for controller in natives(world):
         for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):

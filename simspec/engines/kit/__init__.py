@@ -1,1 +1,1 @@
-"""What every engine is built on: the contract, and the process that an engine works in."""
+"""The base of every engine: the contract, and the process that an engine works in."""

@@ -1,4 +1,5 @@
-"""What each operation must answer: a table of its arrays, and models of the plain data around them. Driver only (pydantic)."""
+"""The required answer of each operation: a table of its arrays, and models of the plain data around them. Driver only
+(pydantic)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from simspec.world.types import ReadBack, World
 
 
 class BadAnswerError(ValueError):
-    """What came back is not an answer to the request."""
+    """The received data are not an answer to the request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +96,8 @@ class Operation:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an operation gave: plain data, arrays (large ones mapped from a file), seconds for loading and for the work, the
-    engine's warnings; and of ``read_back`` and ``foreign`` what the engine holds."""
+    """The result of an operation: plain data, arrays (large ones mapped from a file), seconds for loading and for the work, the
+    engine's warnings; and of ``read_back`` and ``foreign`` the engine's model."""
 
     result: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -247,4 +248,4 @@ RESULTS: Mapping[str, type[BaseModel]] = {
     "prescribed": MotionResult,
     "touching": TouchingResult,
 }
-"""What an operation's plain result is, where it is more than nothing; ``read_back``'s is a ReadBack."""
+"""The plain result of an operation, where it has one; ``read_back``'s is a ReadBack."""

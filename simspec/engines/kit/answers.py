@@ -41,7 +41,7 @@ from simspec.mapped import MAPPED_BYTES, RECORDED_BYTES, all_finite, parts, rele
 from simspec.world.canonical import from_plain
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
 
-# What single operations must answer beyond kinds and shapes. Driver only.
+# Requirements on the answers of single operations beyond kinds and shapes. Driver only.
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion that was read back may be: that of a single-precision one is 1e-7."""
@@ -49,7 +49,7 @@ UNIT = 1e-6
 
 def read_back(value: Mapping[str, Any], foreign: bool = False) -> ReadBack:
     """The read-back from plain data; of a foreign file (``foreign``) with joints and shapes of kinds that simspec does
-    not have. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
+    not have. Raises BadAnswerError where it is none, or is not finite where it must be."""
     try:
         back: ReadBack = from_plain(ReadBack, value)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:

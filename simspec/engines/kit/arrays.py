@@ -32,7 +32,7 @@ calls, in the controllers with passing states and efforts, and in recording the 
 
 @dataclass(frozen=True, slots=True)
 class CollisionUnit:
-    """What an engine's collision detection reports as one: ``body`` is the index in the world's bodies (−1: of none of them),
+    """A unit that an engine's collision detection reports: ``body`` is the index in the world's bodies (−1: of none of them),
     ``shapes`` are the names of those of its shapes that it may be."""
 
     body: int
@@ -82,8 +82,8 @@ distance and its normal force."""
 
 
 def contact_arrays(rows: list[ContactRow], bodies: Sequence[int]) -> dict[str, np.ndarray]:
-    """The arrays of :meth:`Engine.contacts` of an engine that tells units; ``bodies``: by unit, the row of its body. Sorted by
-    units: an engine's own order is often that in which they first touched."""
+    """The arrays of :meth:`Engine.contacts` of an engine that reports units; ``bodies``: by unit, the row of its body. Sorted
+    by units: an engine's own order is often that in which they first touched."""
     if not rows:
         return empty_contacts()
     rows = sorted(rows, key=lambda row: row[0])
@@ -130,19 +130,19 @@ def checked_singles(engine: str, values: Iterable[float], what: str) -> tuple[fl
 
 
 def demand_singles(engine: str, values: np.ndarray, what: str) -> None:
-    """Raise EngineError for a state or an effort that ``engine`` cannot hold. What is below its smallest number becomes zero
+    """Raise EngineError for a state or an effort that ``engine`` cannot hold. A value below its smallest number becomes zero
     there, which is right to 1e-38 of its unit: other engines' states have such rests."""
     checked_singles(engine, np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
 
 
-# Controllers of engines that set velocities: what gains are to them.
+# Controllers of engines that set velocities, in terms of gains.
 
 
 def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:
     """How fast (1/s) a motor that sets velocities takes back an error: kp / (kd + dt kp); 0 without kp.
 
     Such a motor makes v' = v* + rate (q* − q). That is the law kp (q* − q) + kd (v* − v) at the end of the step, of a joint
-    whose inertia is nothing beside kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
+    whose inertia is negligible compared to kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
     """
     divisor = damping + timestep * stiffness
     rate: np.ndarray = np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)

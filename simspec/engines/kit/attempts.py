@@ -2,9 +2,9 @@
 
 Those that follow one another on the same artifacts share one, as operations share the worker; in an engine that compiles what
 it computes (``Engine.COMPILING``), others too. An exception is then the operation's answer, as ``{"refused": message}``, and so
-is a crash, or more than ``cpu_seconds`` of CPU time, which end that process alone; what follows has another one. What ends a
-process that was at other artifacts before is tried once more in one of its own. Forking takes some milliseconds; a new worker
-takes a second.
+is a crash, or more than ``cpu_seconds`` of CPU time, which end that process alone; the next operations have another one. An
+operation that ends a process after other artifacts is tried once more in a separate process. Forking takes some milliseconds; a
+new worker takes a second.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Work = Callable[[int], Entry]
 def attempt(
     begin: Callable[[], Work], operations: Sequence[dict[str, Any]], folder: Path, most: int
 ) -> Iterator[Entry]:
-    """What the work gives for each of ``operations``, or its refusal, of at most ``most`` characters. ``begin`` is called in
-    each process anew. Its files are in ``folder``."""
+    """The results of the work for each of ``operations``, or its refusal, of at most ``most`` characters. ``begin`` is called
+    in each process anew. Its files are in ``folder``."""
     at = 0
     while at < len(operations):
         for place in range(at, len(operations)):
@@ -78,11 +78,11 @@ def _work_off(
     """Write what the work gives for the operations at these places, up to the first that is refused."""
     work = begin()
     for place in places:
-        # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
+        # CPU time, and a signal without a handler: no other signal reaches an engine in an endless loop
         signal.setitimer(signal.ITIMER_PROF, operations[place].get("cpu_seconds", 0.0))
         try:
             entry, local = work(place)
-        except Exception as error:  # what it refuses is this operation's answer
+        except Exception as error:  # a refusal is this operation's answer
             entry, local = {"refused": f"{type(error).__name__}: {error}"[:most]}, []
         with open(_numbers(folder, place), "wb") as file:
             for value in local:

@@ -1,4 +1,4 @@
-"""What an engine needs in C or C++: a library or a program of a few sources, compiled on first use and kept in the cache.
+"""Parts of an engine in C or C++: a library or a program of a few sources, compiled on first use and kept in the cache.
 
 Compiler and libraries are the machine's own. The key of what is kept is a hash of the sources, the flags, the compiler with its
 version, and the versions of the libraries, so that a change of any of these compiles anew and nothing else does. Runs in an
@@ -34,7 +34,7 @@ SCHEMA = 1
 """Of the key."""
 DEADLINE = 300.0
 """s that a compiler may take: a hundred times what the sources of an engine take, which are a few hundred lines."""
-ASKED = 20.0
+PATIENCE = 20.0
 """s that a compiler may take to say its version, or pkg-config to answer: a thousand times what they take."""
 MOST_SAID = 2000
 """Characters of what a compiler says that an error quotes: its first error, and some of the next."""
@@ -80,8 +80,8 @@ class Compiled:
 
     ``engine``: its name, for errors. ``name``: of its folder in the cache. ``sources``: files of the engine's package.
     ``language``: "C" or "C++". ``headers``: further files that the sources include, and that the key depends on.
-    ``packages``: what pkg-config knows, with a bound where one is needed (``"NAME >= 0.16"``). ``flags``: for the compiler,
-    before the sources; ``links``: after them, for what pkg-config does not know. ``program``: an executable, and no library.
+    ``packages``: names for pkg-config, with a bound where one is needed (``"NAME >= 0.16"``). ``flags``: for the compiler,
+    before the sources; ``links``: after them, for libraries without pkg-config. ``program``: an executable, and no library.
     """
 
     engine: str
@@ -143,14 +143,14 @@ class Compiled:
         except OSError as error:
             why = f"{place.parent}: {error.strerror}" if error.strerror else str(error)
             raise self._error(
-                Missing.PLACE, f"what is compiled cannot be kept: {why} (XDG_CACHE_HOME names another folder)"
+                Missing.PLACE, f"compiled files cannot be kept: {why} (XDG_CACHE_HOME names another folder)"
             ) from None
 
     def _compile(self, recipe: _Recipe, part: Path, deadline: float) -> None:
         said = part.with_name("said.txt")
         kind = () if self.program else ("-shared", "-fPIC")
         words = [*recipe.compiler, *kind, *recipe.flags, "-o", str(part), *map(str, self.sources), *recipe.links]
-        # what the compiler leaves when it is killed is removed with the folder
+        # remains of a killed compiler are removed with the folder
         code = _run(words, {"TMPDIR": str(part.parent)}, said, deadline)
         if code is None:
             raise self._error(Missing.TIME, f"{recipe.compiler[0]} gave no result within {deadline:g} s")
@@ -206,7 +206,7 @@ class _Recipe:
 
 @functools.lru_cache(maxsize=64)
 def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe:
-    """The recipe, asked of the machine once for each environment. Raises CompileError."""
+    """The recipe, queried from the machine once for each environment. Raises CompileError."""
     known = dict(environment)
     variable, names = COMPILERS[what.language]
     given = _words(what, Missing.COMPILER, f"the environment variable {variable}", known.get(variable, ""))
@@ -229,15 +229,15 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
             code, said = _pkg_config(option, *what.packages) or (None, "")
             if code != 0:
                 raise what._error(Missing.PACKAGE, f"pkg-config {option} ended with code {code}\n{said[:MOST_SAID]}")
-            words += _words(what, Missing.PACKAGE, f"what pkg-config says ({option})", said)
+            words += _words(what, Missing.PACKAGE, f"the output of pkg-config {option}", said)
         versions = {name: package_version(name) for name in what.packages}
     try:
         release = subprocess.run(
-            [*compiler, "--version"], capture_output=True, stdin=subprocess.DEVNULL, timeout=ASKED, check=False
+            [*compiler, "--version"], capture_output=True, stdin=subprocess.DEVNULL, timeout=PATIENCE, check=False
         ).stdout
         texts = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (*what.sources, *what.headers)}
     except subprocess.TimeoutExpired:
-        raise what._error(Missing.TIME, f"{program} gave no version within {ASKED:g} s") from None
+        raise what._error(Missing.TIME, f"{program} gave no version within {PATIENCE:g} s") from None
     except FileNotFoundError as error:
         raise what._error(Missing.SOURCE, f"{error.filename} is missing: simspec is not installed whole") from None
     except OSError as error:
@@ -278,7 +278,7 @@ def _pkg_config(*words: str) -> tuple[int, str] | None:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            timeout=ASKED,
+            timeout=PATIENCE,
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
@@ -303,13 +303,14 @@ def _run(words: Sequence[str], more: Mapping[str, str], said: Path, deadline: fl
         except subprocess.TimeoutExpired:
             return None
         finally:
-            if process.returncode is None:  # nobody holds the number of one that has ended
+            if process.returncode is None:  # no process holds the number of one that has ended
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
 
 
-# What an engine needs of the machine in addition to packages of Python, as data: libraries, a compiler, packages of Debian.
+# Requirements of an engine on the machine in addition to packages of Python, as data: libraries, a compiler, packages of
+# Debian.
 
 
 class Program(Protocol):
@@ -326,13 +327,13 @@ class Program(Protocol):
 
 @dataclass(frozen=True)
 class Needs:
-    """What an engine needs of the machine.
+    """Requirements of an engine on the machine.
 
-    ``library``: what brings the engine where no package of Python does, as pkg-config knows it, with a bound where one is
-    needed (``"NAME >= 1.2"``): its version is the engine's. ``parts``: what the engine compiles for itself on first use.
-    ``debian``: packages of Debian and Ubuntu that bring the library, what compiles the parts, and the rest, each by name with
-    what it is for. ``program``: one that is the engine, and whose version is the engine's. ``elsewhere``: what has to be
-    installed and no package brings, in words.
+    ``library``: the library that brings the engine where no package of Python does, as pkg-config knows it, with a bound where
+    one is needed (``"NAME >= 1.2"``): its version is the engine's. ``parts``: the parts that the engine compiles on first use.
+    ``debian``: packages of Debian and Ubuntu that bring the library, the compiler of the parts, and the rest, each by name with
+    its purpose. ``program``: one that is the engine, and whose version is the engine's. ``elsewhere``: further required
+    installations that no package brings, in words.
     """
 
     library: str = ""

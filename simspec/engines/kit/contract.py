@@ -1,4 +1,5 @@
-"""What an engine is: files in, arrays out. The same small contract for all, so that nothing above knows an engine's name.
+"""The contract of an engine: files in, arrays out. The same small contract for all, so that nothing above knows an engine's
+name.
 
 Engine modules import numpy and, inside ``load``, the engine; nothing heavier: they run in the engine's own process, which
 may be another Python with another version of the engine. They compute no metrics: a difference between engines must not
@@ -79,7 +80,7 @@ class RunnableEngine:
         raise NotImplementedError
 
     def ready(self) -> None:
-        """Do what the first step would do once, so that steps are timed without it: what an engine compiles for a model. The
+        """Do what the first step would do once, so that steps are timed without it: for example compilation for a model. The
         state stays as it is. Optional."""
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
@@ -87,7 +88,7 @@ class RunnableEngine:
         return Actuation(self, q, v)
 
     def log(self) -> list[str]:
-        """What the engine had to say (warnings) since loading."""
+        """Warnings of the engine since loading."""
         return []
 
     def close(self) -> None:
@@ -99,12 +100,12 @@ class ProvenEngine(RunnableEngine):
     world. Each method but ``read_back`` and ``frame_poses`` belongs to a capability that an engine may lack (``LACKS``)."""
 
     def read_back(self) -> ReadBack:
-        """The model as the engine holds it (asked from the engine, never from the request), in the world's frames."""
+        """The engine's model (queried from the engine, never from the request), in the world's frames."""
         raise NotImplementedError
 
     def frame_poses(self) -> np.ndarray | None:
         """Poses (frames, 7) of the world's named frames at the present state, in the order of their names; None where the
-        engine is told none, as where ``ReadBack.frames`` is None."""
+        engine receives none, as where ``ReadBack.frames`` is None."""
         return None
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -127,11 +128,12 @@ class ProvenEngine(RunnableEngine):
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``,
-        and, where the engine tells them, the ``unit``s that touch (``CONTACT_UNIT``): runs are else compared by bodies only."""
+        and, where the engine reports them, the ``unit``s that touch (``CONTACT_UNIT``): runs are else compared by bodies
+        only."""
         raise NotImplementedError
 
     def collision_units(self) -> Sequence[CollisionUnit]:
-        """What the engine's collision detection distinguishes: a shape, or several of one body where it names no more."""
+        """The units of the engine's collision detection: a shape, or several of one body where it does not distinguish them."""
         raise NotImplementedError
 
     def detect_units(self) -> np.ndarray:
@@ -157,14 +159,14 @@ class ProvenEngine(RunnableEngine):
     ) -> Servos:
         """Let the engine's own controllers drive some hinges and slides, at the places ``q`` and ``v`` (n,) of their
         coordinates, until it is loaded again. ``stiffness`` (n,), 0 for control of velocity, ``damping`` (n,), ``limit`` (n,):
-        the largest effort, infinite for none. What becomes of them is declared under ``control.native``."""
+        the largest effort, infinite for none. Their treatment is declared under ``control.native``."""
         raise NotImplementedError
 
 
 class Engine(ProvenEngine):
-    """The third tier, complete: what the engine declares, an inventory of all that it stores, and files of other languages.
+    """The third tier, complete: the engine's declarations, an inventory of all that it stores, and files of other languages.
 
-    An engine's class is a subclass of this one. What it has not reached yet it declares in ``LACKS``, with the reason.
+    An engine's class is a subclass of this one. ``LACKS`` declares the missing capabilities, with the reason.
     """
 
     NAME: ClassVar[str]
@@ -203,9 +205,10 @@ class Engine(ProvenEngine):
     RULES: ClassVar[Rules]
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
-    """Whether pairs that no numbers give are realised by copies of shapes in layers (see ``contact/plan.py``)."""
+    """Whether pairs of materials that parameters cannot express are realised by copies of shapes in layers (see
+    ``contact/plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
-    """What it is known not to reach of the contact law, each measured."""
+    """Known deviations from the contact law, each measured."""
     KEEPS_CONTACTS: ClassVar[bool] = False
     """Whether a step depends on contact points of earlier steps, in addition to the state; :meth:`move_to` then leaves them."""
     PROBED_TOGETHER: ClassVar[int | None] = None
@@ -222,13 +225,13 @@ class Engine(ProvenEngine):
     UNREADABLE: ClassVar[Mapping[str, str]] = {}
     """Fields that cannot be read back from it, with the reason."""
     LACKS: ClassVar[Mapping[Capability, str]] = {}
-    """The capabilities that it does not have, with the reason: it is not asked for what is behind them. Empty: it has all."""
+    """The capabilities that it does not have, with the reason: their operations are not requested. Empty: it has all."""
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
-    """What its own controllers do; None where it lacks them."""
+    """The law of its built-in controllers; None where it lacks them."""
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     """The languages of files that it loads by itself, by the names of their importers, and how."""
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = {}
-    """What it adds to such files, by names of the inventory that :meth:`load_foreign` gives."""
+    """The engine's additions to such files, by names of the inventory that :meth:`load_foreign` gives."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
         """Check what the class declares; ``abstract``: it is no engine, but what several engines are built on."""
@@ -296,15 +299,15 @@ class Engine(ProvenEngine):
 
     @classmethod
     def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:
-        """The sorted pairs of kinds of shapes of which it is measured to miss some overlaps in ``world``, and tells its filter
-        otherwise (``expected_inventory``): that it never reports one pair of such shapes is told, and no error."""
+        """The sorted pairs of kinds of shapes of which it is measured to miss some overlaps in ``world``, and reports its
+        filter otherwise (``expected_inventory``): a pair of such shapes that it never reports is noted, and no error."""
         return frozenset()
 
     @classmethod
     def thicker(cls, world: World) -> Mapping[str, float]:
         """By name the collision shapes of ``world`` whose surfaces it holds elsewhere than they are, since it has none so thin,
-        or finds distances to them inexactly, and how far (m) outside or inside of where they should be they may be felt; what
-        it declares approximate by name, measured."""
+        or finds distances to them inexactly, and how far (m) outside or inside of where they should be they may be felt;
+        declared approximate by name, measured."""
         return {}
 
     @classmethod
@@ -315,7 +318,7 @@ class Engine(ProvenEngine):
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         """Load ``file``, of one of the languages in ``FOREIGN``, as a user of the engine would: by its own loader, with that
         one's defaults. ``packages``: folders by the names of packages, for loaders that take them.
-        What the engine warns of is added to ``log``.
+        The engine's warnings are added to ``log``.
 
         Returns what the engine then holds: every body under the file's name, in a frame at its last joint with the axes
         of the file's frame; coordinates relative to those that the file calls zero; the shapes of each, a mesh by its support

@@ -1,9 +1,9 @@
 """Forces that act on bodies at all times and that an engine does not have: it is given them as an effort before every step.
 
 A weight that is not mass × gravity differs from it by the force (s − 1) m g at the centre of mass, s ``gravity_scale``; damping
-of a free body is −d v, −d ω of its own coordinates; what a fluid does says ``world/actions.py``. All follow from the engine's
-own masses, poses and velocities before the step, and act in it as a constant effort, as its own gravity and explicit damping
-would: exact, also in contact.
+of a free body is −d v, −d ω of its own coordinates; the efforts of a fluid are defined in ``world/actions.py``. All follow from
+the engine's own masses, poses and velocities before the step, and act in it as a constant effort, as its own gravity and
+explicit damping would: exact, also in contact.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from simspec.world.types import Body, Constraint, ReadBack, World
 # Constraints, and springs and dampers along sums of joint positions, that simspec computes outside an engine, as an effort
 # before every step, and in which worlds that is exact.
 #
-# What acts along sums is an effort of the state alone, like the springs and dampers of joints: exact in every world.
+# A spring or damper along a sum is an effort of the state alone, like the springs and dampers of joints: exact in every world.
 #
 # λ follows from the engine's own M, h, poses and state: J M⁻¹ Jᵀ λ = J v* + φ/dt with v* = v + dt M⁻¹(τ − h), and −Jᵀ λ/dt is
-# added to the effort τ. What the engine itself adds in the step as an impulse (contact, dry friction, its own controllers) is
-# not in v*, so that worlds in which that may happen to a held body are refused.
+# added to the effort τ. Impulses that the engine adds in the step (contact, dry friction, its own controllers) are not in v*,
+# so that worlds in which that may happen to a held body are refused.
 
 HOW = (
     "−Jᵀ λ/dt from the engine's own M and h before every step, for trees that nothing touches; a joint that arrives at a limit "
@@ -108,11 +108,11 @@ class Outside:
         self._parts = [_part(world, bodies, local) for bodies, local in constrained_parts(world)]
 
     def completed(self, back: ReadBack) -> ReadBack:
-        """What an engine holds, with what is applied here."""
+        """The engine's model, with the efforts that are applied here."""
         return dataclasses.replace(back, constraints=self._constraints, sums=self._along.sums)
 
     def energy(self) -> float:
-        """What the springs along sums store at the present state (J)."""
+        """The energy that the springs along sums store at the present state (J)."""
         return self._along.energy(self._engine.get_state()[0])
 
     def effort(self, given: Array | None) -> Array:
@@ -147,8 +147,8 @@ def _part(world: World, bodies: Sequence[Body], constraints: Sequence[Constraint
 
 
 class GivenForces:
-    """What is given to a loaded engine before each of its steps, of what its sidecar says; and by which ``bias_force`` and
-    ``energy`` differ from the engine's own."""
+    """Efforts that a loaded engine receives before each of its steps, from its sidecar; ``bias_force`` and ``energy`` differ
+    from the engine's by them."""
 
     def __init__(self, engine: Engine, passive: Passive):
         back = engine.read_back()
@@ -225,7 +225,7 @@ class GivenForces:
 
 
 class _Drag:
-    """What a fluid does to bodies that move in it, all at once. Rows of boxes have the bodies of ``rows``."""
+    """The forces of a fluid on bodies that move in it, all at once. Rows of boxes have the bodies of ``rows``."""
 
     def __init__(self, world: World, around: Around):
         at = {body.name: row for row, body in enumerate(world.bodies)}
@@ -255,7 +255,7 @@ class _Drag:
 
 
 class BeforeSteps:
-    """What simspec computes for an engine before each of its steps: constraints, and forces that act at all times."""
+    """Efforts that simspec computes for an engine before each of its steps: constraints, and forces that act at all times."""
 
     def __init__(
         self,
@@ -289,7 +289,7 @@ class BeforeSteps:
         return values if self.given is None else values - self.given.weight()
 
     def potential(self) -> float:
-        """What the potential energy (J) differs by from the engine's own."""
+        """The difference of the potential energy (J) from the engine's."""
         differs = 0.0 if self.given is None else self.given.potential()
         return differs if self.outside is None else differs + self.outside.energy()
 

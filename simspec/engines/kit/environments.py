@@ -55,7 +55,7 @@ def released_versions(engine: type[Engine], first: str, last: str) -> list[str]:
 
 
 def in_order(engine: type[Engine], words: Iterable[str]) -> list[str]:
-    """Versions that somebody names, in order, each once. Raises EngineError for what is no version."""
+    """Versions that a user names, in order, each once. Raises EngineError for a word that is no version."""
     named = {_version(engine, word): word for word in words}
     return [named[version] for version in sorted(named)]
 
@@ -80,8 +80,8 @@ def _packages(engine: type[Engine]) -> list[tuple[str, str]]:
 
 
 def _reaches(engine: type[Engine], rule: str, lowest: Version, highest: Version) -> bool:
-    """Whether a package may have versions between two: of one with a rule no end needs to be its own, so that it is asked
-    unless both ends lie on one side."""
+    """Whether a package may have versions between two. A rule may match between two ends that it excludes, so that it is
+    evaluated unless both ends lie on one side."""
     rules = (
         [SpecifierSet(rule)]
         if rule
@@ -133,7 +133,7 @@ def _release(word: str) -> Version | None:
     return None if version.is_prerelease else version
 
 
-# What is there of an engine, and what is missing and why: asked of package metadata, pkg-config and the compiler.
+# The installed parts of an engine, and the missing ones with the reason: from package metadata, pkg-config and the compiler.
 
 
 class State(StrEnum):
@@ -149,7 +149,8 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What is there of an engine. ``problems``: each thing that is missing or wrong; ``install``: the words that install it."""
+    """The installation of an engine. ``problems``: each part that is missing or wrong; ``install``: the command that installs
+    it."""
 
     state: State
     version: str | None
@@ -158,7 +159,7 @@ class Diagnosis:
 
 
 def diagnose(engine: type[Engine], environment: Mapping[str, str] | None = None) -> Diagnosis:
-    """What is there of ``engine`` in this interpreter and on this machine. ``environment`` overrides markers of packages."""
+    """The installation of ``engine`` in this interpreter and on this machine. ``environment`` overrides markers of packages."""
     install = how_to_install(engine)
     if alone := engine.files_alone():
         lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
@@ -194,7 +195,7 @@ def _reason(engine: type[Engine], error: EngineError) -> str:
 
 
 def _version_of(engine: type[Engine]) -> str | None:
-    """The version of what there is of the engine itself, also where what it needs beside is missing."""
+    """The version of the engine itself, also where further requirements are missing."""
     library = engine.NEEDS.library
     return engine.version() or (package_version(library.split()[0]) if library else None)
 
@@ -205,19 +206,19 @@ def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None)
     for requirement in requirements(engine.EXTRA, environment) if engine.EXTRA else ():
         names = engine.distributions() if requirement.name == engine.DISTRIBUTION else (requirement.name,)
         found = next((version for name in names if (version := _installed(name)) is not None), None)
-        text = f"simspec-physics[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
+        text = f"simspec-physics[{engine.EXTRA}] requires {requirement.name}{requirement.specifier}"
         if found is None:
             absent.append(f"{requirement.name} is not installed: {text}")
         elif not _contains(requirement, found):
             wrong.append(f"{requirement.name} {found} is installed: {text}")
     library = engine.NEEDS.library
     if library and package_version(library) is None and (found := package_version(library.split()[0])) is not None:
-        wrong.append(f"version {found} of its library is installed: it asks for {library}")
+        wrong.append(f"version {found} of its library is installed: it requires {library}")
     return absent, wrong
 
 
 def _contains(requirement: Requirement, version: str) -> bool:
-    """Whether a version is one of those requested; what is no version is not."""
+    """Whether a version is one of those requested; a word that is no version is not."""
     try:
         return requirement.specifier.contains(version, prereleases=True)
     except InvalidVersion:
@@ -249,7 +250,7 @@ def requirements(extra: str, environment: Mapping[str, str] | None = None) -> It
 
 FOLDER: Final = "engines"
 ALONGSIDE: Final = ("numpy",)
-"""What the worker needs in an engine's interpreter."""
+"""Requirements of the worker in an engine's interpreter."""
 LAWS: Final = "pin"
 """The extra of simspec for control laws that use the mass matrix, which run in the engine's process."""
 
@@ -271,9 +272,9 @@ def environments() -> dict[str, str]:
     try:
         places = sorted(folder.iterdir()) if folder is not None and written_by_others(folder) is None else []
     except OSError:
-        return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
+        return {}  # there is no such folder, or the user cannot read it: missing environments are reported by label
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_complete(place) is True}
-    # what is not installed here, and has its environment under the version that it names
+    # an engine that is not installed here, and has its environment under the version that it names
     for name, engine in engines().items():
         label = EngineId(name, engine.SEPARATE_VERSION).label
         if engine.SEPARATE_VERSION and label in found and engine.version() is None:
@@ -290,7 +291,7 @@ def _known(label: str) -> bool:
 
 
 def requirement(engine: type[Engine], version: str) -> str:
-    """What pip is asked for, for the versions of an engine that a label means by ``version``. Raises EngineError where the
+    """The requirement for pip, for the versions of an engine that a label means by ``version``. Raises EngineError where the
     engine comes with no package of Python, or ``version`` is no version of one."""
     if not engine.DISTRIBUTION:
         raise EngineError(engine.NAME, "comes with the machine, not with pip: it has one version there")

@@ -1,4 +1,4 @@
-"""Files of other languages, loaded in an engine as its user would load them: what an engine declares, and what it answers.
+"""Files of other languages, loaded in an engine as its user would load them: declarations and answers of an engine.
 
 The answer is a :class:`simspec.world.types.ReadBack` of the file's own names: bodies under the names of the file, in frames at
 their last joint, nothing repaired. A shape of kind ``mesh`` is given by its support function (:func:`support`), not its
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from simspec.engines.kit.contract import Engine
 
 
-# What readers are known to do to plain files, as rows of data: the exporter lists them, and tests compare them with readers.
+# Known effects of readers on plain files, as rows of data: the exporter lists them, and tests compare them with readers.
 #
 # Each row names a quantity of the comparison (``audit/compare.py``) and a case: the bodies of a world for which the reader's
 # value is another. A case knows the world and the file's format, no reader.
@@ -298,14 +298,14 @@ MESH = "mesh"
 AXES = 6
 """Directions of a support function of which only the bounding box is known: the first ones."""
 UNNAMED = "body_{}"
-"""What a body without a name is called, by its place."""
+"""The name of a body without a name, by its place."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reads:
     """That an engine reads a language: ``how``, as a user calls it; ``suffixes`` of its files, and the ``root`` element by
-    which they are told from others. ``defines``: what the engine makes of a file is what the language means, where nobody else
-    says it. ``effects``: what it does to simspec's plain files, measured with the version ``version``."""
+    which they are distinguished from others. ``defines``: the engine's reading of a file defines the language, where it has no
+    other definition. ``effects``: its effects on simspec's plain files, measured with the version ``version``."""
 
     how: str
     suffixes: tuple[str, ...]
@@ -319,8 +319,8 @@ class Reads:
 class Addition:
     """A number that an engine adds to any file, under a name of the read-back's inventory.
 
-    ``meaning``: what it is where nothing is added; None where files do not speak of it. ``changes``: whether the motion of the
-    file's model changes, or only something that files leave open. ``why``: what it does, in a sentence.
+    ``meaning``: its value where nothing is added; None where files do not define it. ``changes``: whether the motion of the
+    file's model changes, or only something that files leave open. ``why``: its effect, in a sentence.
     """
 
     meaning: EngineValue | None
@@ -348,7 +348,7 @@ def box_support(lower: Sequence[float], upper: Sequence[float]) -> tuple[float, 
 
 
 MEMORY = 2 * 2**30
-"""Bytes of data of a process that loads a stranger's file, engine included: twice what simspec's own importers may take."""
+"""Bytes of data of a process that loads an untrusted file, engine included: twice what simspec's own importers may take."""
 
 
 def _bound_memory() -> None:
@@ -372,15 +372,15 @@ class ForeignSession:
         self.load_seconds = 0.0
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
-        """What the engine holds of a file, which it loads in bounded memory and confined by the kernel: whoever wrote it may
-        have meant it to take all that there is, or to lead elsewhere."""
+        """The engine's model of a file, which it loads in bounded memory and confined by the kernel: its author may have meant
+        it to exhaust memory, or to lead elsewhere."""
         self._engine.prepare_foreign()
         _bound_memory()
         confine_calls(PROFILES["scratch"])  # files were confined before the engine was imported (``worker.py``)
         return self._engine.load_foreign(file, language, packages, self._log)
 
     def log(self) -> list[str]:
-        """What the engine had to say."""
+        """Messages of the engine."""
         return self._log
 
     def close(self) -> None:

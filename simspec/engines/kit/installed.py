@@ -268,7 +268,7 @@ def _answer(interpreter: _Started, ends: float) -> tuple[str | None, str | None]
 
 
 def _output(pipe: IO[bytes], ends: float) -> bytes:
-    """What a process writes until it ends. Raises NoVersionError where that is too much, or takes too long."""
+    """The output of a process until it ends. Raises NoVersionError where that is too much, or takes too long."""
     output = b""
     with selectors.DefaultSelector() as selector:
         selector.register(pipe, selectors.EVENT_READ)

@@ -99,7 +99,7 @@ MOST_NAMED = 8
 
 @dataclass(frozen=True, slots=True)
 class Carrier:
-    """What an engine filters as one: its name, and the body, material and layer of the shapes that it carries."""
+    """A unit of an engine's collision filter: its name, and the body, material and layer of the shapes that it carries."""
 
     name: str
     body: str
@@ -184,7 +184,7 @@ def _named_partners(world: World, of_body: Mapping[str, set[str]]) -> dict[str, 
     return found
 
 
-# What a sidecar says it is for, and its settings: as an engine's process was given them, and as the world asks for them.
+# Labels of a sidecar and its settings: as an engine's process received them, and as the world requests them.
 
 LABELS = ("schema", "dialect", "format", "engine", "world", "friction_cone")
 
@@ -199,7 +199,7 @@ def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, EngineValue]:
 
 
 def expected_labels(engine: type[Engine], world: World) -> dict[str, EngineValue]:
-    """What :func:`sidecar_labels` must be for ``world``."""
+    """The expected result of :func:`sidecar_labels` for ``world``."""
     values: tuple[str | int, ...] = (
         SIDECAR_SCHEMA,
         engine.DIALECT,

@@ -39,11 +39,11 @@ def keep(folder: Path, seconds: float, most: int, command: list[str], ending: in
     """Start the worker, or ``command``, on ``folder`` and see it through; its exit code. Ends by the signal that ended it.
 
     How it ended is also written to the descriptor ``ending``: a status as of wait(2), in four bytes, little-endian.
-    What it took (``USAGE``) is left in the folder.
+    Its resource usage (``USAGE``) is left in the folder.
     """
     ends = time.monotonic() + seconds
     parent, keeper = os.getppid(), os.getpid()
-    _prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the engine starts and leaves behind becomes the keeper's
+    _prctl(PR_SET_CHILD_SUBREAPER, 1)  # remaining child processes of the engine become the keeper's
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     heard, given = os.pipe()
     alive, actual = os.pipe()
@@ -92,7 +92,7 @@ def keep(folder: Path, seconds: float, most: int, command: list[str], ending: in
 
 
 def _leave_usage(folder: Path, usage: resource.struct_rusage) -> None:
-    """What the worker and what it waited for took, as seen from outside of it: a courtesy, as the folder may be gone."""
+    """The resource usage of the worker and of its ended children, from outside of it: optional, as the folder may be gone."""
     scale = 1 if sys.platform == "darwin" else 1024
     took = {"cpu_user": usage.ru_utime, "cpu_system": usage.ru_stime, "peak_memory": usage.ru_maxrss * scale}
     with contextlib.suppress(OSError):
@@ -100,11 +100,11 @@ def _leave_usage(folder: Path, usage: resource.struct_rusage) -> None:
 
 
 def _begin(keeper: int, alive: int, most: int) -> None:
-    """What the worker's process does first: a process group of its own, no input, an end with its keeper."""
+    """First actions of the worker's process: a separate process group, no input, an end with its keeper."""
     os.setpgid(0, 0)
     if not _prctl(PR_SET_PDEATHSIG, signal.SIGKILL):
         threading.Thread(target=_end_with, args=(alive,), daemon=True).start()
-    if os.getppid() != keeper:  # it went before it was asked to be told
+    if os.getppid() != keeper:  # the keeper ended before the request for a signal
         os._exit(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
@@ -130,7 +130,7 @@ def _work(folder: Path, command: list[str]) -> None:
             os.chdir(folder)
             os.execvp(command[0], command)
         code = _worker().main(folder)
-    except BaseException:  # whatever it is, it ends this process and no other
+    except BaseException:  # any error ends this process and no other
         import traceback
 
         traceback.print_exc()
@@ -160,7 +160,7 @@ def _end(child: int, ended: bool) -> None:
         try:
             done, _ = os.waitpid(-1, os.WNOHANG)
         except ChildProcessError:
-            return  # nobody is left
+            return  # no process is left
         if not done:
             # those that left the process group and lost their parent: they are the keeper's now
             for pid in _children():

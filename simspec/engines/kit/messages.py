@@ -1,4 +1,4 @@
-"""What the native code of an engine prints, caught."""
+"""Captured output of the native code of an engine."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def captured(stream: TextIO, lines: list[str], known: Sequence[str] = ()) -> Ite
             lines.extend(line for line in printed if line.strip() and not any(text in line for text in known))
 
 
-# What an engine does that takes long and is no step: reported to the process that waits, by a file next to the request.
+# Long activities of an engine that are no steps: reported to the process that waits, by a file next to the request.
 
 DOING = "doing.txt"
 """The file, in the process's own folder: there while something takes long."""

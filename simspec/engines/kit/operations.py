@@ -1,6 +1,6 @@
 """The named operations that an engine's process does (``docs/design/engine-process.md``), each with a session of the engine.
 
-An operation is given its arrays and its parameters, and answers a plain result and arrays. What those are is said in
+An operation is given its arrays and its parameters, and answers a plain result and arrays. Their forms are defined in
 ``answer_forms.py``; the other side checks all of it.
 """
 
@@ -26,7 +26,7 @@ Result = tuple[Any, dict[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """What an operation does, and what may have been done with the session before it at most."""
+    """The function of an operation, and the latest condition of the session that it permits."""
 
     do: Callable[[Any, Arrays, Parameters], Result]
     needs: Condition = Condition.FRESH
@@ -44,8 +44,8 @@ def _foreign(session: Any, arrays: Arrays, operation: Parameters) -> Result:
 
 
 def _kinematics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
-    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), the state as read again, and of engines that are
-    told named frames ``frame`` (k, frames, 7)."""
+    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), the state as read again, and, where the engine
+    receives named frames, ``frame`` (k, frames, 7)."""
     rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
     for q, v in zip(arrays["q"], arrays["v"], strict=True):
         session.set_state(q, v)

@@ -39,8 +39,8 @@ from simspec.processes import exit_if_signalled, search_environment, with_search
 
 __all__ = [
     "DEADLINE",
-    "ONE_THREAD",
     "PROGRESS_FILE",
+    "SINGLE_THREAD",
     "Answer",
     "Operation",
     "Reply",
@@ -57,11 +57,11 @@ PROGRESS_FILE = "progress.txt"
 """Where an operation may write the share of its work that is done, in the process's own folder."""
 LOOK_EVERY = 0.5
 """s between two looks at it; it is written half as often."""
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
-BLAS changes sums from run to run (and one engine is 2 to 5 % slower beside its idle threads: measured)."""
+BLAS changes sums from run to run (and one engine is 2 to 5 % slower with its idle threads: measured)."""
 GRACE = 2.0
-"""s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
+"""s that the keeper waits beyond the deadline: the waiting process kills the engine and says why; this is the fallback."""
 DOING_BYTES = 200
 """Bytes of what an engine says that it does."""
 LOG_TAIL = 2000
@@ -167,7 +167,7 @@ def start(
         running = Running(engine, folder, operations, python or sys.executable, deadline, command, warm)
         _at_work.add(running)
         try:
-            if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
+            if _given_up.is_set():  # checked after it is on the list: one of the two sees the other
                 raise CancelledError(f"{engine}: the requesting process has ended")
             yield running
         finally:
@@ -186,7 +186,7 @@ def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
 
 def _environment() -> dict[str, str]:
     """The environment of engines' processes."""
-    return search_environment({**ONE_THREAD, **os.environ, **ANY_LOCALE})
+    return search_environment({**SINGLE_THREAD, **os.environ, **ANY_LOCALE})
 
 
 def at_work(say: Callable[[str], None], work: str, doing: str) -> None:
@@ -262,7 +262,7 @@ class Running:
                 self.engine, f"no result within its deadline of {self._deadline:g} s{text}; killed{self._tail()}", at
             ) from None
         wall = time.perf_counter() - self._started
-        self.kill()  # what it left behind must not change what is read now
+        self.kill()  # remaining processes must not change the files that are read now
         try:
             answers, versions, refused = read_answers(self._folder, self._operations)
         except FileNotFoundError:
@@ -282,7 +282,7 @@ class Running:
         return Reply(answers, versions, wall, self._log.text(), self._usage())
 
     def _usage(self) -> dict[str, float]:
-        """What the keeper says that the process took."""
+        """The resource usage of the process, from the keeper."""
         try:
             took = parse_json(read_bytes(self._folder / keeper.USAGE, 1000))
         except (OSError, NotReadableError):
@@ -293,7 +293,7 @@ class Running:
         return {name: float(took[name]) for name in names}
 
     def _tell(self, progress: Callable[[float], None] | None, doing: Callable[[str], None] | None) -> None:
-        """Pass on what is done, and the share of it. It is a courtesy: what says nothing sensible says nothing."""
+        """Pass on the current activity, and the completed share. It is optional: unreadable reports are ignored."""
         if doing is not None and (text := self._activity()) != self._doing:
             self._doing = text
             doing(text)
@@ -307,7 +307,7 @@ class Running:
             progress(share)
 
     def _activity(self) -> str:
-        """What the engine says that it does, on one line; "" where it says nothing."""
+        """The activity that the engine reports, on one line; "" where it reports none."""
         try:
             said = read_bytes(self._folder / DOING, DOING_BYTES).decode("utf-8", "replace")
         except (OSError, NotReadableError):
@@ -324,7 +324,7 @@ class Running:
                 process.wait(timeout=keeper.PATIENCE)
         if (
             not isinstance(process, Forked) or process.returncode is None
-        ):  # nobody holds the number of one that has ended
+        ):  # no process holds the number of one that has ended
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
         process.wait()
@@ -341,7 +341,7 @@ class Running:
         return at, f", at work on '{self._operations[at].op}' (operation {at + 1} of {len(self._operations)})"
 
     def _tail(self) -> str:
-        output = visible(self._log.text().strip(), lines=True)  # what cannot be seen takes more room when it is told
+        output = visible(self._log.text().strip(), lines=True)  # invisible characters take more room as escapes
         return f"; its last output: {output[-LOG_TAIL:]}" if output else ""
 
 
@@ -374,7 +374,7 @@ class _Log:
             self._pipe.close()
 
     def text(self) -> str:
-        """What was kept."""
+        """The stored text."""
         gap = f"\n… {self._left_out:,} bytes left out …\n".encode() if self._left_out else b""
         return (self._first + gap + self._last).decode("utf-8", errors="replace")
 

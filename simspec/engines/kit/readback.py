@@ -1,4 +1,4 @@
-"""What engines return by their APIs, in the types of the world: vectors, poses, inertias, limits, shapes."""
+"""Values of engines' APIs, in the types of the world: vectors, poses, inertias, limits, shapes."""
 
 from __future__ import annotations
 

@@ -98,14 +98,14 @@ class Columns:
 
 
 class Contacts:
-    """Ragged contacts, written as :class:`Columns` are; with the units that touch where the engine tells them."""
+    """Ragged contacts, written as :class:`Columns` are; with the units that touch where the engine reports them."""
 
     def __init__(self, place: Path):
         self._place = place
         self._files = self._opened({"row": (), **CONTACT_FIELDS})
         self._units: _Files | None = None
         self._given: bool | None = None
-        """Whether the engine tells the units, of contacts that there were; None as long as there were none."""
+        """Whether the engine reports the units of the contacts so far; None as long as there were none."""
         self._empty_given = False
         self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS, CONTACT_UNIT)}
         self._collected = 0
@@ -115,14 +115,14 @@ class Contacts:
         return _Files(self._place, "contact.", kinds, shapes)
 
     def add(self, row: int, found: dict[str, np.ndarray]) -> int:
-        """Add the contacts of a row. Returns the bytes that were written because of it. Raises ValueError where units are told
-        of some rows only."""
+        """Add the contacts of a row. Returns the bytes that were written because of it. Raises ValueError where units are
+        reported for some rows only."""
         count, given = len(found["distance"]), CONTACT_UNIT in found
         if not count:
             self._empty_given = given
             return 0
         if self._given is not None and given != self._given:
-            raise ValueError("the units of contacts are told of some rows only")
+            raise ValueError("the units of contacts are reported for some rows only")
         self._given = given
         if given:
             self._blocks[CONTACT_UNIT].append(np.asarray(found[CONTACT_UNIT]).reshape(count, 2))
@@ -150,7 +150,7 @@ class Contacts:
         return self._units
 
     def close(self) -> dict[str, dict[str, Any]]:
-        """Write the rest; returns kind and shape of each array, that of the units where the engine tells them."""
+        """Write the rest; returns kind and shape of each array, that of the units where the engine reports them."""
         self.write()
         arrays = self._files.close()
         if self._given or (self._given is None and self._empty_given):
@@ -162,7 +162,7 @@ Floats = NDArray[np.float64]
 
 
 class Outer:
-    """What acts on bodies from outside: forces, and what moves kinematic bodies."""
+    """External actions on bodies: forces, and motions of kinematic bodies."""
 
     def __init__(self, forces: AppliedForces | None, prescribed: Prescribed | None):
         self._forces, self._prescribed = forces, prescribed
@@ -303,7 +303,7 @@ MOST_BYTES = 16 * 2**30
 
 
 class Recording:
-    """What a run leaves behind: rows of the named channels, taken one by one into files ``<place><channel>.bin``; see
+    """The records of a run: rows of the named channels, taken one by one into files ``<place><channel>.bin``; see
     :func:`record` for their meaning. Raises EngineError when that becomes more than ``most`` bytes."""
 
     def __init__(
@@ -408,7 +408,7 @@ def _which_contact(found: dict[str, np.ndarray], done: int) -> dict[str, Any] | 
 
 
 def _tell(place: Path, share: float) -> None:
-    """Write the share that is done, whole: who looks meanwhile must not see half a number."""
+    """Write the completed share, atomically: readers must not see half a number."""
     name = place.with_name(f"{place.name}.new")
     name.write_text(f"{share:.6f}", encoding="ascii")
     name.replace(place)
@@ -433,8 +433,8 @@ def record(
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
     ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
     ``failed``: None, or the first number of any channel that was not finite: after which ``step``, in which ``channel``, at
-    which ``place`` of the channel's row; there the run ended; and, where the engine tells
-    the units of contacts, ``contact_units``: what ``contact.unit`` (contacts, 2) points to. And kind and shape of the arrays.
+    which ``place`` of the channel's row; there the run ended; and, where the engine reports the units of contacts,
+    ``contact_units``: the targets of ``contact.unit`` (contacts, 2). And kind and shape of the arrays.
     """
     if "q" in arrays:
         session.set_state(arrays["q"], arrays["v"])

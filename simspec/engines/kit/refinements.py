@@ -1,4 +1,4 @@
-"""What of a world decides what an engine has of it, where several engines ask the same (``refine`` of their declarations)."""
+"""Properties of a world that refine declarations of several engines (``refine``)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from simspec.world.reach import Reach, largest_ratio, reach
 from simspec.world.types import Body, Pair, PairContact, Shape, World
 
 ROUND_OFF = 1e-9
-"""Relative: what calculating an inertia or a centre of mass may cost."""
+"""Relative error of calculating an inertia or a centre of mass."""
 NO_FRICTION = Refinement(Level.VIA_API, "nothing has friction")
 
 
@@ -130,7 +130,7 @@ def approximate_pairs(given: Mapping[Pair, str], short: str) -> Refinement:
 
 def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Body]], str | None]) -> Refinement | None:
     """Not supported where something in a tree with armature would not feel it: a controller of the engine (``title``), what
-    ``impulses`` names, or contact. What they say of constraints is the engine's to say, in ``impulses``.
+    ``impulses`` names, or contact. Constraints are described by the engine, in ``impulses``.
 
     ``impulses`` is given the name of a body whose joint has armature and all bodies of its tree, and gives the
     reason why what else the engine solves in the tree would not feel it; None where it would.

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 MARK = "@"
 VERSION = re.compile(r"[0-9][0-9A-Za-z.+_-]{0,39}")
-"""What a label may have for a version: it is a part of folders' names."""
+"""The form of a version in a label: it is a part of folders' names."""
 
 
 STATED = re.compile(r"(?=[^0-9]*[0-9])[0-9A-Za-z][0-9A-Za-z .+_~!-]{0,63}")
-"""What an interpreter or a process may state as the version of an engine: it stands in tables, keys and certificates."""
+"""The form of an engine's version that an interpreter or a process states: it stands in tables, keys and certificates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def parse(word: str) -> EngineId:
 
 
 def program_of(python: str) -> str:
-    """What starts the interpreter ``python`` from any folder: a name alone is sought on the path, as a shell does."""
+    """The path that starts the interpreter ``python`` from any folder: a name alone is sought on the path, as a shell does."""
     return os.path.abspath(python) if os.sep in python else shutil.which(python) or python
 
 
@@ -88,7 +88,7 @@ def demand_version(label: str, version: str) -> None:
 
 
 DECLARED = ("NAME", "DIALECT", "DISTRIBUTION", "EXTRA", "SUPPORT", "SETTINGS", "RULES", "LAYERS")
-"""What an engine's class must say."""
+"""Required attributes of an engine's class."""
 
 
 def _sound(name: str, engine: Any) -> type[Engine]:

@@ -1,4 +1,4 @@
-"""What an engine's process is given: ``request.json``, ``request.bin``, and the artifacts below ``artifacts/``.
+"""The input of an engine's process: ``request.json``, ``request.bin``, and the artifacts below ``artifacts/``.
 
 The folder is all that the process needs: the artifacts are copied into it, and every path in the request is relative to it. The
 form is published as a JSON Schema (``schema/engine-request.schema.json``); ``docs/design/engine-process.md`` says
@@ -36,7 +36,7 @@ class ArrayForm(BaseModel):
 
 
 class RequestedOperation(BaseModel):
-    """One thing to do, after the artifacts are loaded anew. What else stands in it are the operation's own parameters."""
+    """One thing to do, after the artifacts are loaded anew. Its other fields are the operation's parameters."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -50,7 +50,7 @@ class RequestedOperation(BaseModel):
 
 
 class Request(BaseModel):
-    """``request.json``: what a process is to do, one operation after the other."""
+    """``request.json``: the operations of a process, one after the other."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -109,8 +109,8 @@ def request_schema() -> Mapping[str, Any]:
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 TITLES = {
-    "engine-request": "simspec: what an engine's process is asked",
-    "engine-result": "simspec: what an engine's process answers",
+    "engine-request": "simspec: the request to an engine's process",
+    "engine-result": "simspec: the answer of an engine's process",
 }
 
 

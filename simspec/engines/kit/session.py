@@ -30,7 +30,7 @@ from simspec.world.types import ReadBack
 
 
 class Condition(IntEnum):
-    """What was done with an engine since it was loaded, at most; each includes what stands before it."""
+    """The latest action on an engine since it was loaded; each includes those before it."""
 
     FRESH = 0
     """Nothing: it is as it was loaded."""
@@ -63,15 +63,15 @@ class Session:
     # --- life ---------------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Return to the initial state, by loading the artifacts anew into another engine: what an engine does not forget would
-        otherwise be an invisible difference."""
+        """Return to the initial state, by loading the artifacts anew into another engine: memory of an engine would otherwise
+        be an invisible difference."""
         self.close()
         started = time.perf_counter()
         engine = self._make()
         try:
             engine.load(self.artifacts, self.sidecar)
         except BaseException:
-            # what closing a half-loaded engine complains of must not hide why it could not be loaded
+            # an error from closing a half-loaded engine must not hide why it could not be loaded
             with contextlib.suppress(Exception):
                 engine.close()
             raise
@@ -153,7 +153,7 @@ class Session:
         return self._at(Condition.QUERIED).contacts()
 
     def collision_units(self) -> Sequence[CollisionUnit]:
-        """What the engine's collision detection distinguishes."""
+        """The units of the engine's collision detection."""
         return self._at(Condition.QUERIED).collision_units()
 
     def detect_units(self) -> np.ndarray:
@@ -165,7 +165,7 @@ class Session:
         return self._at(Condition.QUERIED).detect_contacts()
 
     def log(self) -> list[str]:
-        """What the engine had to say (warnings) since loading."""
+        """Warnings of the engine since loading."""
         return self._at(self.condition).log()
 
     # --- changes ------------------------------------------------------------------------------------------------------

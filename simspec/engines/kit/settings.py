@@ -1,4 +1,4 @@
-"""Solver settings of an engine: what it declares of each, those that a world writes, and the check of what a spec gives."""
+"""Solver settings of an engine: their declarations, those that a world writes, and the check of a spec's values."""
 
 from __future__ import annotations
 
@@ -75,14 +75,15 @@ def under_weight(world: World) -> Limit | None:
 ROUND_OFF = 1e-9
 """Share of a bound of a world by which a setting may be beyond it."""
 Value = bool | int | float | str
-"""What a setting can be."""
+"""Types of the value of a setting."""
 
 LARGEST_WHOLE = 2**31 - 1
 """The largest whole number that every engine's settings can hold."""
 
 
 class Group(StrEnum):
-    """What a setting acts on: the closed vocabulary by which differences of runs are reported (``docs/guide/explain.md``)."""
+    """The quantity that a setting acts on: the closed vocabulary by which differences of runs are reported
+    (``docs/guide/explain.md``)."""
 
     SOLVER = "solver"
     ACCURACY = "solver accuracy"
@@ -136,7 +137,7 @@ class Setting:
     needs: tuple[str, tuple[bool | str, ...]] | None = None
     """Another setting, and its values with which this one acts; with others it does nothing, and to give it is an error."""
     group: Group = Group.OTHER
-    """What it acts on."""
+    """The quantity that it acts on."""
     finer: Value | None = None
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
     explain`` tests with it whether a difference comes from the accuracy."""
@@ -160,7 +161,7 @@ class Setting:
 
 
 class HasSettings(Protocol):
-    """What of an engine's class its settings need."""
+    """The attributes of an engine's class that its settings need."""
 
     NAME: ClassVar[str]
     SETTINGS: ClassVar[Mapping[str, Setting]]
@@ -187,7 +188,8 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
 
 
 def default_settings(engine: type[HasSettings], stated: Mapping[str, Value], frictionless: bool) -> dict[str, Value]:
-    """The defaults beside the settings that a spec states; ``frictionless``: those of worlds of free balls without friction.
+    """The defaults of the settings that a spec does not state; ``frictionless``: those of worlds of free balls without
+    friction.
 
     A default is not replaced by the frictionless one where a stated setting would then have no effect, or excludes it.
     """

@@ -1,4 +1,4 @@
-"""What engines share whose work a simulation object of their own does: made when artifacts are loaded, dropped when closed."""
+"""The common part of engines that work by a simulation object: made when artifacts are loaded, dropped when closed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simspec.world.types import Constraint, ReadBack
 
 
 class Simulated(Protocol):
-    """A loaded world, in the engine's own terms; what it returns is as :class:`Engine` says."""
+    """A loaded world, in the engine's own terms; its results are as :class:`Engine` says."""
 
     offsets: np.ndarray
     """(bodies, 3): where the file's frame of each body stands in the world's."""
@@ -83,11 +83,11 @@ class SimulatedEngine(Engine, Generic[S], abstract=True):
             sim.close()
 
 
-# What engines share that are given efforts before each of their steps, for what they do not have themselves.
+# The common part of engines that receive efforts before each of their steps, for features that they do not have.
 
 
 class Given(Simulated, Protocol):
-    """A loaded world that is stepped under an effort. What follows here is the engine's own, without what it is given."""
+    """A loaded world that is stepped under an effort. The members below are the engine's, without these efforts."""
 
     @property
     def passive(self) -> Passive | None:
@@ -110,10 +110,11 @@ class Given(Simulated, Protocol):
 
 
 class Stepped(Given, Protocol):
-    """The same of an engine that tells masses, forces of inertia and energies."""
+    """The same of an engine that reports masses, forces of inertia and energies."""
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The parts of M at the present state, armature included, each with its places in v: what is between them is zero."""
+        """The parts of M at the present state, armature included, each with its places in v: the entries between them are
+        zero."""
         ...
 
     def bias(self) -> np.ndarray:
@@ -144,7 +145,7 @@ class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
         self._before = before if before.needed else None
 
     def _read_model(self) -> ReadBack:
-        """What the engine itself holds, with its inventory and its neutral values."""
+        """The engine's model, with its inventory and its neutral values."""
         raise NotImplementedError
 
     def read_back(self) -> ReadBack:
@@ -160,7 +161,7 @@ class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
 
 
 class SteppedEngine(GivenEngine[T], Generic[T], abstract=True):
-    """The same of an engine that tells masses, forces of inertia and energies."""
+    """The same of an engine that reports masses, forces of inertia and energies."""
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         return pick_blocks(blocks, self._simulation.mass_parts())

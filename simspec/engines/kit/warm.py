@@ -1,7 +1,7 @@
 """Warm processes: one for each engine and interpreter, which has imported the engine and forks a process for each request.
 
 Isolation stays what it is: each request has a process of its own, with its keeper, deadline and limits (``process.py``), that
-has never loaded anything. What is saved is starting Python and importing the engine. Where that is not possible (a program of
+has never loaded anything. This saves the start of Python and the import of the engine. Where that is not possible (a program of
 its own, a system that cannot pass descriptors, an engine that starts threads when it is imported) there is a new process each.
 """
 

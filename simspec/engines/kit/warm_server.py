@@ -39,7 +39,7 @@ def _module(name: str) -> Any:
 
 
 def _prepare(program: str) -> dict[str, Any]:
-    """Import all that an engine's process imports; what is told of it."""
+    """Import all that an engine's process imports, and return the report on it."""
     module, _, name = program.partition(":")
     engine = getattr(importlib.import_module(module), name)
     for part in ("attempts", "operations", "session"):
@@ -51,7 +51,7 @@ def _prepare(program: str) -> dict[str, Any]:
             "error": f"importing it starts {threads - 1} threads, and a process with threads cannot be forked safely"
         }
     gc.collect()
-    gc.freeze()  # what is there is shared by all that are forked, and no collection touches it
+    gc.freeze()  # existing objects are shared by all forked processes, and no collection touches them
     return {"ready": True}
 
 
@@ -62,14 +62,12 @@ def serve(program: str, descriptor: int) -> None:
         worker._make_simspec_importable()
         try:
             prepare = _prepare(program)
-        except (
-            Exception
-        ) as error:  # whatever it is: the starting process takes a process for each request, which says it
+        except Exception as error:  # any error: the starting process takes a process for each request, which reports it
             prepare = {"error": f"{type(error).__name__}: {error}"[:2000]}
         connection.send(json.dumps(prepare).encode())
         if "error" in prepare:
             return
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for keepers: they tell how they ended
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # no process waits for keepers: they report how they ended
         while True:
             message, descriptors, _, _ = socket.recv_fds(connection, MESSAGE, DESCRIPTORS)
             if not message:
@@ -97,7 +95,7 @@ def _keep(keeper: Any, requested: dict[str, Any], descriptors: list[int]) -> Non
             os.close(each)
         os.chdir(requested["folder"])
         code = keeper.keep(Path(requested["folder"]), requested["seconds"], requested["bytes"], [], ending)
-    except BaseException:  # whatever it is, it ends this process and no other
+    except BaseException:  # any error ends this process and no other
         import traceback
 
         traceback.print_exc()

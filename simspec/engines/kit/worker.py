@@ -14,7 +14,7 @@ FOLDER/result.json    schema, status (ok | error), error, versions, one entry pe
 FOLDER/result.bin     the arrays that are ``stored`` there: little-endian, one after the other, in the order of the entries
 FOLDER/<index>.<name>.bin   an array that was written row by row, while the operation was at work
 
-The result is written to a temporary name and renamed: a result that exists is whole. What each operation must give is said in
+The result is written to a temporary name and renamed: a result that exists is whole. The answer of each operation is defined in
 ``answer_forms.py``; the other side checks all of it.
 """
 
@@ -153,7 +153,7 @@ def _belongs(engine_class: type[Engine], first: dict[str, Any], other: dict[str,
 def _alone(
     engine_class: type[Engine], operations: Sequence[dict[str, Any]], arrays: Sequence[dict[str, Any]]
 ) -> Callable[[int], tuple[dict[str, Any], list[Any]]]:
-    """What does the operation of a place in the list, with sessions of their own."""
+    """A function that does the operation at a place in the list, with separate sessions."""
     sessions = _Sessions(engine_class)
     placed = [{**operation, "attempt": False} for operation in operations]
 
@@ -203,7 +203,7 @@ class _Sessions:
                 "arrays": {key: _described(value, stored) for key, value in answer.items()},
             }
         except BaseException:
-            # what closing complains of must not hide what went wrong
+            # an error from closing must not hide the first error
             with contextlib.suppress(Exception):
                 self.close()
             raise

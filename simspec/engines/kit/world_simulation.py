@@ -301,7 +301,7 @@ def only_common(law: PairContact) -> str | None:
     if law.hardness.kind != "common":
         return f"the hardness {law.hardness.kind}"
     if law.hardness != Hardness():
-        return "numbers beside the common hardness"
+        return "numbers that deviate from the common hardness"
     return "a margin" if law.margin is not None else None
 
 

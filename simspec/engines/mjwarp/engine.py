@@ -107,15 +107,16 @@ SETTINGS: Mapping[str, Setting] = {
     ),
 }
 
-# What MuJoCo Warp holds, looked at as if it were an ``mjModel``: what reads MuJoCo's model reads Warp's, field by field.
+# MuJoCo Warp's model, read as if it were an ``mjModel``: the reader of MuJoCo's model reads Warp's, field by field.
 #
 # A model of Warp has MuJoCo's fields under MuJoCo's names, of single precision, with one more dimension where several worlds
-# may differ. What it does not take over, since it does not compute with it (names of things, user data, keyframes), is what the
-# ``mjModel`` has that it was made of: so a file that says something else than the world is noticed there, too.
+# may differ. Parts that it does not take over, since it does not compute with them (names, user data, keyframes), are read from
+# the ``mjModel`` that it was made of: so a file that differs from the world is noticed there, too.
 
 LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
 """Fields whose numbers differ in more digits than singles have: an error reduction is a quotient by the timestep's
-square. A single stands for every number that is rounded to it: these fields are told as MuJoCo's where that is one of them."""
+square. A single stands for every number that is rounded to it: these fields are reported as MuJoCo's where that is one of
+them."""
 LACKED = ("mjDSBL_AUTORESET",)
 """Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
 
@@ -149,17 +150,17 @@ SIGNS: Mapping[str, str] = {
     "EPA_HORIZON": "the search for an overlap of two convex shapes ran out of room",
     "HFIELD": "of a shape on a height field some contacts were left out",
 }
-"""What Warp says of steps that went on, by its names, in words."""
+"""Warp's warnings of steps that went on, by its names, in words."""
 SEARCH_OF_FILE = "file.flags.disable_nativeccd"
 """In the inventory: the flag that stands in the file, where Warp is given it set."""
 MOST_WARNINGS = 10
 """Different warnings that the log has for a model; the others are counted."""
-# What of a world becomes no number (NaN) in MuJoCo Warp, and is therefore refused.
+# Worlds for which MuJoCo Warp yields NaN, and which are therefore refused.
 #
 # Its Newton solver factors its matrix in singles without a floor under the pivots, where MuJoCo has one (tile_cholesky in its
 # solver; google-deepmind/mujoco_warp, issue 1415), and the matrix is the worse conditioned the harder friction is
-# (``impratio``): most likely that is why. Warp compiles for the processor that it runs on: what is no number on one may be one
-# on another. *Measured* at 1 ms, MuJoCo Warp 4.0.0 on processors of Intel and AMD:
+# (``impratio``): most likely that is why. Warp compiles for the processor that it runs on: a result that is NaN on one may be
+# finite on another. *Measured* at 1 ms, MuJoCo Warp 4.0.0 on processors of Intel and AMD:
 #
 # - Under the pyramid a box with friction that is pushed.
 # - Under the elliptic cone a free body of which the first part weighs nothing, and the parts that are fixed to it 1.1 kg: it

@@ -1,4 +1,4 @@
-"""What MuJoCo Warp computes for one model, each as a graph: the functions that it calls, recorded once and run again at once.
+"""MuJoCo Warp's computations for a model, each as a graph: the functions that it calls, recorded once and run again at once.
 
 Recorded on a processor, too: of two hinges a step takes 0.03 ms so, to the same bits, where Python calls them in 3 to 9 ms
 (measured).
@@ -39,7 +39,7 @@ MADE = re.compile(r"wp_.*")
 MOST = 2048
 """Folders of compiled functions that are kept, of all versions of Warp: some 170 MB."""
 AUTO, PROCESSOR = "auto", "cpu"
-"""Values of the setting ``device``: what Warp takes first, and the processor."""
+"""Values of the setting ``device``: Warp's first choice, and the processor."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def import_modules() -> Modules:
 
 
 def begin(log: list[str]) -> Modules:
-    """The modules, and Warp at work. What it says of itself meanwhile is added to ``log``, but that there is no CUDA."""
+    """The modules, and Warp at work. Its messages are added to ``log``, except that there is no CUDA."""
     modules = import_modules()
     if not _begun:
         warp = modules.warp
@@ -91,7 +91,7 @@ def _place(log: list[str]) -> Path:
         try:
             hold_folder(folder, MADE, MOST)
         except OSError as error:
-            log.append(f"what Warp compiles is not kept: {error}")
+            log.append(f"programs that Warp compiles are not kept: {error}")
         else:
             return folder
     stack = contextlib.ExitStack()
@@ -114,7 +114,7 @@ OUT_OF_ROOM = ("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD")
 """Warp's names of what had no room: contacts, or rows of constraints. It leaves out what has none."""
 CONTACTS = ("dist", "pos", "frame", "includemargin", "geom", "dim", "efc_address", "type")
 LEAST_ROOM = 32
-"""Contacts for which there is room at first, beside those of each solid shape: room costs memory, not time."""
+"""Contacts for which there is room at first, in addition to those of each solid shape: room costs memory, not time."""
 OF_EACH = 8
 """Contacts of each solid shape for which there is room at first: a box on a box has as many."""
 LARGEST_ROOM = 1 << 20
@@ -130,8 +130,8 @@ class Room:
 
     @classmethod
     def at_first(cls, model: Any) -> Room:
-        """What ``model`` (``mjModel``) begins with. None where nothing can be in contact or at a limit, or has dry friction:
-        then there is nothing to solve, and Warp spares it."""
+        """The initial contacts of ``model`` (``mjModel``). None where nothing can be in contact or at a limit, or has dry
+        friction: then there is nothing to solve, and Warp spares it."""
         solid = int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) + int(model.npair)
         contacts = _power_of_two(LEAST_ROOM + OF_EACH * solid) if solid > 1 else 0
         return cls(contacts, contacts * _rows_of_contact(model) + _other_rows(model))
@@ -189,7 +189,7 @@ class Programs:
         graph = self._graphs.get(name)
         if graph is None:
             graph = self._graphs[name] = self._recorded(name)
-            self._seen = {}  # whatever that call has made of the data
+            self._seen = {}  # that call may have changed any of the data
         for field, values in state.items():
             self._put(field, values)
         if self._device.is_cpu:
@@ -208,7 +208,7 @@ class Programs:
                 getattr(self._solver, function)(self._taken, self._data)
 
         with warp.ScopedDevice(self._device), doing(f"compiling “{name}” for this model"):
-            # once without being recorded: what is compiled meanwhile could not be
+            # once without being recorded: compilation cannot be recorded
             work()
             with warp.ScopedCapture(device=self._device) as capture:
                 work()

@@ -84,11 +84,11 @@ SETTINGS: Mapping[str, Setting] = {
     ),
 }
 
-# What MJX holds, looked at as if it were an ``mjModel``: so that what reads MuJoCo's model reads MJX's, field by field.
+# MJX's model, read as if it were an ``mjModel``: so that the reader of MuJoCo's model reads MJX's, field by field.
 #
-# An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. What MJX does not take over, since it
-# does not compute with it (names of things, user data, options of MuJoCo's own solvers), is what the ``mjModel`` has that it
-# was made of: so a file that says something else than the world is noticed there, too.
+# An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. Parts that MJX does not take over, since
+# it does not compute with them (names, user data, options of MuJoCo's own solvers), are read from the ``mjModel`` that it was
+# made of: so a file that says something else than the world is noticed there, too.
 
 
 class MjxModel(EngineModel):
@@ -124,7 +124,7 @@ def turns(bodies: Sequence[Body]) -> dict[str, Quaternion]:
 
 
 MOST_NUMBERS = 1_000_000
-"""Of a step's Jacobian: what each contact there can be has, for every degree of freedom."""
+"""Of a step's Jacobian: bytes of each possible contact, for every degree of freedom."""
 _TOO_MANY = (
     f"MJX computes every contact there can be in each step, by a dense matrix, here of more than {MOST_NUMBERS:,} numbers: "
     "with 64 balls on a floor, which have 800,000, a step takes 50 ms (measured)"

@@ -1,4 +1,4 @@
-"""What MJX computes for one model, each as a program that JAX compiles once: from arrays of the state to arrays of the answer.
+"""MJX's computations for a model, each as a program that JAX compiles once: from arrays of the state to arrays of the answer.
 
 A program is compiled when it is first called, for the form of this model, or loaded where it was compiled before
 (:func:`keep`). The model's arrays are its first argument, flattened once: to flatten an ``mjx.Model`` takes longer than a small
@@ -33,7 +33,7 @@ from simspec.outputs.cache import built, cache_folder, is_there, processor
 # MJX and JAX, imported for one processor and double precision.
 
 XLA = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"}
-"""What XLA reads from the environment when it begins: one thread, so that the order of sums, and with it the last bit, depends
+"""Environment variables that XLA reads when it begins: one thread, so that the order of sums, and with it the last bit, depends
 on nothing but the program."""
 
 
@@ -93,7 +93,7 @@ def _import() -> Modules:
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_enable_compilation_cache", False)  # see keep()
-    # what makes a program is imported here, once for all processes that are forked from this one
+    # the makers of a program are imported here, once for all processes that are forked from this one
     import jax.experimental.serialize_executable
     import jaxlib.lapack
     import jaxlib.mlir.dialects.mhlo
@@ -111,8 +111,9 @@ def _import() -> Modules:
 # Programs that were compiled before, in the user's cache: to trace and compile one takes 1 to 15 s, to load it 0.05 to 0.5.
 #
 # A program follows from the forms of what it is given, which for MJX is also every number that it unrolls loops by, and from
-# what traces and compiles it. Its name is a hash of all that. XLA's own cache is not used in addition: a program is then traced
-# first, and one that came out of that cache cannot be kept (measured: a function of it is not found when it is loaded again).
+# the packages that trace and compile it. Its name is a hash of all that. XLA's own cache is not used in addition: a program is
+# then traced first, and one that came out of that cache cannot be kept (measured: a function of it is not found when it is
+# loaded again).
 
 FOLDER = "mjx"
 MOST = 512
@@ -124,7 +125,7 @@ DIGEST = hashlib.sha256().digest_size
 
 def name_of(program: str, *given: Any) -> str | None:
     """The name of the program ``program`` for the forms of ``given``, trees of arrays; None where something in them is not
-    known to be told by its text. Programs of one name are the same to the last bit."""
+    known to be identified by its text. Programs of one name are the same to the last bit."""
     from jax import tree_util
 
     digest = hashlib.sha256(_maker())
@@ -184,7 +185,7 @@ def _write(content: bytes, place: Path) -> None:
 
 @functools.cache
 def _maker() -> bytes:
-    """What traces and compiles: packages, this one's own code, what they are told by the environment, the processor."""
+    """Inputs of tracing and compiling: packages, this package's code, their environment variables, the processor."""
     import jax
     import jaxlib
     import mujoco
@@ -212,7 +213,7 @@ def _add_form(digest: Any, form: Any) -> None:
 
 def _add(digest: Any, value: Any) -> None:
     """A value by its kind and its text. Raises TypeError for one whose text may not say all of it."""
-    value = getattr(value, "array", value)  # what MJX wraps its arrays of numpy in
+    value = getattr(value, "array", value)  # MJX's wrapper of arrays of numpy
     if isinstance(value, enum.Enum):
         digest.update(f"{type(value).__qualname__}.{value.value!r};".encode())
     elif value is None or isinstance(value, bool | int | float | str | bytes):
@@ -226,7 +227,7 @@ def _add(digest: Any, value: Any) -> None:
         for entry in value:
             _add(digest, entry)
     else:
-        raise TypeError(f"{type(value)} is not told by a text")
+        raise TypeError(f"{type(value)} is not identified by a text")
 
 
 Arrays = Mapping[str, Any]
@@ -313,7 +314,7 @@ the forms of what is first given, since ``jax.jit`` would trace again where an a
 
 
 class _Work:
-    """What programs do, of any model and data of these forms."""
+    """The functions of the programs, for any model and data of these forms."""
 
     def __init__(self, jax: Any, mjx: Any, actual_form: Any, blank_form: Any):
         self.jax, self._mjx = jax, mjx

@@ -1,5 +1,5 @@
-"""What MuJoCo has of the contact law, and how far it is from it: data, measured with MuJoCo 4.0.1 at the default settings, and
-where that is said with ``friction: coulomb``.
+"""MuJoCo's approximation of the contact law, and the deviations: data, measured with MuJoCo 4.0.1 at the default settings, and
+where stated with ``friction: coulomb``.
 
 Boxes of 20 x 20 x 4 cm (oblong ones: 40 x 10 x 2 cm) and spheres of radius 10 cm, of 1 kg, on a fixed box; timestep 1 ms
 where none is said.
@@ -206,9 +206,9 @@ COUPLED_SUPPORT: Mapping[Feature, Support] = {
         stacks=lambda row: row.setting != ("friction", "native") or not row.probe.startswith("stack-slides"),
     ),
 }
-# What MuJoCo's contact with height fields does not have, world by world.
+# Unsupported contacts of MuJoCo with height fields, world by world.
 
-ONE_POINT: Final = ("sphere", "ellipsoid")
+POINT_SHAPES: Final = ("sphere", "ellipsoid")
 """Kinds of shapes that touch a triangle in one point."""
 MOST_CONTACTS: Final = 50
 """Contacts of one shape with one height field (mjMAXCONPAIR); of more MuJoCo keeps the first, those of the least y and x, and
@@ -229,7 +229,7 @@ FEW: Final = Refinement(
 
 @functools.lru_cache(maxsize=8)
 def ground_supported(world: World) -> Refinement | None:
-    """What is missing where shapes with faces or edges may meet a height field."""
+    """The missing contacts where shapes with faces or edges may meet a height field."""
     allowed = CollisionFilter(world)
     solid = [(body.name, shape) for body in world.bodies for shape in body.shapes if shape.collision]
     fields = [(name, shape) for name, shape in solid if SHAPES[shape.kind].grid]
@@ -237,7 +237,7 @@ def ground_supported(world: World) -> Refinement | None:
         (field, shape)
         for ground, field in fields
         for name, shape in solid
-        if shape.kind not in ONE_POINT
+        if shape.kind not in POINT_SHAPES
         and name != ground
         and allowed.may_touch(ground, name)
         and allowed.may_materials_touch(field.material, shape.material)

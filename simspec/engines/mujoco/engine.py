@@ -1,4 +1,4 @@
-"""MuJoCo: an MJCF file in, arrays out. Its declarations; what it does is in ``simulation.py``."""
+"""MuJoCo: an MJCF file in, arrays out. Its declarations; the simulation is in ``simulation.py``."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class MuJoCo(MujocoSimulation):
     """MuJoCo's semi-implicit Euler in generalised coordinates, with its convex contact solver.
 
     Every quantity of two shapes is the larger of their numbers; explicit pairs of shapes override both. Contact is one
-    constraint law for all pairs (see :class:`MujocoDialect`). MuJoCo's friction cone is associated (convex): what
-    slides is lifted. On the cushion of frictional pairs that lift stays below 0.1 mm at 1 m/s and μ = 0.5; at 5 m/s and
-    μ = 1 bodies hop by 3 to 4 mm. A body at rest under load creeps, 1.7e-6 m/s at 60 % of the limit, and of an impact's
-    friction 80 to 90 % is missing (measured). The setting ``friction: coulomb`` has neither (``coulomb.py``).
+    constraint law for all pairs (see :class:`MujocoDialect`). MuJoCo's friction cone is associated (convex): sliding bodies are
+    lifted. On the cushion of frictional pairs that lift stays below 0.1 mm at 1 m/s and μ = 0.5; at 5 m/s and μ = 1 bodies hop
+    by 3 to 4 mm. A body at rest under load creeps, 1.7e-6 m/s at 60 % of the limit, and of an impact's friction 80 to 90 % is
+    missing (measured). The setting ``friction: coulomb`` has neither (``coulomb.py``).
     """
 
     NAME: ClassVar[str] = "mujoco"

@@ -100,7 +100,7 @@ class Expectation:
 
     def __post_init__(self) -> None:
         world = self.world
-        self.own = {(pair.first, pair.second): dict(pair.settings) for pair in world.options(self.engine).pairs}
+        self.by_pair = {(pair.first, pair.second): dict(pair.settings) for pair in world.options(self.engine).pairs}
         self.plan = contact_plan(world, self.rules, self.layers)
         self.laws = meeting_laws(world)
         self.dt = world.physics.timestep
@@ -172,7 +172,7 @@ class Expectation:
     def pair(self, law: PairContact, name: str, other: str) -> Law:
         """The numbers of an explicit pair of two shapes, by their names."""
         surface = Surface(law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness)
-        settings = {**self.settings, **self.own.get((law.first, law.second), {})}
+        settings = {**self.settings, **self.by_pair.get((law.first, law.second), {})}
         inverse_mass = self._inverse_mass(name) + self._inverse_mass(other)
         numbers = _law(surface, self.reference(surface, inverse_mass, True, settings))
         return numbers._replace(slip_rate=self._slip_rate(law.hardness.kind, settings))
@@ -208,7 +208,7 @@ class Expectation:
         must, may = [], []
         for pair, law in self.laws.items():
             kind = law.hardness.kind
-            if pair in self.plan.missed or kind == "stiffness" or pair in self.own or law.margin is not None:
+            if pair in self.plan.missed or kind == "stiffness" or pair in self.by_pair or law.margin is not None:
                 must.append(pair)
             elif self.coulomb:
                 continue
@@ -263,9 +263,9 @@ class Expectation:
         return found
 
     def _pair_entry(self, pair: Pair) -> dict[str, Any]:
-        """What the sidecar says of a pair of materials with settings of its own."""
+        """The sidecar's entry of a pair of materials with separate settings."""
         named = [[shape.name for shape in self.solid_shapes if shape.material == material] for material in pair]
-        return {"between": list(pair), "shapes": named, "settings": self.own[pair]}
+        return {"between": list(pair), "shapes": named, "settings": self.by_pair[pair]}
 
     def sidecar(self) -> dict[str, Any]:
         settings = {**self.settings, "impratio": self.impratio}
@@ -281,7 +281,7 @@ class Expectation:
             body.name: lumped_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"
         }
         return {
-            **({"pair_settings": [self._pair_entry(pair) for pair in sorted(self.own)]} if self.own else {}),
+            **({"pair_settings": [self._pair_entry(pair) for pair in sorted(self.by_pair)]} if self.by_pair else {}),
             "schema": 2,
             "dialect": "mujoco",
             "format": "mjcf",

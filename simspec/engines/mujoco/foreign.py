@@ -29,7 +29,7 @@ URDF_EFFECTS: Final = (
         profiles=("fixed-base",),
     ),
 )
-"""What MuJoCo does to plain URDF."""
+"""Effects of MuJoCo on plain URDF."""
 FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads("mujoco.MjModel.from_xml_path(file)", (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
     "mjcf": Reads("mujoco.MjModel.from_xml_path(file)", (".xml", ".mjcf"), "mujoco", defines=True, version=MEASURED),
@@ -41,7 +41,7 @@ FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "density": Addition(None, "default", "density of the medium in which bodies move; 0: none"),
     "disabled_equalities": Addition(0, "physics", "constraints of the file that are switched off"),
 }
-"""What MuJoCo has that a file need not say."""
+"""MuJoCo's additions that a file need not state."""
 WORLD: Final = "world"
 """MuJoCo's body for what is fixed to the world."""
 INTEGRATORS: Final = {0: "Euler", 1: "RK4", 2: "implicit", 3: "implicitfast"}
@@ -51,16 +51,16 @@ MESH_GEOM: Final = 7
 
 
 def load(mujoco: Any, file: Path, log: list[str]) -> ReadBack:
-    """What MuJoCo holds of a file. Raises EngineError where it refuses it."""
+    """MuJoCo's model of a file. Raises EngineError where it refuses it."""
     mujoco.set_mju_user_warning(log.append)
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise EngineError("mujoco", f"refuses the file: {error}") from error
-    return _Held(mujoco, model).read_back()
+    return _Loaded(mujoco, model).read_back()
 
 
-class _Held:
+class _Loaded:
     def __init__(self, mujoco: Any, model: Any):
         self._mujoco, self._model = mujoco, model
         self._shift = [self._anchor(body) for body in range(model.nbody)]

@@ -58,7 +58,8 @@ ARRAYS = {
     "actnum armature damping delay",
     "key": "time qpos qvel ctrl",
 }
-"""What the answer has of the compiled model, by the beginning of its names. What a version does not have is left out."""
+"""Parts of the compiled model in the answer, by the beginnings of their names. Fields that a version does not have are left
+out."""
 NUMBERS = ("nq", "nv", "nu", "nbody", "njnt", "ngeom", "nmocap", "nflex", "nplugin", "nkey")
 OPTIONS = "timestep gravity wind density viscosity integrator cone impratio disableactuator"
 
@@ -239,7 +240,7 @@ def stable_step(model: Any) -> float | None:
         try:
             inverse = np.linalg.inv(np.linalg.cholesky(mass))
         except np.linalg.LinAlgError:
-            return None  # round-off of masses that are far apart: resolving the spec looks at it
+            return None  # round-off of masses of very different size: resolving the spec checks it
         by_damping, by_stiffness = (
             max(0.0, float(np.linalg.eigvalsh(inverse @ values @ inverse.T).max())) for values in (damped, stiffness)
         )
@@ -357,13 +358,13 @@ def main() -> None:
     """Answer one request."""
     memory = int(sys.argv[2])
     dup = os.dup(1)
-    os.dup2(2, 1)  # what the engine prints is not the answer
+    os.dup2(2, 1)  # output of the engine is not the answer
     try:
         answered = answer(*read_request(sys.stdin.buffer))
         text = finite_json(answered)
     except MemoryError:
         text = json.dumps({"error": "it takes more memory than is allowed"})
-    except Exception as error:  # whatever the engine raises is its answer to the file
+    except Exception as error:  # any error of the engine is its answer to the file
         # so it says that it got no memory while it was copying elements (measured: 48,400 bodies)
         unknown = (
             "unknown exception" in str(error) and f": mostly that {memory / 2**20:.0f} MiB of memory are not enough"

@@ -1,4 +1,4 @@
-"""What MuJoCo says it holds (``mjModel``), in the world's frames and order."""
+"""MuJoCo's model (``mjModel``), in the world's frames and order."""
 
 from __future__ import annotations
 

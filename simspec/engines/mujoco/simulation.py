@@ -45,7 +45,7 @@ class MujocoSimulation(Engine, abstract=True):
         self._mujoco: Any = None
         self._coulomb: Coulomb | None = None
         self._stepper: Coulomb | Equalities | None = None
-        """What steps in MuJoCo's place where its own step is not the world's."""
+        """The stepper that replaces MuJoCo's step where that is not the world's."""
         self._pushed = False
 
     # --- life -----------------------------------------------------------------------------------------------------
@@ -104,7 +104,7 @@ class MujocoSimulation(Engine, abstract=True):
         self._warned = self.data.warning.number
 
     def _check_flags(self) -> None:
-        """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
+        """Flags that only newer versions know cannot stand in the file; their values are checked here."""
         bits = self._mujoco.mjtEnableBit.__members__
         requested = {f"mjENBL_{name.upper()}" for name, on in FLAGS if on} | {"mjENBL_MULTICCD"}
         if self._sidecar.settings.get("sleeping", False):  # not there when off
@@ -168,7 +168,7 @@ class MujocoSimulation(Engine, abstract=True):
         if self._mujoco is not None:
             self._mujoco.set_mju_user_warning(None)
             self._mujoco = self._coulomb = self._stepper = None
-            for name in ("data", "_probe", "_warned", "model"):  # of which a refused file leaves some unmade
+            for name in ("data", "_probe", "_warned", "model"):  # a refused file leaves some of them unmade
                 self.__dict__.pop(name, None)
         self._log.clear()
 
@@ -284,7 +284,7 @@ class MujocoSimulation(Engine, abstract=True):
         )
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        self._pushed = True  # what is given there must not be left behind for steps without effort
+        self._pushed = True  # efforts given there must not remain for steps without effort
         return JointArrays(self.data, self._advance, self._q[q], self._v[v])
 
     def track(
@@ -296,10 +296,10 @@ class MujocoSimulation(Engine, abstract=True):
     def energy(self) -> tuple[float, float]:
         mujoco, probe = self._mujoco, self._at_state(velocities=True)
         _composite_inertia(mujoco, self.model, probe)
-        mujoco.mj_tendon(self.model, probe)  # whose springs count
+        mujoco.mj_tendon(self.model, probe)  # its springs count
         mujoco.mj_energyPos(self.model, probe)
         mujoco.mj_energyVel(self.model, probe)
-        # what gravcomp takes away is not in MuJoCo's own potential energy
+        # the part that gravcomp removes is not in MuJoCo's own potential energy
         lifted = self.model.body_gravcomp * self.model.body_mass
         return float(probe.energy[1]), float(probe.energy[0] + lifted @ (probe.xipos @ self.model.opt.gravity))
 
@@ -354,7 +354,7 @@ class MujocoSimulation(Engine, abstract=True):
     def disable_dry_friction(self, v: np.ndarray) -> None:
         places = self._v[v]
         self.model.dof_frictionloss[places] = 0.0
-        for tendon in range(self.model.ntendon):  # what acts along sums of only such joints
+        for tendon in range(self.model.ntendon):  # efforts along sums of only such joints
             parts = slice(self.model.tendon_adr[tendon], self.model.tendon_adr[tendon] + self.model.tendon_num[tendon])
             if np.isin(self.model.jnt_dofadr[self.model.wrap_objid[parts]], places).all():
                 self.model.tendon_frictionloss[tendon] = 0.0

@@ -1,7 +1,7 @@
 """Coulomb's law in MuJoCo: a short fixed point around its own solver (setting ``friction: coulomb``).
 
 MuJoCo's contact problem is convex, and its friction cone therefore associated: a contact that slips at the speed v is also
-pushed apart at μ|v|. Its own way out is friction that takes back slip slowly, on a soft first layer, which makes slides right
+separated at μ|v|. Its own way out is friction that takes back slip slowly, on a soft first layer, which makes slides right
 and leaves out most of the friction of an impact, which lasts one step. De Saxcé's correction keeps both: lower each contact's
 normal reference by μ|v|/dt, with the slip v *after* the step, and the optimum of the convex problem is Coulomb's law (de Saxcé
 and Feng 1998, The bipotential method; Acary and Cadoux 2013). v is not known before the solve, so that a step is solved until
@@ -28,7 +28,7 @@ import numpy as np
 MOST_SOLVES = 6
 """Solves in a step; three are enough for what is not redundant."""
 NEAR = 1e-15
-"""What may be missed (m/s, rad/s), of which a step keeps dt times as much."""
+"""Residual that may remain (m/s, rad/s); a step keeps dt times as much."""
 
 
 class Equalities:
@@ -77,15 +77,15 @@ class Equalities:
 
 
 MOST_FRICTION_SOLVES = 10
-"""Solves in a step. What slides or lands alone needs two or three; in a pile of 216 spheres 0.1 % of the steps of the first
-1.5 s are not converged after ten at μ = 0.3, 5 % at 0.5 and 35 % at 1 (measured: docs/records/contact.md)."""
+"""Solves in a step. A single sliding or landing body needs two or three; in a pile of 216 spheres 0.1 % of the steps of the
+first 1.5 s are not converged after ten at μ = 0.3, 5 % at 0.5 and 35 % at 1 (measured: docs/records/contact.md)."""
 RELATIVE = 0.001
 """Change of a correction, as a share of it, at which it is taken as found: a ball of μ = 1.5 that lands at 2 m/s and slips at
 20 then leaves with its normal speed off by up to 1.5 % of the landing's."""
 FALL = 0.1
 """The same, absolute: this share of a step's fall."""
 NO_GRAVITY = 9.81
-"""m/s²: what a fall is measured by in worlds without gravity."""
+"""m/s²: the scale of a fall in worlds without gravity."""
 ARRIVING = 20.0
 """Of ``FALL``: nothing rests that approaches faster than twice a step's fall."""
 FIRST_GAIN, MOST_GAIN = 1.0, 4.0
@@ -162,7 +162,7 @@ class Coulomb:
         ]
 
     def _contact_rows(self) -> _Cone | _Pyramid | None:
-        """The rows of the contacts with friction; None without any. What they are is worked out when contacts change."""
+        """The rows of the contacts with friction; None without any. They are computed when contacts change."""
         contact = self._data.contact
         address = contact.efc_address
         if not address.size:
@@ -190,7 +190,7 @@ class Coulomb:
         self.stepped += 1
         if rows.rests(data.efc_vel, self._near):
             # one solve is enough, unless a force sets it in motion now. It is corrected by the slip before the step: without
-            # that, creep pushes the two sides of a clamp that jams apart, one loses contact, and the clamp falls
+            # that, creep separates the two sides of a clamp that jams, one loses contact, and the clamp falls
             reference[normal] = plain - rows.spread(rows.creep()) / dt
             self._constrain()
             found = self._lift(rows, data.qacc)
@@ -242,7 +242,8 @@ def _gains(friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Contacts:
-    """What both kinds of cone have: rows of the normal direction, and what friction is to take back, μ times the slip (m/s)."""
+    """The common part of both kinds of cone: rows of the normal direction, and the lift that friction must take back, μ times
+    the slip (m/s)."""
 
     normal: np.ndarray
     _before: np.ndarray

@@ -1,6 +1,6 @@
 """A world as ODE holds it: made from the document of ``world.json`` and its sidecar through the part in C (``shim/``).
 
-What the bodies are moved by is said in ``shim/motion.c`` and ``shim/step.c``: before every step they are laid on their joints,
+The motion of bodies is defined in ``shim/motion.c`` and ``shim/step.c``: before every step they are laid on their joints,
 with the wrenches that make ODE's step the step of the joints' coordinates.
 """
 

@@ -110,7 +110,7 @@ FOREIGN: Final[Mapping[str, Reads]] = {
 LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
 FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
     "gravity_set": Addition(None, "default", "there is no gravity before setGravity"),
-    "timestep": Addition(None, "default", "1/240 s, unless told otherwise"),
+    "timestep": Addition(None, "default", "1/240 s, by default"),
     "linear_damping": Addition(
         0.0,
         "physics",
@@ -240,7 +240,8 @@ class Foreign:
     # --- what is added ------------------------------------------------------------------------------------------------
 
     def _inventory(self, trees: list[int], parameters: Mapping[str, Any]) -> dict[str, EngineValue]:
-        """What is never in a file; measured, where PyBullet does not tell it, by single steps without gravity."""
+        """Additions that are never in a file; measured, where PyBullet does not report them, by single steps without
+        gravity."""
         p = self._p
         found: dict[str, EngineValue] = {
             "gravity_set": any(parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"),
@@ -292,7 +293,7 @@ class Foreign:
         p.resetJointState(uid, link, 0.0, MOST_SPEED)
         p.stepSimulation()
         speed = abs(p.getJointState(uid, link)[1])
-        # what is left after joint damping or a limit has acted too says nothing of the clamp
+        # a speed after joint damping or a limit has acted too says nothing of the clamp
         clamped: dict[str, EngineValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
         return {"joints_held_by_motors": number, **clamped}
 

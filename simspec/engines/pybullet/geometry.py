@@ -201,7 +201,7 @@ def alike(first: Sequence[float], second: Sequence[float]) -> bool:
 
 class Alike:
     """Which hulls of a read-back are the same: those that PyBullet names one file for, and those whose points say so, each two
-    looked at once. Sizes are told apart as objects, and kept as long as this is."""
+    looked at once. Sizes are compared by identity, and kept as long as this is."""
 
     def __init__(self) -> None:
         self._file: dict[int, tuple[Sequence[float], object]] = {}
@@ -312,7 +312,7 @@ def _base_margin(engine: type[Engine], world: World) -> float:
 
 
 def _outside(engine: type[Engine], world: World, kind: str) -> dict[str, float]:
-    """Of shapes of one kind. Raises ValueError for a mesh that no margin can be told of."""
+    """Of shapes of one kind. Raises ValueError for a mesh with an unknown margin."""
     plan, base_margin = contact_plan(world, engine.RULES, engine.LAYERS), _base_margin(engine, world)
     found: dict[str, float] = {}
     for body in world.bodies:

@@ -50,13 +50,13 @@ STATIC, STIFFNESS_DAMPING, FRICTION_ANCHOR = 1, 128, 512
 NO_CONE = 2048
 """Mode of the solver: friction along each of two axes for itself."""
 LINK_MARGIN = 0.001
-"""The margin (m) that PyBullet keeps around the shapes of links other than bases, whatever it is told (measured)."""
+"""The margin (m) that PyBullet keeps around the shapes of links other than bases, whatever the request (measured)."""
 ROUND = ("sphere", "capsule", "plane")
 """Kinds of shapes without a margin of their own."""
 FIXED = 4
 """Joint type."""
 STRONG, UNSAID = 1e9, 0
-"""The largest force of a constraint, and what PyBullet reports for the link of a gear's housing where it was told none."""
+"""The largest force of a constraint, and what PyBullet reports for the link of a gear's housing where it received none."""
 NEVER = 1e30
 """A velocity clamp that never acts."""
 SLEEPY, SLOW = 1, 1e-4
@@ -303,7 +303,7 @@ def _value(value: Any) -> EngineValue:
 
 
 def _disabled(sim: Simulation, names: Mapping[tuple[int, int], str]) -> set[tuple[str, str]]:
-    """The pairs of links that were told not to touch, both ways round."""
+    """The pairs of links that are excluded from contact, in both orders."""
     found: dict[tuple[str, str], bool] = {}
     for function, positional, _ in sim.calls:
         if function == "setCollisionFilterPair":
@@ -381,7 +381,8 @@ def _welded(bodies: tuple[Body, ...], world_link: bool) -> tuple[frozenset[str],
     """Of a tree the bodies whose copies, and those whose own links, PyBullet takes for unmoved.
 
     On a base without mass it walks up from a link over fixed joints, and stops before link 0, whatever joint that has
-    (measured): what is welded to the first link counts as unmoved although it moves; contact with it is found all the same.
+    (measured): a body that is welded to the first link counts as unmoved although it moves; contact with it is found all the
+    same.
     """
     if bodies[0].joint.kind == "free":
         return frozenset(), frozenset()

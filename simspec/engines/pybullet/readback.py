@@ -44,7 +44,7 @@ UP = (0.0, 0.0, 1.0)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class StoredHulls:
-    """What PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order; and which are the same."""
+    """PyBullet's meshes: of every link (tree's uid, link) that has some, in their order; and which are the same."""
 
     of: Mapping[tuple[int, int], Sequence[StoredMesh]]
     alike: Alike = dataclasses.field(default_factory=Alike)
@@ -225,7 +225,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: StoredHulls) -> list[S
 
 
 def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
-    """What two links of this kind make together: springs in series, dampers in sum."""
+    """The combination of two links of this kind: springs in series, dampers in sum."""
     if stiffness > 0.0:
         return Hardness("stiffness", stiffness=stiffness / 2.0, damping=2.0 * damping)
     return Hardness("native") if sim.sidecar.native_contact else Hardness()
@@ -248,7 +248,7 @@ def _in_order(
     solid: list[Shape], visuals: list[Shape], count: int, visual_only: Sequence[int], alike: Alike
 ) -> list[Shape] | None:
     """The same for the ``count`` shapes of a body, of which those at ``visual_only`` only are seen: visuals are in the order of
-    the shapes, so that a shape that is seen is told from a solid one like it; of two solids alike in one place the first is
+    the shapes, so that a visual shape is distinguished from a solid one like it; of two solids alike in one place the first is
     taken for the one that is seen. None where visuals and shapes do not fit."""
     alone = set(visual_only)
     if len(solid) + len(alone) != count:
@@ -316,7 +316,7 @@ def _visual_shapes(sim: Simulation, tree: Tree, alike: Alike) -> dict[int, list[
 
 
 def _seen_mesh(sim: Simulation, entry: Any) -> tuple[str, tuple[float, ...]]:
-    """The kind of a mesh, and the vertices in the file that PyBullet names, as it scales them: of what is only seen it tells
+    """The kind of a mesh, and the vertices in the file that PyBullet names, as it scales them: of visual shapes it reports
     nothing else."""
     try:
         path = Path(entry[4].decode()).relative_to(sim.loaded_from)

@@ -1,4 +1,4 @@
-"""PyBullet's bodies, loaded from files and held against the sidecar; what PyBullet adds to them is switched off."""
+"""PyBullet's bodies, loaded from files and held against the sidecar; PyBullet's additions are switched off."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion
 
 
 def turn_of(q: Sequence[float]) -> Quaternion:
-    """The rotation of a quaternion x y z w, brought to unit length: some that PyBullet tells have single precision."""
+    """The rotation of a quaternion x y z w, brought to unit length: some that PyBullet reports have single precision."""
     return frames.normalise(from_xyzw_of(q))
 
 
@@ -258,7 +258,7 @@ def link_names(sim: Any) -> dict[tuple[int, int], str]:
     return found
 
 
-# Bodies that PyBullet is not told, since they are nothing but frames: where they are follows from what carries them.
+# Bodies that simspec does not pass to PyBullet, since they are only frames: their poses follow from the bodies that carry them.
 
 Array = np.ndarray
 

@@ -121,8 +121,8 @@ class States:
     def coordinates(
         self, placed: Sequence[Pose], moving: Sequence[tuple[Vector3, Vector3]], last: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v) of bodies at ``placed`` that move with ``moving``, linear and angular, whose joints may have separated: what
-        a joint does not let move is left out. Angles are the ones nearest to those of the state ``last`` (nq,)."""
+        """(q, v) of bodies at ``placed`` that move with ``moving``, linear and angular, whose joints may have separated: motion
+        that a joint does not permit is left out. Angles are the ones nearest to those of the state ``last`` (nq,)."""
         q, v = np.zeros(self.layout.nq), np.zeros(self.layout.nv)
         for row, body in enumerate(self.world.bodies):
             at_q, at_v, kind, here = self.layout.position[row], self.layout.velocity[row], body.joint.kind, placed[row]

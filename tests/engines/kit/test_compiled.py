@@ -181,7 +181,7 @@ def test_invalid_flags_are_reported(place, monkeypatch):
     monkeypatch.delenv("CC")
     text = "#!/bin/sh\ncase $1 in --cflags) {}; esac\n"
     program(place / "bin" / "pkg-config", text.format('echo "\'-DA";'))
-    assert "what pkg-config says (--cflags) is no list of words" in str(failure(of(place, packages=("toys",))))
+    assert "the output of pkg-config --cflags is no list of words" in str(failure(of(place, packages=("toys",))))
     program(place / "bin" / "pkg-config", text.format("exit 5;"))
     compiled._recipe.cache_clear()
     assert "pkg-config --cflags ended with code 5" in str(failure(of(place, packages=("toys",))))

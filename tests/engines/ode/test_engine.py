@@ -206,7 +206,7 @@ def _soft(_, sidecar):
         (_no_inverse, "inertia of 'b0'"),
         (_inertia_without_mass, "inertia of 'b0', which has no mass"),
         (_soft, "hardness stiffness"),
-        (_additional_numbers, "numbers beside the common hardness"),
+        (_additional_numbers, "numbers that deviate from the common hardness"),
         (lambda content, sidecar: sidecar["settings"].pop("softness"), "softness"),
         (lambda content, sidecar: sidecar["settings"].update(solver="slow"), "solver|slow"),
     ],

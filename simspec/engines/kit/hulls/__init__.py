@@ -1,6 +1,6 @@
 """Convex hulls for what collides by ODE: a class of geoms whose points of contact with everything else are found here, in C.
 
-``hulls.c`` is the class, as ODE is told of it; ``overlap.c`` how deep two shapes are in each other, ``manifold.c`` where they
+``hulls.c`` is the class, as ODE receives it; ``overlap.c`` how deep two shapes are in each other, ``manifold.c`` where they
 touch. An engine compiles these sources into its own part in C, or loads them as one.
 """
 
@@ -29,7 +29,7 @@ FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "hulls_doubted": (ctypes.c_long, ()),
 }
 """The functions that are called from Python: result and arguments."""
-DOUBTED = "{} overlaps of hulls may be told too deep by more than 1e-8 m"
+DOUBTED = "{} overlaps of hulls may be reported too deep by more than 1e-8 m"
 
 
 def vertices_of(library: Any, geom: Any) -> tuple[float, ...]:
