@@ -9,7 +9,7 @@ of mass, as in every format (``passes.recentre_free_roots``). The annotations ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -162,7 +162,7 @@ class JsonWorld:
     """Every parent before its children."""
     meets: tuple[tuple[str, str, int], ...]
     """Two materials, and the one layer in which copies of both touch."""
-    apart: Excluded
+    excluded: Excluded = field(metadata={"key": "apart"})
 
 
 def parent_of(joint: Joint) -> str | None:
@@ -288,11 +288,11 @@ def check(document: JsonWorld) -> None:
         above.add(body.name)
     check_distinct((shape.name for body in document.bodies for shape in body.shapes), f"{WORLD} (shapes)")
     check_distinct((body.joint.name for body in document.bodies), f"{WORLD} (joints)")
-    for pair in document.apart.bodies:
+    for pair in document.excluded.bodies:
         check_distinct(pair, f"{WORLD}.apart.bodies")
-    check_known((name for pair in document.apart.bodies for name in pair), above, f"{WORLD}.apart.bodies")
+    check_known((name for pair in document.excluded.bodies for name in pair), above, f"{WORLD}.apart.bodies")
     groups = {body.group for body in document.bodies if any(shape.copies for shape in body.shapes)}
-    check_known((name for pair in document.apart.groups for name in pair), groups, f"{WORLD}.apart.groups")
+    check_known((name for pair in document.excluded.groups for name in pair), groups, f"{WORLD}.apart.groups")
     _check_meetings(document)
 
 

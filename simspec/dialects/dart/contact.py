@@ -85,7 +85,7 @@ class Nodes:
                     found.setdefault(node.parts, []).append(node)
         return dict(sorted(found.items()))
 
-    def apart(self) -> list[tuple[tuple[Part, ...], tuple[Part, ...]]]:
+    def excluded_pairs(self) -> list[tuple[tuple[Part, ...], tuple[Part, ...]]]:
         """The pairs of classes whose nodes must not touch."""
         names = list(self.classes())
         return [
@@ -218,7 +218,7 @@ UNSOUND: Mapping[str, Pairs] = {
 """Of each detector the pairs of shapes that it gets wrong, and how."""
 
 REFUSED: frozenset[tuple[str, str]] = frozenset({("mesh", "mesh")})
-"""Pairs that no detector has even nearly: whoever accepts the kind is refused them all the same."""
+"""Pairs that no detector supports even approximately: they are refused even where the kind is accepted."""
 
 SOUND: Mapping[str, tuple[tuple[str, str], ...]] = {
     "dart": (
@@ -269,7 +269,7 @@ of what DART has nothing is better for these pairs, since ``dart`` misses more a
 
 ORDER = ("dart", "ode", "fcl")
 """In which order sound detectors are tried; ``dart`` has the exact contacts of spheres and boxes. ``bullet`` has nothing
-that is more exact: it is taken where it is asked for, as cheaper."""
+that is more exact: it is used where it is requested, as cheaper."""
 
 LESSER_EVIL = ("ode", "dart", "fcl")
 """The order among detectors that get equally many pairs wrong: ``ode`` loses flat faces of capsules, but no contact."""
@@ -308,7 +308,7 @@ def detector_of(world: World, engine: str, setting: str) -> str:
 
 
 def accepted_contact(world: World, detector: str, engine: str, kind: str) -> str | None:
-    """What the detector gets wrong about contact of a kind of shapes that the spec accepts; None if nothing."""
+    """The detector's errors in contact of a kind of shapes that the spec accepts; None if it has none."""
     if kind not in _accepted(world, engine):
         return None
     wrong = flaws(detector, (pair for pair in meeting_kinds(world) if kind in pair))
@@ -317,9 +317,9 @@ def accepted_contact(world: World, detector: str, engine: str, kind: str) -> str
 
 
 def overlooked(world: World, setting: str, engine: str, kind: str) -> str | None:
-    """What the detector in use overlooks of contacts of a kind of shapes that may touch in this world; None if nothing.
+    """Contacts of a kind of shapes that may touch in this world and that the detector in use overlooks; None if there are none.
 
-    ``setting``: as for :func:`detector_of`. A pair is told of one of its kinds, the rarer one.
+    ``setting``: as for :func:`detector_of`. A pair is reported for one of its kinds, the rarer one.
     """
     pairs = {pair for table in OVERLOOKED.values() for pair in table if _rarer(pair) == kind}
     there = {shape.kind for body in world.bodies for shape in solid_shapes(body)}
@@ -337,7 +337,7 @@ def _rarer(pair: tuple[str, str]) -> str:
 
 
 def problems(world: World, detector: str, engine: str) -> list[Problem]:
-    """What the detector gets wrong in this world, but for pairs of which one kind is accepted by name."""
+    """The detector's errors in this world, except for pairs of which one kind is accepted by name."""
     accepted = _accepted(world, engine)
     found = []
     for pair, flaw in flaws(detector, meeting_kinds(world)).items():
@@ -380,7 +380,7 @@ def _first(world: World, kind: str) -> str:
 # The filter in a .skel folder's sidecar, held against itself (proof level L0): every two shapes meet once at most.
 #
 # A shape may be there several times, each copy on a node of its own (see ``dialects/dart/copies.py``). The sidecar names
-# classes of nodes by the materials and layers of their copies, and the pairs of classes that are apart.
+# classes of nodes by the materials and layers of their copies, and the pairs of classes that are excluded.
 
 Copies = tuple[str, ...]
 """Of one shape the class of each node that has a copy of it; "" for a node that no pair of classes concerns."""
@@ -390,9 +390,9 @@ def check_filter(sidecar: DartSidecar, nodes: set[str], fixed: set[str]) -> None
     """Raise ValueError where copies of two shapes meet in more than one layer, or in another than that of their materials.
 
     ``nodes`` are the names of all nodes of the file, ``fixed`` the bodies that cannot move.
-    Shapes of two bodies that never touch may meet in any number of layers; what is told of them has no effect.
+    Shapes of two bodies that never touch may meet in any number of layers; filters between them have no effect.
     """
-    classes, pairs = sidecar.filter.classes, sidecar.filter.apart
+    classes, pairs = sidecar.filter.classes, sidecar.filter.excluded
     unknown = sorted({node for class_ in classes.values() for node in class_} - nodes)
     if unknown or {name for pair in pairs for name in pair} != set(classes):
         raise ValueError(f"the filter's classes do not fit the file: unknown nodes {unknown}")
@@ -415,7 +415,7 @@ def check_filter(sidecar: DartSidecar, nodes: set[str], fixed: set[str]) -> None
 
 
 def _parts(name: str) -> list[tuple[str, int]]:
-    """The materials and layers that the name of a class tells."""
+    """The materials and layers in the name of a class."""
     return [(part.rpartition(".")[0], int(part.rpartition(".")[2])) for part in name.split("+")]
 
 

@@ -188,8 +188,8 @@ DEFECTS: Mapping[str, Plant | str] = {
     "hardness": "DART's contacts are rigid by a rule of its own: no file has a number for it",
     "copy filter": sidecar(_copy_filter),
     "passing pair": sidecar(_passing_pair),
-    "torsional friction": "DART has no torsional friction, and a world that asks for it is refused",
-    "rolling friction": "DART has no rolling friction, and a world that asks for it is refused",
+    "torsional friction": "DART has no torsional friction, and a world that requests it is refused",
+    "rolling friction": "DART has no rolling friction, and a world that requests it is refused",
     "gravity": _text(".//physics/gravity", lambda text: nudged(text, 2)),
     "timestep": _text(".//physics/time_step", scaled),
 }

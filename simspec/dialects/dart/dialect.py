@@ -206,7 +206,7 @@ def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, V
     named = {group for pair in ignored for group in pair}
 
     def values(field: str) -> tuple[JointValue, ...]:
-        # what acts on free bodies at all times is among the common fields
+        # forces that act on free bodies at all times are among the common fields
         found = ((body.name, getattr(body.joint, field)) for body in world.bodies if body.joint.kind != "free")
         none = (None,) if field.endswith("_limit") else (None, 0.0)  # a rating of 0 is another than none
         return tuple(JointValue(name, value) for name, value in found if value not in none)
@@ -264,7 +264,7 @@ def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> tuple[S
 
 def _filter(nodes: Nodes) -> NodeFilter:
     """Only the classes that a pair names."""
-    excluded = nodes.apart()
+    excluded = nodes.excluded_pairs()
     named = {parts for pair in excluded for parts in pair}
     return NodeFilter(
         {

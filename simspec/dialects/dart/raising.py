@@ -90,7 +90,7 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
 
 
 def _needed(item: XmlElement, value: Value | None, tag: str) -> Value:
-    """What a file of this dialect always says. Raises ValueError where it does not."""
+    """A value that every file of this dialect states. Raises ValueError where it is missing."""
     if value is None:
         raise item.refused(f"has no <{tag}>")
     return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from simspec.dialects.kit.joints import OfBody, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
@@ -49,11 +49,11 @@ class WeldedNode:
 
 @dataclass(frozen=True, slots=True)
 class NodeFilter:
-    """Classes of nodes that touch the same others, and the pairs of classes that do not touch. ``layers`` tells a reader what
-    that is for: two materials, and the layer they meet in, or None."""
+    """Classes of nodes that touch the same others, and the pairs of classes that do not touch. ``layers`` are for
+    readers: two materials, and the layer in which they meet, or None."""
 
     classes: Mapping[str, Names]
-    apart: NamePairs
+    excluded: NamePairs = field(metadata={"key": "apart"})
     layers: tuple[tuple[str, str, int | None], ...]
 
 
@@ -101,7 +101,7 @@ class DartSidecar(Sidecar):
             if shape.material and not shape.surfaces:
                 raise ValueError(f"sidecar.shapes.{index} has the material {shape.material!r} and no surface of it")
         check_distinct((node for nodes in self.filter.classes.values() for node in nodes), "sidecar.filter.classes")
-        _check_used(self.filter.classes, self.filter.apart, "sidecar.filter.classes")
+        _check_used(self.filter.classes, self.filter.excluded, "sidecar.filter.classes")
         check_distinct(((name, other) for name, other, _ in self.filter.layers), "sidecar.filter.layers")
 
 

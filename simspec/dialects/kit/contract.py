@@ -1,4 +1,5 @@
-"""What a dialect is: how a world is said to an engine in the language of its files, and how what was said is understood."""
+"""The contract of a dialect: how a world is written for an engine in the language of its files, and how the files are read
+back."""
 
 from __future__ import annotations
 
@@ -44,7 +45,7 @@ class NeededSetting:
 
     @property
     def expected(self) -> str:
-        """What a value must be, in words."""
+        """The required kind of a value, in words."""
         return f"one of {', '.join(self.words)}" if self.words else KINDS[self.kind]
 
 
@@ -115,11 +116,11 @@ class Dialect:
     FORMAT: ClassVar[str]
     """The format of the files."""
     SUPPORT: ClassVar[Table]
-    """What files and sidecar can say of each feature. ``via_api`` = it goes into the sidecar."""
+    """Support of files and sidecar for each feature. ``via_api`` = it goes into the sidecar."""
     SIDECAR: ClassVar[type[Sidecar]]
-    """What its sidecar is."""
+    """The class of its sidecar."""
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {}
-    """The solver settings that it reads from a target: every engine that is told worlds in this dialect must have them."""
+    """The solver settings that it reads from a target: every engine that receives worlds in this dialect must have them."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
         """Check that the class declares every feature; ``abstract``: a base of several dialects."""
@@ -140,7 +141,7 @@ class Dialect:
         raise NotImplementedError
 
     def check_declared(self, settings: Collection[str]) -> None:
-        """Raise ValueError where an engine that is told worlds in this dialect does not declare a setting that it needs."""
+        """Raise ValueError where an engine that receives worlds in this dialect does not declare a setting that it needs."""
         lacking = [name for name, setting in self.SETTINGS.items() if name not in settings and not setting.optional]
         if lacking:
             raise ValueError(f"it lacks the settings {', '.join(lacking)}, which the dialect {self.NAME!r} needs")

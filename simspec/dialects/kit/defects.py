@@ -299,7 +299,7 @@ def text_of(value: float) -> str:
     return number(value)
 
 
-# Defects of meshes, for every dialect whose files name OBJ files: what can be wrong with the file, and with who names it.
+# Defects of meshes, for every dialect whose files name OBJ files: faults of the file, and of the references to it.
 #
 # They are planted into the world "meshes" (``proof/selftest_worlds.py``), whose last body has two shapes of different hulls.
 

@@ -86,7 +86,7 @@ def _fields(value: Any, site: str = "", place: str = "") -> Iterator[tuple[Any, 
     """Every field of a JSON value: (its holder, its key, itself, site, place)."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in items:
-        # what is keyed by names of the world is one site
+        # an object with names of the world as keys is one site
         step = "*" if isinstance(value, list) else str(key)
         text, there = f"{site}.{step}".lstrip("."), f"{place}.{key}".lstrip(".")
         yield value, key, item, text, there

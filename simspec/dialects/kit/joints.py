@@ -1,4 +1,5 @@
-"""What sidecars say of joints that the language of their files does not: springs and armature, by the name of the body."""
+"""Fields of sidecars on joints, for quantities that the language of the files lacks: springs and armature, by the name of the
+body."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ UNREADABLE: Final[Mapping[str, str]] = {
     "collision_group": "the files carry what touches what, not the names of groups",
     "control.native": "the engine's own controllers are switched on when a run begins",
 }
-"""What files of most dialects cannot tell, for ``ReadBack.unreadable``."""
+"""Quantities that files of most dialects cannot express, for ``ReadBack.unreadable``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Spring:
 
 @dataclass(frozen=True, slots=True)
 class Armature:
-    """What is added to a joint's diagonal of the mass matrix (kg m², kg)."""
+    """The addition to a joint's diagonal of the mass matrix (kg m², kg)."""
 
     body: str
     armature: float
@@ -84,7 +85,7 @@ def add_armature(bodies: dict[str, Body], armature: Iterable[Armature]) -> None:
         bodies[entry.body] = dataclasses.replace(body, joint=dataclasses.replace(body.joint, armature=entry.armature))
 
 
-# What sidecars say of forces that act on bodies at all times and that the files of a format do not have: weights that are not
+# Fields of sidecars on forces that act on bodies at all times and that a format lacks: weights that are not
 # mass × gravity, damping of free bodies, and a fluid. Engines are given them as efforts before every step
 # (``engines/kit/efforts.py``).
 
@@ -143,7 +144,7 @@ class Passive:
 
 
 def passive_of(world: World) -> Passive | None:
-    """What a world has of it; None where it has nothing."""
+    """The fields of a world; None where it has none."""
     scales = ((body.name, lumped_gravity_scale(world, body)) for body in world.bodies)
     passive = Passive(
         tuple(GravityScale(name, scale) for name, scale in scales if scale != 1.0),
@@ -168,7 +169,7 @@ def fluid_of(passive: Passive | None) -> Fluid | None:
 
 
 def with_passive(bodies: tuple[Body, ...], passive: Passive | None) -> tuple[Body, ...]:
-    """``bodies`` as an engine is told them, completed by what it is given at every step."""
+    """``bodies`` as an engine receives them, completed by the efforts that it receives at every step."""
     if passive is None:
         return bodies
     scales = {entry.body: entry.scale for entry in passive.gravity_scales}

@@ -57,8 +57,8 @@ TAG = ("<", ">")
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A mutation as an edit of the unchanged text: ``text`` instead of what stands from ``start`` to ``stop``. What stands from
-    ``low`` to ``high`` is the tag, list, mapping or line that the edit is in, or all that it touches."""
+    """A mutation as an edit of the unchanged text: ``text`` replaces the range from ``start`` to ``stop``. The range from
+    ``low`` to ``high`` is the tag, list, mapping or line that contains the edit, or all that it touches."""
 
     mutation: Mutation
     start: int

@@ -2,8 +2,8 @@
 
 The values to change are taken from the file itself, so that none is left out: every number (scaled, moved from zero, its sign,
 swapped with its neighbour, dropped from its list), every word and flag (replaced by every other), every attribute and element
-(removed, doubled), and the same for every field of the sidecar. What could be added to a file is declared by its dialect, in a
-:class:`MutationTable` called ``TABLE`` of the module ``mutations`` beside ``dialect``:
+(removed, doubled), and the same for every field of the sidecar. Possible additions to a file are declared by its dialect, in a
+:class:`MutationTable` called ``TABLE`` of the module ``mutations`` next to ``dialect``:
 
 words      by site the other allowed words (other sites get every word of the same site, and an unknown one)
 integers   sites whose numbers are whole: they are changed by one, not by a hundredth
@@ -51,7 +51,7 @@ KINDS = (
 """The classes of changes, in the order of tables."""
 SCALE = 1.01
 MOVED = 0.01
-"""What a zero becomes: far above every tolerance, small enough to be a sound value almost everywhere."""
+"""The replacement of a zero: far above every tolerance, small enough to be a sound value almost everywhere."""
 SAME_MOTION = 1e-12
 """Metres, radians and their rates, relative to the larger of one and the value: motions within it are the same. So it is for
 engines that compute with doubles; for others it is as many roundings: 5.4e-4 in single precision, where what is computed in
@@ -96,7 +96,7 @@ class Inert:
     ``place``: a pattern of the mutation's place, with round brackets: ``*/default(visual)/*``. ``without``: only where an XML
     file has nothing at this path (as of ElementTree: ``.//worldbody//geom``). ``within``: how far motion may depart; more than
     ``STILL`` only where the reason says that the same is computed in another order, or that the change is within what the
-    engine is declared to round; what the read-back sees is caught before.
+    engine is declared to round; changes that the read-back shows are caught before.
     """
 
     site: str
@@ -109,7 +109,7 @@ class Inert:
 
     @property
     def name(self) -> str:
-        """The row as a report names it: what it is restricted to."""
+        """The row as a report names it, by its restrictions."""
         limits = (", ".join(self.kinds), *(part for part in (self.file, self.place) if part != "*"))
         without = f"without {self.without}" if self.without else ""
         return "; ".join(part for part in (self.site, *limits, without) if part)
@@ -132,7 +132,7 @@ def _plain(place: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MutationTable:
-    """What a format knows of its files beyond what stands in them; see the head of this module."""
+    """Knowledge of a format about its files beyond their content; see the head of this module."""
 
     words: Mapping[str, Sequence[str]] = field(default_factory=dict)
     integers: frozenset[str] = frozenset()
@@ -145,7 +145,7 @@ class MutationTable:
         return next((row for row in self.inert if row.says(mutation)), None)
 
     def added(self, file: str) -> list[Addition]:
-        """What is added to a file, one at a time."""
+        """Additions to a file, one at a time."""
         return [row for pattern, rows in self.additions.items() if fnmatch.fnmatchcase(file, pattern) for row in rows]
 
 
@@ -237,8 +237,8 @@ INERTIAL = ("bodies.*.mass", "bodies.*.centre_of_mass.*", "bodies.*.inertia.*")
 
 
 def in_single_precision(within: float) -> tuple[Inert, ...]:
-    """Rows of an engine that computes in single precision: what is the same but for its roundings, by which motion departs
-    up to ``within``; what turns a shape itself the read-back sees."""
+    """Rows of an engine that computes in single precision: changes that are inert but for its roundings, by which motion
+    departs up to ``within``; the read-back shows changes that turn a shape itself."""
     rounded = "but for roundings to single precision"
     return (
         Inert("*quaternion*", f"q and −q are the same rotation, {rounded}", ("sign",), WORLD, within=within),

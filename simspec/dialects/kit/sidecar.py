@@ -1,4 +1,4 @@
-"""The sidecar: the small JSON beside the files of a model, for what the files cannot carry.
+"""The sidecar: a small JSON file alongside the files of a model, for data that these cannot carry.
 
 Each dialect has a frozen dataclass of its own, a :class:`Sidecar` with further fields; its annotations are the form that a
 sidecar's JSON must have (``sidecar_fields.py``).
@@ -25,12 +25,12 @@ from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
 from simspec.world.types import Constraint, Follow, Pair, Surface, Vector3, World
 
-# What a dialect must know of the engine it writes for.
+# Properties of the engine that a dialect writes for.
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a dialect must know of the engine it writes for; data, given by the engine's module."""
+    """Properties of the engine that a dialect writes for; data, given by the engine's module."""
 
     engine: str
     rules: Rules
@@ -81,7 +81,7 @@ class SidecarPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sidecar:
-    """What every sidecar has. A field whose default is None is left out of the text where it is None."""
+    """Fields of every sidecar. A field whose default is None is left out of the text where it is None."""
 
     schema: int = SIDECAR_SCHEMA
     dialect: str
@@ -101,7 +101,7 @@ class Sidecar:
     sums: tuple[JointSum, ...] | None = None
     """The world's sums of joint positions, where the files do not carry them; None where there are none."""
     passive: Passive | None = None
-    """What acts on bodies at all times, where the files do not carry it; None where there is nothing."""
+    """Forces that act on bodies at all times, where the files do not carry them; None where there are none."""
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -154,7 +154,7 @@ def common_fields(
     world: World,
     target: Target,
     offsets: Mapping[str, Vector3],
-    beside: bool = True,
+    alongside: bool = True,
 ) -> dict[str, Any]:
     """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``beside``: whether
     constraints, sums, and what acts on bodies at all times, stand in the sidecar, and not in the files."""
@@ -171,11 +171,11 @@ def common_fields(
     }
     if target.pair_settings:
         fields["pair_settings"] = tuple(_pairs(world, target))
-    if beside and world.constraints:
+    if alongside and world.constraints:
         fields["constraints"] = world.constraints
-    if beside and world.sums:
+    if alongside and world.sums:
         fields["sums"] = world.sums
-    if beside and (passive := passive_of(world)) is not None:
+    if alongside and (passive := passive_of(world)) is not None:
         fields["passive"] = passive
     return fields
 

@@ -38,7 +38,7 @@ from simspec.world.types import (
     World,
 )
 
-# The sidecar of a ``world.json``: what every sidecar has; the file itself carries the rest.
+# The sidecar of a ``world.json``: the fields of every sidecar; the file itself carries the rest.
 #
 # A dialect with fields of its own has a subclass of it.
 
@@ -116,7 +116,7 @@ def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mappin
             for pair, layer in sorted(plan.layer_of.items())
             if {(material, layer) for material in pair} <= copies
         ),
-        apart=tree.Excluded(
+        excluded=tree.Excluded(
             excluded_pairs(world), tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used)
         ),
     )
@@ -124,7 +124,7 @@ def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mappin
 
 
 def _body(body: Body, plan: ContactPlan, servo: tree.JsonServo | None) -> tree.JsonBody:
-    # what cannot move may be written without mass and with moments, which engines refuse
+    # an immovable body may be written without mass and with moments, which engines refuse
     inertial = body.inertial if body.inertial.mass else NO_INERTIA
     return tree.JsonBody(
         body.name,
@@ -198,10 +198,10 @@ def _copy(layer: int, numbers: Surface) -> tree.ShapeCopy:
 
 
 # A world as ``world.json`` with a table of laws in the sidecar, for engines that are passed a law at every point of
-# contact and combine no numbers of shapes (rule ``table``).
+# contact and combine no values of shapes (rule ``table``).
 
 NOTHING = ShapeCopy(0, 0.0, 0.0, 0.0, 0.0)
-"""What shapes have for numbers: the table has all."""
+"""The numbers of shapes: none, since the table has all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,11 +233,13 @@ class LawSidecar(WorldSidecar):
         for body in document.bodies:
             for shape in body.shapes:
                 if shape.copies and shape.copies != (NOTHING,):
-                    raise ValueError(f"the shape {shape.name!r} of {WORLD} has numbers beside those of sidecar.laws")
+                    raise ValueError(
+                        f"the shape {shape.name!r} of {WORLD} has numbers in addition to those of sidecar.laws"
+                    )
 
 
 class LawDialect(WorldDialect, abstract=True):
-    """``world.json``, whose shapes have no numbers, and the laws of pairs of materials in the sidecar."""
+    """``world.json``, whose shapes have no surfaces, and the laws of pairs of materials in the sidecar."""
 
     SIDECAR: ClassVar[type[Sidecar]] = LawSidecar
 
@@ -252,7 +254,7 @@ class LawDialect(WorldDialect, abstract=True):
 
 # From ``world.json`` and its sidecar back to the model they mean, in the world's frames (proof level L0).
 #
-# What is shared with ``world_document.py``, which writes them, is the types of the document.
+# Only the types of the document are shared with ``world_document.py``, which writes them.
 
 
 def world_model(document: tree.JsonWorld, sidecar: WorldSidecar) -> ReadBack:

@@ -183,7 +183,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **SUMS,
     **PASSIVE,
     **dict.fromkeys(("ball limit", "ball limit dropped"), "world.json has no limits of balls"),
-    **dict.fromkeys(FRAMES, "world.json has no frames: engines that read it are told none"),
+    **dict.fromkeys(FRAMES, "world.json has no frames: engines that read it receive none"),
     "mass": number("lower", "mass", times=1.0 + STEP),
     "centre of mass": number("lower", "centre_of_mass", 0),
     "inertia, diagonal": number("lower", "inertia", 0, times=1.0 + STEP),
@@ -279,4 +279,4 @@ LAW_DEFECTS: Mapping[str, Plant | str] = {
     "copy filter": sidecar(_exchanged_laws),
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
 }
-"""What holds for all of them; ``GROUND``, margins, hardness and armature are each engine's own."""
+"""Defects of all of them; ``GROUND``, margins, hardness and armature are each engine's own."""

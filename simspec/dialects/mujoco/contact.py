@@ -16,8 +16,8 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Hardness, Pair, PairContact, Surface, World
 
 SPRING_IMPEDANCE = 1e-4
-"""MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load beside its reference: at 1e-4 it is a spring-damper
-that gives way to all of it, whatever the number of points that share it."""
+"""MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load in addition to its reference: at 1e-4 it is a
+spring-damper that gives way to all of it, whatever the number of points that share it."""
 NATIVE_HARDNESS: Attributes = (("solref", (0.02, 1.0)), ("solimp", (0.9, 0.95, 0.001, 0.5, 2.0)))
 """MuJoCo's own defaults."""
 COMPLIANT = ("time-constant", "stiffness")
@@ -33,7 +33,7 @@ at power 1 2.4 % (measured, 1 ms)."""
 
 
 def is_coulomb(target: Target) -> bool:
-    """Whether the setting ``friction`` asks for Coulomb's law."""
+    """Whether the setting ``friction`` selects Coulomb's law."""
     return target.settings["friction"] == COULOMB
 
 
@@ -120,7 +120,7 @@ def dry_reference(world: World, target: Target) -> Attributes:
 
 
 def equality_reference(world: World) -> Attributes:
-    """What takes back the whole violation in a step, as hard as MuJoCo allows; the engine's module makes it exact."""
+    """Parameters that take back the whole violation in a step, as hard as MuJoCo allows; the engine's module makes it exact."""
     dt = world.physics.timestep
     return (("solref", reference(1.0, 0.0, dt)), ("solimp", _impedance(HARDEST)))
 
@@ -176,7 +176,7 @@ def moment_hardness(timestep: float, laws: Iterable[PairContact]) -> float:
 
 
 def pair_defaults(world: World, target: Target) -> Attributes:
-    """What explicit pairs have where they state nothing else."""
+    """Attributes of explicit pairs that state nothing else."""
     return (
         ("condim", 3),
         ("margin", 0.0),
@@ -310,7 +310,7 @@ def _too_many_pairs(pair: Pair, why: str, limit: int) -> Problem:
     )
 
 
-# What MuJoCo cannot have of the laws of materials that meet, and of settings together.
+# Unsupported laws of materials that meet, and unsupported combinations of settings.
 
 MOST_PER_STEP = 4.0
 """Of k dt²/m + 2 c dt/m: where the semi-implicit step of an oscillator, v' = v − dt (k r + c v)/m, r' = r + dt v', stops being
@@ -318,7 +318,7 @@ stable (its characteristic polynomial at −1)."""
 
 
 def _faults(world: World, law: PairContact) -> Iterator[tuple[str, str, str]]:
-    """What is wrong with one law: quantity, message, hint."""
+    """The faults of a law: quantity, message, hint."""
     pyramid = world.contact.friction_cone != "elliptic"
     hardness, dt = law.hardness, world.physics.timestep
     if pyramid:
@@ -345,7 +345,7 @@ _ELLIPTIC = "use friction_cone: elliptic"
 
 
 def check_friction(target: Target) -> list[Problem]:
-    """What does not go together with Coulomb's law."""
+    """Settings that are incompatible with Coulomb's law."""
     if not is_coulomb(target) or target.settings["solver"] != "pgs":
         return []
     return [
@@ -359,7 +359,7 @@ def check_friction(target: Target) -> list[Problem]:
 
 
 def check_laws(world: World) -> list[Problem]:
-    """What MuJoCo cannot have of the laws of materials that meet."""
+    """Unsupported laws of materials that meet."""
     laws = meeting_laws(world)
     problems = [
         Problem(message, f"contact.pairs.{first}.{second}.{name}", hint=hint)

@@ -190,12 +190,12 @@ def _mesh_margin(root: Element) -> None:
         pair.set("margin", "0.001")
 
 
-def _still(root: Element) -> None:
+def _without_surface_velocity(root: Element) -> None:
     for geom in root.iter("geom"):
         geom.attrib.pop("surfacevel", None)
 
 
-def _own_margin(root: Element) -> None:
+def _separate_margin(root: Element) -> None:
     """The sum of the margins of two shapes, where their materials have a margin of their own."""
     for pair in _explicit(root, {"floor_0", "pebble_0"}, {"ball_0", "pebble_0"}):
         pair.set("margin", number(0.002 if "floor_0" in pair.attrib.values() else 0.004))
@@ -301,10 +301,10 @@ DEFECTS: Mapping[str, Plant | str] = {
     "margin": _attribute(".//geom[@name='ball_0']", "margin", scaled),
     "margin of a pair": _attribute("contact/pair[@geom1='ball_0']", "margin", scaled),
     "margin dropped": xml(MODEL, _no_margin),
-    "margin of two materials": xml(MODEL, _own_margin),
+    "margin of two materials": xml(MODEL, _separate_margin),
     "surface velocity": _attribute(BELT, "surfacevel", scaled),
     "surface velocity, sign": _attribute(BELT, "surfacevel", lambda text: scaled(scaled(text, 0, -1.0), 1, -1.0)),
-    "surface velocity dropped": xml(MODEL, _still),
+    "surface velocity dropped": xml(MODEL, _without_surface_velocity),
     "surface velocity, angular": _attribute(".//geom[@name='turntable']", "surfacevel", lambda text: scaled(text, 5)),
     "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
     "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),

@@ -99,7 +99,7 @@ from simspec.world.inertia import least_moment, rigid_members
 from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
 from simspec.world.types import Joint, Pose, Quaternion, ReadBack, Shape, Surface, World
 
-# Frames of one body that MuJoCo takes for one though they are two, told by other axes that mean the same.
+# Frames of one body that MuJoCo takes for one though they are two, written with other axes that mean the same.
 #
 # MuJoCo does not compute the pose of an inertial frame, a geom or a site that is as its body's frame, or, of geoms, as the
 # inertial frame, and compares with a tolerance of 1e-6 (m, and of a quaternion's components). A mass matrix is then wrong by
@@ -130,7 +130,7 @@ def are_confused(frame: Pose, other: Pose) -> bool:
     return axes < NEAR and (axes > SAME or SAME < away < NEAR)
 
 
-def apart(body: MjcfBody) -> MjcfBody:
+def with_distinct_frames(body: MjcfBody) -> MjcfBody:
     """The body, with an inertial frame and geoms that MuJoCo does not take for what they are not."""
     inertial = body.inertial and _inertial(body.inertial)
     others = [Pose()] if inertial is None else [Pose(), Pose(inertial.position, inertial.orientation)]
@@ -185,7 +185,7 @@ def lower_body(
     body = row.body
     geoms = tuple(_geom_element(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
     joints = tuple(_joint(joint, frame) for joint, frame in row.joints)
-    return apart(body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites))
+    return with_distinct_frames(body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites))
 
 
 def _joint(joint: Joint, frame: Pose) -> tree.MjcfJoint:
@@ -229,7 +229,7 @@ def actuators(world: World) -> Iterator[tree.MjcfActuator]:
 def restless_bodies(world: World) -> frozenset[str]:
     """The topmost moving body of each of MuJoCo's trees that must stay awake: all but single free bodies.
 
-    A joint that nobody drives may stand still for ten steps and go on (a pendulum where it turns), and efforts of zero do not
+    An undriven joint may stand still for ten steps and go on (a pendulum where it turns), and efforts of zero do not
     keep a tree awake.
     """
     allowed, groups, inside = free_rigid(world), rigid_groups(world), absorbed(world)
@@ -270,7 +270,7 @@ class MujocoDialect(Dialect):
     being associated, throw sliding bodies up. Explicit pairs have a reference of their own for friction (which MuJoCo
     obeys under the elliptic cone only), so every two shapes that may touch with friction are listed. A world with more than
     ``explicit_pairs_limit`` of them gets none and says so (sidecar ``explicit_pairs: false``, and the engine's log).
-    Pairs of materials that no numbers of shapes can give are explicit pairs always, or refused.
+    Pairs of materials that no values of shapes can express are explicit pairs always, or refused.
     """
 
     NAME: ClassVar[str] = "mujoco"
@@ -359,7 +359,7 @@ class MujocoDialect(Dialect):
         return Lowered(
             model,
             MujocoSidecar(
-                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, beside=False),
+                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, alongside=False),
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},
@@ -425,7 +425,7 @@ def _size(world: World, target: Target) -> Attributes:
 
 
 def _flag_settings(target: Target) -> tuple[tuple[str, bool], ...]:
-    # nothing sleeps where groups of touching bodies are not solved apart (measured)
+    # nothing sleeps where groups of touching bodies are not solved separately (measured)
     on = {**target.settings, "sleep": _sleeping(target), "island": target.settings["island"] or _sleeping(target)}
     names = ("warmstart", "island", "multiccd", *(("sleep",) if _sleeping(target) else ()))
     return tuple((name, bool(on[name])) for name in names)

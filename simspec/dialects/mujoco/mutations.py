@@ -34,7 +34,7 @@ INERT: tuple[Inert, ...] = (
     Inert("fixed@*", MUJOCO_DEFAULT, ("attribute removed",)),
     Inert("fixed@range", "no tendon has limits", without=".//fixed[@limited='true']"),
     Inert("fixed@springlength", "the tendon has no spring", without=".//fixed[@stiffness!='0']"),
-    *(Inert(f"fixed@{name}", "tendons are told apart by their names alone") for name in ("class", "group")),
+    *(Inert(f"fixed@{name}", "tendons are distinguished by their names alone") for name in ("class", "group")),
     *(
         Inert(f"fixed@{name}friction", "no tendon has friction", without=".//fixed[@solreffriction]")
         for name in ("solref", "solimp")

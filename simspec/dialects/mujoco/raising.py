@@ -107,7 +107,7 @@ def _turn(item: MjcfItem, name: str) -> Quaternion:
 
 
 def _word(item: MjcfItem, name: str, words: Mapping[str, Meaning]) -> Meaning:
-    """What a word of an attribute means."""
+    """The meaning of a word of an attribute."""
     text = item.text(name)
     if text not in words:
         raise item.refused(f"{name} is {text[:60]!r}, should be one of {', '.join(words)}")
@@ -222,7 +222,7 @@ class _Raising:
             parent = called
 
     def _box(self, item: MjcfItem) -> Box | None:
-        """What a fluid pushes of a body with this inertial: the cuboid of its mass and moments."""
+        """The box on which a fluid acts, of a body with this inertial: the cuboid of its mass and moments."""
         if self.fluid is None:
             return None
         moments, mass = _vector(item, "diaginertia"), item.number("mass")
@@ -357,7 +357,7 @@ class _Raising:
         return tuple(sorted(actual, key=lambda pair: (pair.first, pair.second)))
 
     def settings(self) -> dict[str, EngineValue]:
-        """The solver settings that the file itself holds, as ``settings.NAME``, whatever stands beside it."""
+        """The solver settings that the file itself holds, as ``settings.NAME``, without the sidecar."""
         option, flags = self._document.option, self._document.flags
         values: dict[str, EngineValue] = {"solver": option.text("solver").lower()}
         values |= {name: _whole(option, name) for name in ("iterations", "ls_iterations", "noslip_iterations")}

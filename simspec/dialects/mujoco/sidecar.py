@@ -1,4 +1,4 @@
-"""The sidecar of a ``model.xml`` for MuJoCo: what MJCF has no place for."""
+"""The sidecar of a ``model.xml`` for MuJoCo: data that MJCF has no place for."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ NO_RATING: Final = -1.0
 """In a joint's user data: no velocity or effort rating."""
 NATIVE: Final = "native"
 COULOMB: Final = "coulomb"
-"""What the setting ``friction`` may be. Under coulomb, friction takes back slip at once, and what that does to the normal
-direction is corrected outside, at every step (``engines/mujoco/stepping.py``): no cushion, and no pairs for friction's sake."""
+"""Values of the setting ``friction``. Under coulomb, friction takes back slip at once, and its effect on the normal direction
+is corrected outside, at every step (``engines/mujoco/stepping.py``): no cushion, and no pairs for friction's sake."""
 
-# What is a choice of how simspec tells MuJoCo a world, and not the world's: each row with its reason.
+# Choices of how simspec writes a world for MuJoCo, which are not the world's: each row with its reason.
 #
-# Nothing is left to MuJoCo's defaults: what all joints, shapes or explicit pairs share stands once in the file's ``<default>``.
+# Nothing is left to MuJoCo's defaults: the common attributes of all joints, shapes or explicit pairs stand once in the file's
+# ``<default>``.
 
 COMPILER: Final[Attributes] = (
     ("angle", "radian"),
@@ -68,9 +69,9 @@ FLAGS: Final[tuple[tuple[str, bool], ...]] = (
     ("invdiscrete", False),
 )
 """Flags that every supported version knows; ``warmstart``, ``island`` and ``multiccd`` are settings. Newer versions have
-further flags, all off unless asked for (``sleep``, by ``sleeping``); the engine's module checks them after loading."""
+further flags, all off by default (``sleep``, by ``sleeping``); the engine's module checks them after loading."""
 OPTION: Final[Attributes] = (
-    ("integrator", "Euler"),  # semi-implicit: what all engines do
+    ("integrator", "Euler"),  # semi-implicit, as in all engines
     ("jacobian", "auto"),
     ("density", 0.0),
     ("viscosity", 0.0),
@@ -175,7 +176,7 @@ class MujocoSidecar(Sidecar):
             raise ValueError(f"sidecar.fixed_joints and the fixed bodies of sidecar.bodies differ in {wrong}")
 
 
-# Bodies with several joints, for those who read a file or a model: what each joint of a body moves in the world.
+# Bodies with several joints, for readers of a file or a model: the effect of each joint of a body in the world.
 #
 # Nothing here is known to what writes them (``formats/mjcf/bodies.py``).
 

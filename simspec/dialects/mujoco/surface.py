@@ -1,4 +1,4 @@
-"""What MJCF's contact numbers mean: from friction, condim, solref and solimp back to a surface of the world.
+"""The meaning of MJCF's contact numbers: from friction, condim, solref and solimp back to a surface of the world.
 
 For the independent reader of files and for the engine's read-back; it shares nothing with what writes these numbers. Every
 contact of MuJoCo obeys a₁ + d (b v + k r) = (1 − d) a₀ (its documentation, "Computation": a₀ the acceleration without the
@@ -24,7 +24,7 @@ ROUND_OFF = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class CommonLaw:
-    """What says that a contact holds the common law: the timestep, and the settings that give it its numbers."""
+    """The inputs that identify the common law of a contact: the timestep, and the settings that give it its numbers."""
 
     timestep: float
     error_reduction: float
@@ -105,7 +105,7 @@ Sizes = dict[str, tuple[float, ...]]
 
 def read_assets(document: MjcfDocument) -> tuple[Sizes, Sizes]:
     """The meshes and the height fields of a document. Raises ValueError for what is not read."""
-    if document.section("asset") and (moved := MESH_FOLDERS & document.compiler.own.keys()):
+    if document.section("asset") and (moved := MESH_FOLDERS & document.compiler.stated.keys()):
         raise document.compiler.refused(f"{min(moved)} is not read")
     meshes, fields, files = Sizes(), Sizes(), set[str]()
     for item in document.section("asset"):

@@ -1,4 +1,4 @@
-"""Contact in URDF for PyBullet: what each link holds of the law, copies of shapes on links of their own, and the filter.
+"""Contact in URDF for PyBullet: the part of the law on each link, copies of shapes on separate links, and the filter.
 
 PyBullet holds friction, restitution and hardness once per link, multiplies two links' numbers, and filters links. So the
 shapes of a body are split by material, and copied where a table of pairs needs it (``contact/plan.py``): the first
@@ -21,7 +21,7 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Hardness, Shape, Surface, World
 
 FILTER_BITS = 31
-"""Collision classes that PyBullet's 32-bit group masks can tell apart (the sign bit left alone)."""
+"""Collision classes that PyBullet's 32-bit group masks can distinguish (the sign bit left alone)."""
 LARGEST_FRICTION = 10.0
 """PyBullet clamps the friction of a pair to ±10 (measured)."""
 NATIVE = "native"
@@ -114,7 +114,7 @@ def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
     """Classes of links (a group bit and a mask each) and pairs of links that do not touch besides.
 
     Links are of one class when they are in groups that ignore the same, both can move or both cannot (those never touch each
-    other), and meet the same materials in the same layers. More classes than bits: what does not touch becomes pairs.
+    other), and meet the same materials in the same layers. More classes than bits: exclusions are written as pairs.
     """
     groups = rigid_groups(world)
     ignored = set(world.contact.ignored_groups)
@@ -185,10 +185,10 @@ def _excluded_of(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> se
 # Meshes within the margin that PyBullet keeps around hulls.
 #
 # On the base of a tree the margin is the setting ``collision_margin``; on every other link PyBullet keeps 1 mm, whatever it
-# is told (measured, 3.2.7). It is outside of the hull, so that hulls are told with their faces that much further in: faces
-# are then where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there. A hull
-# that is too thin for that is told as far in as it goes (``world/hull.py``), and is thicker in PyBullet. In boxes and
-# cylinders the margin is within: what is thinner is told as thick as both margins, since Bullet overlooks contacts of cores
+# is requested (measured, 3.2.7). It is outside of the hull, so that hulls are written with their faces that much further in:
+# faces are then where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there. A
+# hull that is too thin for that is written as far in as it goes (``world/hull.py``), and is thicker in PyBullet. In boxes and
+# cylinders the margin is within: a thinner shape is written as thick as both margins, since Bullet overlooks contacts of cores
 # of less than nothing (measured: of a sole of 16 × 7 cm and 1 mm, 11 of 93 pairs of a robot's shapes).
 
 LINK_MARGIN: Final = 1e-3

@@ -1,8 +1,8 @@
 """World to URDF, in the dialect that PyBullet reads: one file for each distinct tree, and a sidecar for the rest.
 
 The dialect: joints of type ``spherical``, geometries ``capsule`` and ``plane``, and a ``contact`` element in a link with its
-friction and restitution. What URDF cannot say (where a tree stands, its initial state, springs, armature, collision
-filters, solver settings) goes into the sidecar.
+friction and restitution. Data without a place in URDF (the pose of a tree, its initial state, springs, armature, collision
+filters, solver settings) are in the sidecar.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: 
 
 def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> UrdfRobot:
     """The robot that a tree is: a world link where it needs one, the bodies' links, then the links of further shapes.
-    ``base_margin``: what PyBullet keeps around hulls on the first link (m)."""
+    ``base_margin``: PyBullet's margin around hulls on the first link (m)."""
     root = bodies[0]
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
@@ -236,9 +236,7 @@ POSITION_NUMBERS = 128
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
 
 _SIDECAR = "in the sidecar, set through the engine's API"
-_COPIES = (
-    "massless links on fixed joints carry further materials and copies of shapes; who meets whom is in the sidecar"
-)
+_COPIES = "massless links on fixed joints carry further materials and copies of shapes; the filter is in the sidecar"
 
 
 class PybulletDialect(Dialect):

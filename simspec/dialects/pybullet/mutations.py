@@ -102,9 +102,9 @@ ORDER = "the order of elements that are found by name"
 DROPPED = "for a link that cannot move: PyBullet drops the mass and inertia of a fixed base"
 
 QUANTISED = 2e-2
-"""How far motion may depart where a vertex moves by less than PyBullet's whole numbers tell apart, which the read-back does not
-see. Measured: of 18 vertices moved by up to 1e-4 of their hull's extent, in any direction, motions of 600 steps with impacts
-depart by 8.3e-3 (m/s or rad/s) at most, 12 of them by less than 1e-4."""
+"""How far motion may depart where a vertex moves by less than PyBullet's whole numbers distinguish, which the read-back does
+not see. Measured: of 18 vertices moved by up to 1e-4 of their hull's extent, in any direction, motions of 600 steps with
+impacts depart by 8.3e-3 (m/s or rad/s) at most, 12 of them by less than 1e-4."""
 
 FIRST = (
     *(

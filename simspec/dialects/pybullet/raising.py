@@ -67,7 +67,7 @@ CONTACT: Final = (
 NOTHING: Final = (0.0,)
 """Size of a visual that only keeps PyBullet from showing the collision shapes."""
 LINK_MARGIN: Final = 1e-3
-"""m: what PyBullet keeps around hulls on links other than the first, whatever it is told (measured)."""
+"""m: PyBullet's margin around hulls on links other than the first, whatever the request (measured)."""
 MARGINS: Final = ("mesh", "box", "cylinder")
 """Kinds of shapes with that margin."""
 NO_LIMITS: Final = (0.0, -1.0)
@@ -138,7 +138,7 @@ class _File:
 
 
 def _is_extension(node: XmlElement, path: str) -> bool:
-    """Whether a strange element is one of PyBullet's, as simspec writes it."""
+    """Whether an unknown element is one of PyBullet's, as simspec writes it."""
     attributes: Iterable[str] = ()
     if path == "robot/link/contact":
         tags = [child.tag for child in node.children]

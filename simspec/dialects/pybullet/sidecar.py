@@ -28,7 +28,7 @@ FREE: Final = "free"
 FIXED: Final = "fixed"
 WORLD_LINK: Final = "world link"
 ROOTS: Final = (FREE, FIXED, WORLD_LINK)
-"""What the base of a tree is: its free root, its fixed root, or a link that stands for the world."""
+"""The base of a tree: its free root, its fixed root, or a link that stands for the world."""
 
 Places = Annotated[tuple[int, ...], DISTINCT]
 
@@ -48,7 +48,8 @@ class Instance:
     """One tree: the file that says it, maybe shared, where it stands, how it begins, and the names of this one.
 
     bodies, joints, shapes, layers   by body, in the order of the file's links after a world link; the layer of its own link
-    visual_only                      PyBullet lists collision shapes and visual shapes apart: of each body the places of the
+    visual_only                      PyBullet lists collision shapes and visual shapes separately: of each body the places of
+    the
                                      shapes that are only seen
     copies                           after the bodies' links: which shapes of which body a link carries, and the layer
     position, velocity               generalised coordinates of the bodies, in their order
@@ -109,7 +110,7 @@ class PybulletSidecar(Sidecar):
     restitution_threshold: float
     native_contact: bool
     frames: tuple[Frame, ...] | None = None
-    """The bodies that PyBullet is not told, parents first; None where it is told all."""
+    """The bodies that PyBullet does not receive, parents first; None where it receives all."""
     sleepers: Names | None = None
     """The free rigid bodies that may sleep; there with the setting ``sleeping`` alone."""
 
@@ -137,7 +138,7 @@ class PybulletSidecar(Sidecar):
 
 
 def _check_frames(frames: Sequence[Frame], given: set[str], kinds: Mapping[str, str]) -> None:
-    """Every frame is fixed to a body that PyBullet is told, or to a frame before it."""
+    """Every frame is fixed to a body that PyBullet receives, or to a frame before it."""
     known = set(given)
     for frame in frames:
         check_known((frame.parent,), known, f"sidecar.frames, {frame.name!r}")
@@ -148,7 +149,7 @@ def _check_frames(frames: Sequence[Frame], given: set[str], kinds: Mapping[str, 
 
 
 def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
-    """Every link with collision shapes is in one class, every class has a bit of its own and asks for such bits alone."""
+    """Every link with collision shapes is in one class, every class has a bit of its own and selects such bits alone."""
     at = "sidecar.collision_filter.classes"
     names = [name for entry in classes for name in entry.links]
     check_distinct(names, at)
@@ -198,10 +199,10 @@ def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None
     check_unit(turns, at)
 
 
-# Bodies that are nothing but frames, held beside PyBullet in trees for which it has no room.
+# Bodies that are only frames, represented outside PyBullet in trees for which it has no room.
 
 MOST_LINKS: Final = LARGE_TREE
-"""Links beside the base of one tree; copies of shapes count."""
+"""Links in addition to the base of one tree; copies of shapes count."""
 NO_LINKS: Final = f"PyBullet supports at most {MOST_LINKS} links besides the base in one tree"
 IN_SIDECAR = Refinement(
     Level.OUTSIDE,
@@ -213,7 +214,7 @@ IN_SIDECAR = Refinement(
 
 @derived
 def frames_alongside(world: World) -> frozenset[str]:
-    """The names of the bodies that PyBullet is not told: all frames of the trees that are too large for it."""
+    """The names of the bodies that PyBullet does not receive: all frames of the trees that are too large for it."""
     large = {body.name for bodies in trees(world).values() if len(bodies) > MOST_LINKS for body in bodies}
     return bare_frames(world) & large
 

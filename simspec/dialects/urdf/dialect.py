@@ -1,8 +1,8 @@
 """World to plain URDF and a sidecar, for engines that read the language as it is and have no dialect of their own.
 
-One file for each distinct tree. What URDF cannot say goes into the sidecar (:class:`UrdfSidecar`): gravity, timestep, initial
-state, springs, armature, shapes that the language lacks, contact and its filters. Which of it an engine can have, the engine's
-own ``SUPPORT`` says. Ball joints have no place in either: they are refused.
+One file for each distinct tree. Data without a place in URDF are in the sidecar (:class:`UrdfSidecar`): gravity, timestep,
+initial state, springs, armature, shapes that the language lacks, contact and its filters. Which of it an engine can have, the
+engine's own ``SUPPORT`` says. Ball joints have no place in either: they are refused.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class UrdfDialect(Dialect):
             gravity=world.physics.gravity,
             timestep=world.physics.timestep,
             instances=tuple(instances),
-            beside=tuple(
+            alongside=tuple(
                 _sidecar_shape(body, shape)
                 for body in moved.bodies
                 for shape in body.shapes
@@ -138,7 +138,7 @@ def _sidecar_shape(body: Body, shape: Shape) -> SidecarShape:
 
 
 def _numbers(world: World, plan: ContactPlan) -> Iterator[Numbers]:
-    """What the shapes of each material hold, in the one layer that there is."""
+    """The surface of the shapes of each material, in the single layer."""
     for material in world.contact.materials:
         (layer,) = plan.layers(material.name)
         surface = plan.numbers[material.name, layer]
@@ -153,7 +153,7 @@ def _numbers(world: World, plan: ContactPlan) -> Iterator[Numbers]:
 
 
 def _pairs(world: World, plan: ContactPlan) -> Iterator[ShapePair]:
-    """The pairs of shapes whose law no numbers of materials give."""
+    """The pairs of shapes whose law no values of materials express."""
     laws = meeting_laws(world)
     wanted = plan.missed if plan.explicit is None else plan.explicit
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}

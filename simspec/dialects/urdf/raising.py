@@ -59,7 +59,7 @@ def raised(document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
             raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
     check_meshes(document)
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
-    alongside = {entry.shape: entry for entry in sidecar.beside}
+    alongside = {entry.shape: entry for entry in sidecar.alongside}
     first: dict[str, Instance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
@@ -108,7 +108,7 @@ class _Tree:
         first: Instance,
         instance: Instance,
         surfaces: Mapping[str, Surface],
-        beside: Mapping[str, SidecarShape],
+        alongside: Mapping[str, SidecarShape],
     ):
         links = robot.links if instance.free else robot.links[1:]
         if [link.name for link in links] != list(first.bodies) or robot.root != first.root_link:
@@ -122,7 +122,7 @@ class _Tree:
         self._links, self._first, self._instance, self._meshes = links, first, instance, meshes
         self._joints = {joint.child: joint for joint in robot.joints}
         self._name_of = dict(zip(first.bodies, instance.bodies, strict=True))
-        self._surfaces, self._alongside = surfaces, beside
+        self._surfaces, self._alongside = surfaces, alongside
 
     def bodies(self) -> list[Body]:
         """In the order of the file."""

@@ -6,7 +6,7 @@ An engine's process imports this module; it needs numpy only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from simspec.dialects.kit.joints import (
@@ -101,7 +101,7 @@ class ShapePair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfSidecar(Sidecar):
-    """What an engine that reads plain URDF is told beside the files.
+    """Input of an engine that reads plain URDF, in addition to the files.
 
     A limit of 1e9 (``formats/urdf/robots.py``, UNLIMITED) in a file stands for none: URDF demands one.
     """
@@ -111,7 +111,7 @@ class UrdfSidecar(Sidecar):
     timestep: float
     """s."""
     instances: tuple[Instance, ...]
-    beside: tuple[SidecarShape, ...]
+    alongside: tuple[SidecarShape, ...] = field(metadata={"key": "beside"})
     springs: tuple[Spring, ...]
     armature: tuple[Armature, ...]
     materials: tuple[Numbers, ...]
@@ -150,14 +150,14 @@ class UrdfSidecar(Sidecar):
         used = {name for instance in self.instances for names in instance.materials for name in names}
         check_known(used, materials, "sidecar.instances, materials")
         check_known({name for pair in self.pairs for name in (pair.first, pair.second)}, shapes, "sidecar.pairs")
-        check_distinct((entry.shape for entry in self.beside), "sidecar.beside")
+        check_distinct((entry.shape for entry in self.alongside), "sidecar.beside")
         local = {
             shape: body
             for instance in self.instances
             for body, names in zip(instance.bodies, instance.shapes, strict=True)
             for shape in names
         }
-        for index, entry in enumerate(self.beside):
+        for index, entry in enumerate(self.alongside):
             at = f"sidecar.beside.{index}"
             check_known((entry.kind,), SIDECAR_KINDS, at)
             if local.get(entry.shape) != entry.body:

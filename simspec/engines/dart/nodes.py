@@ -114,7 +114,7 @@ class Nodes:
             shape.getDynamicsAspect().getFrictionCoeff() for node in nodes for shape in collision_nodes(node)
         )
 
-    def apart(self) -> Iterator[tuple[Any, Any]]:
+    def excluded_pairs(self) -> Iterator[tuple[Any, Any]]:
         """The pairs of nodes that must not touch; a pair may come twice."""
         sidecar = self._sidecar
         of = dict(zip(self.names, self._of, strict=True))
@@ -128,7 +128,7 @@ class Nodes:
         for item, other in bodies:
             yield from ((a, b) for a in of[item] for b in of[other])
         classes = {name: [self._nodes[node] for node in class_] for name, class_ in sidecar.filter.classes.items()}
-        for first, second in sidecar.filter.apart:
+        for first, second in sidecar.filter.excluded:
             if first == second:
                 class_ = classes[first]
                 yield from ((node, other) for index, node in enumerate(class_) for other in class_[index + 1 :])

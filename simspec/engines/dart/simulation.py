@@ -189,7 +189,7 @@ class Simulation:
             skeleton.enableAdjacentBodyCheck()
         # the option is a copy, the filter in it is the solver's own (measured)
         add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
-        for node, other in self.nodes.apart():
+        for node, other in self.nodes.excluded_pairs():
             self.excluded.append((node.getName(), other.getName()))
             add(node, other)
 

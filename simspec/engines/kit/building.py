@@ -98,7 +98,7 @@ class Walk:
         )
         copies = [(shape, copy) for shape in shapes for copy in shape.shape.copies]
         names = {body.name: row for row, body in enumerate(document.bodies)}
-        pairs = {(min(names[a], names[b]), max(names[a], names[b])) for a, b in document.apart.bodies}
+        pairs = {(min(names[a], names[b]), max(names[a], names[b])) for a, b in document.excluded.bodies}
         return cls(
             document,
             tuple(bodies),
@@ -106,7 +106,7 @@ class Walk:
             tuple(Unit(number, shape, copy) for number, (shape, copy) in enumerate(copies)),
             tuple(sorted(pairs)),
             {frozenset((name, other)): layer for name, other, layer in document.meets},
-            frozenset(frozenset(pair) for pair in document.apart.groups),
+            frozenset(frozenset(pair) for pair in document.excluded.groups),
         )
 
     @property

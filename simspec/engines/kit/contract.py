@@ -196,7 +196,7 @@ class Engine(ProvenEngine):
     the files (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error
     everywhere."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
-    """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
+    """Packages of Python, of other engines, that may not be in its process, each with the reason."""
     PRECISION: ClassVar[str] = DOUBLE
     """The numbers that it computes with, ``double`` or ``single``: tolerances of proofs, and the size of what noise is measured
     by, follow from it."""

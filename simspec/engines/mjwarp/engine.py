@@ -163,8 +163,8 @@ MOST_WARNINGS = 10
 # finite on another. *Measured* at 1 ms, MuJoCo Warp 4.0.0 on processors of Intel and AMD:
 #
 # - Under the pyramid a box with friction that is pushed.
-# - Under the elliptic cone a free body of which the first part weighs nothing, and the parts that are fixed to it 1.1 kg: it
-#   lands on a box with 3 m/s and is no number 0.1 s later, with a hinge on it or without; not where the first part weighs 0.5
+# - Under the elliptic cone a free body with a massless first part, and 1.1 kg of parts that are fixed to it: it
+#   lands on a box with 3 m/s and is NaN 0.1 s later, with a hinge on it or without; not where the first part weighs 0.5
 #   kg, not without friction.
 # - Torsional friction without rolling friction (contacts of four rows), of 1 to 100 mm, μ = 0.2 to 1: a ball that lands, at an
 #   impratio of 1e4 and more, on AMD; at 1000 all probes of L5 are met. With rolling friction (six rows) they are met at 1e5,

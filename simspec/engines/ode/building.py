@@ -83,7 +83,7 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_frames": (None, (Pointer, Numbers, Numbers)),
     "sim_accelerate": (Integer, (Pointer, Numbers, Numbers)),
     "sim_energy": (None, (Pointer, Numbers)),
-    "sim_apart": (Integer, (Pointer, Integer, Integer)),
+    "sim_excluded": (Integer, (Pointer, Integer, Integer)),
     "sim_touching": (Integer, (Pointer, Integers, Integer)),
     "sim_points": (None, (Pointer, Integers, Numbers)),
     "sim_contact": (None, (Pointer, Integer)),
@@ -245,7 +245,7 @@ class Built:
             for solid in walk.shapes:
                 self._shape(solid)
             self._laws(sidecar)
-            for name, other in document.apart.groups:
+            for name, other in document.excluded.groups:
                 library.sim_ignore(self.sim, self.groups.index(name), self.groups.index(other))
             keys = walk.excluded_keys().tolist()
             library.sim_exclude(self.sim, (ctypes.c_longlong * max(1, len(keys)))(*keys), len(keys))

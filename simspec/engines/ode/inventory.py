@@ -164,7 +164,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     for first, second, law in read_laws(sim):
         found[f"law.{first}.{second}.softness"] = tuple(law[5:7])
     names = [f"{name}.0" for _, name in sim.units()]  # of carriers, all in one layer
-    return found | excluded_carriers(names, lambda index, other: bool(lib.sim_apart(sim.sim, index, other)))
+    return found | excluded_carriers(names, lambda index, other: bool(lib.sim_excluded(sim.sim, index, other)))
 
 
 def neutral(sim: Simulation) -> dict[str, EngineValue]:

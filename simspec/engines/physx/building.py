@@ -205,7 +205,7 @@ class Built:
         """The filter of every unit."""
         try:
             first = kinds(self.walk.kinds, self.walk.meet)
-            last = exclusions(self.walk.document.apart.bodies)
+            last = exclusions(self.walk.document.excluded.bodies)
         except ValueError as error:
             raise EngineError(NAME, str(error)) from error
         return [(*first[unit.kind], *last.get(unit.of.owner.body.name, (0, 0))) for unit in self.walk.units]

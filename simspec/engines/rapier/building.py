@@ -74,7 +74,7 @@ class Laws:
         for law in laws:
             row = (law.friction, law.restitution, law.restitution_threshold)
             self.table[law.first, law.second] = self.table[law.second, law.first] = row
-        self._ignored = {frozenset(pair) for pair in walk.document.apart.groups}
+        self._ignored = {frozenset(pair) for pair in walk.document.excluded.groups}
         self._excluded = set(walk.excluded)
         used = set(self.materials)
         rows = {row for pair, row in self.table.items() if set(pair) <= used}

@@ -21,14 +21,14 @@ from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 
 class LossFate(StrEnum):
-    """What becomes of something that a spec says and a file of the format does not."""
+    """The fate of a quantity that a spec states and a file of the format does not."""
 
     LEFT_OUT = "left out"
     """It is not in the files."""
     APPROXIMATED = "approximated"
     """Something else stands in the files, nearly the same."""
     ALONGSIDE = "beside"
-    """It stands in a file of simspec's own beside them, which no tool reads."""
+    """It stands in an additional file of simspec, which no tool reads."""
     PLACEHOLDER = "placeholder"
     """The format demands a value where the spec has none; one stands there that never acts."""
 
@@ -39,7 +39,7 @@ FATES: Final[Mapping[Level, LossFate]] = {
     Level.OUTSIDE: LossFate.LEFT_OUT,
     Level.UNSUPPORTED: LossFate.LEFT_OUT,
 }
-"""What becomes of a feature that a format has at this level."""
+"""The fate of a feature that a format has at this level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Loss:
 
     @property
     def of_the_model(self) -> bool:
-        """Whether bodies, joints or shapes are not what the spec says; what else is lost belongs to the scene around them."""
+        """Whether bodies, joints or shapes are not what the spec says; other losses belong to the scene around them."""
         return self.fate in (LossFate.LEFT_OUT, LossFate.APPROXIMATED) and any(
             path.startswith("bodies.") for path in self.paths
         )
@@ -68,7 +68,7 @@ class Plain:
 
 
 def losses(world: World, table: Table, more: Iterable[Loss] = ()) -> tuple[Loss, ...]:
-    """What a format with this table does not carry of a world, in the order of the features; then ``more``."""
+    """Losses of a world in a format with this table, in the order of the features; then ``more``."""
     lost = []
     for need in needs(world, world.contact.pairs):
         support = table[need.feature].in_world(world)
@@ -82,8 +82,8 @@ class Format:
 
     NAME: ClassVar[str]
     SUPPORT: ClassVar[Table]
-    """What files of the language carry of each feature, whoever reads them. ``via_api`` = it stands beside them, in a file of
-    simspec's own. For plain files; dialects have tables of their own."""
+    """Support of files of the language for each feature, for any reader. ``via_api`` = it stands in an additional file of
+    simspec. For plain files; dialects have separate tables."""
     PROFILES: ClassVar[tuple[str, ...]] = ()
     """Names of the ways in which the same plain files can be laid out, the default first."""
 

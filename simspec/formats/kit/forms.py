@@ -61,13 +61,13 @@ class Alternatives:
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """Objects of different fields, told apart by the text of their field ``KIND``: the form of each."""
+    """Objects of different fields, distinguished by the text of their field ``KIND``: the form of each."""
 
     forms: Mapping[str, Any]
 
 
 KIND = "kind"
-"""The field that tells the members of a union of dataclasses apart; its annotation is ``Literal``."""
+"""The field that distinguishes the members of a union of dataclasses; its annotation is ``Literal``."""
 
 DISTINCT = "distinct"
 """In annotations of lists no two values of which may be alike: ``Annotated[tuple[str, ...], DISTINCT]``."""
@@ -83,7 +83,7 @@ KINDS_OF_FORMS: Mapping[type, tuple[type, str]] = {
     dict: (dict, "an object"),
     Variants: (dict, "an object"),
 }
-"""What a value of a form is in JSON."""
+"""JSON types of the values of a form, by class and in words."""
 
 
 def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
@@ -135,7 +135,7 @@ def form_of(kind: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind, include_extras=True)
         return {
-            f"{field.name}{'?' if field.default is None else ''}": form_of(
+            f"{_key_of(field)}{'?' if field.default is None else ''}": form_of(
                 _without_none(hints[field.name]) if field.default is None else hints[field.name]
             )
             for field in dataclasses.fields(kind)
@@ -166,7 +166,8 @@ def typed(kind: Any, value: Any) -> Any:
     """The value of an annotation that plain data of its form stands for."""
     if dataclasses.is_dataclass(kind):
         hints = _hints(kind)  # type: ignore[arg-type]
-        return kind(**{name: typed(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
+        names = {_key_of(field): field.name for field in dataclasses.fields(kind)}
+        return kind(**{names[key]: typed(hints[names[key]], item) for key, item in value.items()})  # type: ignore[operator]
     origin, items = typing.get_origin(kind), typing.get_args(kind)
     if origin is tuple:
         kinds = [items[0]] * len(value) if len(items) == 2 and items[1] is Ellipsis else items
@@ -184,7 +185,7 @@ def plain(value: Any) -> Any:
     """The inverse of :func:`typed`: a field whose default is None is left out where it is None."""
     if dataclasses.is_dataclass(value):
         return {
-            field.name: plain(item)
+            _key_of(field): plain(item)
             for field in dataclasses.fields(value)
             if (item := getattr(value, field.name)) is not None or field.default is not None
         }
@@ -193,6 +194,12 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: plain(item) for name, item in value.items()}
     return to_plain(value)
+
+
+def _key_of(field: dataclasses.Field[Any]) -> str:
+    """The key of a field in plain data: its name, or ``key`` of its metadata."""
+    key: str = field.metadata.get("key", field.name)
+    return key
 
 
 @functools.cache

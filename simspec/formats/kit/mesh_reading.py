@@ -97,7 +97,7 @@ MOST_VERTICES: Final = 80_000
 """Of one hull: four times as many as a spec's may have, since that of the same faces moved inwards has so many corners where no
 four planes meet in a point."""
 BENT: Final = 1e-9
-"""Share of a hull's extent by which a vertex may stand out of the plane of the triangle beside it."""
+"""Share of a hull's extent by which a vertex may stand out of the plane of the adjacent triangle."""
 ROUND_OFF: Final = 1e-14
 """Of a product of two edges, relative to the extent squared: it decides over the plane of a sliver."""
 
@@ -181,7 +181,7 @@ def _parsed(content: bytes, file: str) -> tuple[Array, Indices]:
 
 
 def _fault(vertices: Array, faces: Indices) -> str:
-    """What is wrong with a hull; "" nothing."""
+    """The fault of a hull; "" none."""
     count = len(vertices)
     if not 4 <= count <= MOST_VERTICES:
         return f"{count} vertices, should be 4 to {MOST_VERTICES:,}"

@@ -52,10 +52,10 @@ _NUMBER_LIST = re.compile(r'\[[^\[\]{}"]*\]')
 def json_text(content: Any) -> str:
     """JSON as text: sorted keys, two spaces, short lists of numbers on one line, newline at the end."""
     text = json.dumps(to_plain(content), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    return _NUMBER_LIST.sub(_on_one_line, text) + "\n"
+    return _NUMBER_LIST.sub(_joined_line, text) + "\n"
 
 
-def _on_one_line(numbers_found: re.Match[str]) -> str:
+def _joined_line(numbers_found: re.Match[str]) -> str:
     return "[" + ", ".join(numbers_found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
 
 
@@ -102,7 +102,7 @@ def environment() -> Any:
 # --- hulls and height fields as Wavefront OBJ with full doubles; those of equal numbers share a file ---
 
 MESHES: Final = "meshes"
-"""The folder of the files, beside those that name them."""
+"""The folder of the files, next to those that name them."""
 SUFFIX: Final = ".obj"
 DIGITS: Final = 16
 """Hexadecimal digits of the name: 64 bits of the SHA-256 of the vertices."""

@@ -25,7 +25,7 @@ MOST_DEPTH: Final = 100_000
 MOST_ATTRIBUTES: Final = 256
 """Of one element; the richest of the languages read here have some fifty."""
 LONGEST_TAG: Final = 16 * 2**20
-"""Bytes between ``<`` and ``>``, and of the texts of one element: expat holds it whole before anybody is asked."""
+"""Bytes between ``<`` and ``>``, and of the texts of one element: expat holds it whole before it calls a handler."""
 CHUNK: Final = 2**20
 
 

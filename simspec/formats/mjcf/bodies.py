@@ -118,7 +118,7 @@ def _row(body: Body, depth: int, carriers: Sequence[Body]) -> BodyRow:
 
 
 def carrier_frames(rows: Sequence[BodyRow], world: World) -> Mapping[str, Quaternion]:
-    """What stands between two joints of one body, by name: the orientation of its frame in the body's, all joints at zero."""
+    """The transform between two joints of one body, by name: the orientation of its frame in the body's, all joints at zero."""
     carriers = carried(world)
     return {
         carrier.name: frame.quaternion
@@ -144,7 +144,7 @@ SIZES: Final[Mapping[str, tuple[float, ...]]] = {
     "capsule": (1.0, 0.5),
     "ellipsoid": (1.0, 1.0, 1.0),
 }
-"""What each number of ``Shape.size`` is multiplied with: MJCF has half lengths."""
+"""The factor of each number of ``Shape.size``: MJCF has half lengths."""
 HEIGHTFIELD: Final = "heightfield"
 TYPES: Final = {HEIGHTFIELD: "hfield"}
 """The language's words for kinds of shapes that it calls otherwise."""
@@ -264,7 +264,7 @@ def dimensions(law: PairContact | Surface) -> int:
 
 
 SINGLE_NUMBER = "one number for all six coordinates: that of rotation is that of translation, in SI units"
-"""What MJCF has of damping and armature of free joints."""
+"""MJCF's support for damping and armature of free joints."""
 
 
 def single_number(name: str, world: World) -> Refinement | None:
@@ -419,7 +419,8 @@ def tendons(world: World, limited: Attributes = (), rubbed: Attributes = ()) -> 
 
 
 def _acting(joint_sum: JointSum) -> Attributes:
-    """What acts along it. The length of a fixed tendon is the sum itself, of joint positions as the file counts them."""
+    """The attributes of forces along it. The length of a fixed tendon is the sum itself, of joint positions as the file counts
+    them."""
     attributes: list[tuple[str, Value]] = [
         ("limited", joint_sum.position_limits is not None),
         ("range", joint_sum.position_limits or (0.0, 0.0)),

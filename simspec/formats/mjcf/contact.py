@@ -12,10 +12,10 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import VELOCITY_SIZE, World
 
 Kind = tuple[str, str]
-"""What decides whom a shape may touch: the collision group of its body, and its material."""
+"""The properties that decide which shapes a shape may touch: the collision group of its body, and its material."""
 
 FILTER_BITS = 31
-"""Kinds of shapes that ``contype`` and ``conaffinity`` can tell apart (the sign bit left alone)."""
+"""Kinds of shapes that ``contype`` and ``conaffinity`` can distinguish (the sign bit left alone)."""
 
 
 def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[str, str]]]:
@@ -109,7 +109,7 @@ GROUND_POINTS: Final = 50
 POINT_BYTES: Final = 700
 """Of a contact (mjContact, 600 bytes in version 4, and its places in lists)."""
 ROW_BYTES: Final = 300
-"""Of a constraint row beside its Jacobian: 14 numbers and their copies for the solver."""
+"""Of a constraint row in addition to its Jacobian: 14 numbers and their copies for the solver."""
 ENTRY_BYTES: Final = 48
 """Of a number of the Jacobian: value and column (12), in the Jacobian, its transpose, and the solver's copies of both."""
 PAIR_BYTES: Final = 4
@@ -122,7 +122,7 @@ within a layer, n ** (2/3) of them. 1,000 measured, in piles of 216 and 1,000 ba
 
 MOST_FACTOR: Final = 4 * 2**30
 """Bytes that are reserved for that factor at most: a machine refuses to reserve more than it has. A pile of 10,000 balls would
-take 4.6 GB; what is larger is solved by other solvers (``solver: cg``), or takes a size of its own (``arena``)."""
+take 4.6 GB; larger systems are solved by other solvers (``solver: cg``), or takes a size of its own (``arena``)."""
 
 
 def arena_megabytes(world: World, newton: bool = True) -> int | None:

@@ -132,7 +132,7 @@ SUPPORT: Final[Table] = {
         "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
     ),
 }
-"""What plain MJCF carries of each feature."""
+"""Support of plain MJCF for each feature."""
 
 
 def model_and_losses(world: World) -> tuple[MjcfModel, tuple[Loss, ...]]:
@@ -198,7 +198,7 @@ def _check(world: World) -> None:
 
 
 def _more(world: World, unlike_rule: list[Pair]) -> Iterator[Loss]:
-    """What is lost of this world only."""
+    """Losses of this world only."""
     no_effort = tuple(
         f"bodies.{body.name}.joint.limits.effort" for body in world.bodies if body.joint.effort_limit == 0
     )
@@ -393,7 +393,7 @@ def _events(bodies: tuple[MjcfBody, ...]) -> Iterator[tuple[str, MjcfBody | None
         raise ValueError(f"the body {bodies[0].name!r} is the first and stands in another")
     for body, after in zip(bodies, following, strict=True):
         if not 0 <= after <= body.depth + 1:
-            raise ValueError(f"what follows the body {body.name!r} stands in {after} bodies, of which one is not there")
+            raise ValueError(f"the bodies after {body.name!r} stand in {after} bodies, of which one is missing")
         yield indents[min(body.depth, DEEPEST_INDENT - 1)], body
         for level in range(body.depth, after - 1, -1):
             yield indents[min(level, DEEPEST_INDENT - 1)], None

@@ -68,10 +68,11 @@ CHILDREN: Final[Mapping[str, frozenset[str]]] = {
     "sensor": _SENSORS,
     "keyframe": _words("key"),
 }
-"""What may stand in each element, ``include`` aside, which may stand anywhere. Elements that are not here hold none."""
+"""Elements that may stand in each element, ``include`` aside, which may stand anywhere. Elements that are not here hold
+none."""
 
 ACTUATOR: Final = "actuator"
-"""In a class of defaults: what all actuators share, of whichever kind it was said."""
+"""In a class of defaults: the common attributes of all actuators, of whichever kind they are stated."""
 ACTUATOR_ATTRIBUTES: Final = _words(
     "group nsample interp delay ctrllimited forcelimited actlimited ctrlrange forcerange actrange lengthrange gear "
     "cranklength user joint jointinparent tendon cranksite slidersite site refsite body armature damping"
@@ -123,7 +124,7 @@ class MjcfItem:
         return self.element.tag
 
     @property
-    def own(self) -> Mapping[str, str]:
+    def stated(self) -> Mapping[str, str]:
         """The attributes that it states itself."""
         return self.element.attributes
 
@@ -196,22 +197,22 @@ class MjcfDocument:
     """The name of the outermost class, which all others take over."""
     classes: Mapping[str, MjcfClass]
     world: tuple[MjcfItem, ...]
-    """What stands in the world itself, bodies aside."""
+    """Elements in the world itself, bodies aside."""
     bodies: tuple[MjcfBodyItem, ...]
     """Depth first, as in the file."""
     sections: Mapping[str, tuple[MjcfItem, ...]]
-    """What stands in each other section (``contact``, ``actuator``, ``keyframe``, ``asset``, …), in order."""
+    """Elements in each other section (``contact``, ``actuator``, ``keyframe``, ``asset``, …), in order."""
     includes: tuple[XmlElement, ...]
     """References to other files, which are not read: where there is one, what it holds is missing here."""
     missing_classes: frozenset[str]
-    """Classes that are asked for and are not here: only where there are includes."""
+    """Classes that are referenced and missing: only where there are includes."""
     unknown: tuple[XmlElement, ...]
     """Elements of names that the language, as known here, does not have there; they stay in ``root`` and in their place."""
     meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
 
     def section(self, name: str) -> tuple[MjcfItem, ...]:
-        """What stands in a section; nothing where it is not there."""
+        """Elements in a section; none where it is missing."""
         return self.sections.get(name, ())
 
 
@@ -235,7 +236,7 @@ class MjcfClasses:
         self._together: dict[tuple[int, ...], Mapping[str, str]] = {}
         self._open = any(element.tag == "include" for element in root.walk())
         self.missing: set[str] = set()
-        """Names that are asked for and not there; only where the file includes others."""
+        """Names that are referenced and missing; only where the file includes others."""
         outermost = root.all("default")
         names = [element.attributes["class"] for element in outermost if "class" in element.attributes]
         self.main = names[0] if names else MAIN
@@ -290,7 +291,7 @@ class MjcfClasses:
         resolved = dict(outer)
         for child in children:
             parts: dict[str, dict[str, str]] = {child.tag: dict(child.attributes)}
-            if child.tag in ACTUATORS:  # what is not of one kind alone holds for all
+            if child.tag in ACTUATORS:  # attributes that are not of one kind alone hold for all
                 parts = {ACTUATOR: {}, child.tag: {}}
                 for name, value in child.attributes.items():
                     parts[ACTUATOR if name in ACTUATOR_ATTRIBUTES else child.tag][name] = value
@@ -328,7 +329,7 @@ MERGED: Final = ("compiler", "option", "size", "statistic", "default", "worldbod
 
 
 def read_document(path: Path) -> MjcfDocument:
-    """The document of an MJCF file; what it includes is not read.
+    """The document of an MJCF file; included files are not read.
 
     Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no MJCF.
     """
@@ -391,7 +392,7 @@ class _Reader:
     # --- bodies ---------------------------------------------------------------------------------------------------
 
     def _bodies(self) -> tuple[tuple[MjcfItem, ...], tuple[MjcfBodyItem, ...]]:
-        """What stands in the world itself, and all bodies, depth first."""
+        """Elements in the world itself, and all bodies, depth first."""
         world: list[MjcfItem] = []
         bodies: list[tuple[MjcfItem, int | None, list[MjcfItem]]] = []
         # (element, its body's place, class that holds there, frame around it)
@@ -419,7 +420,7 @@ class _Reader:
 
 
 def _unknown(root: XmlElement) -> Iterator[XmlElement]:
-    """Elements that the language does not have where they stand; what is in them is theirs, and not looked at."""
+    """Elements that the language does not have where they stand; their content is not checked."""
     waiting = [(root, True)]
     while waiting:
         element, is_known = waiting.pop()

@@ -1,4 +1,4 @@
-"""What is written: a model of the MJCF language as plain values, which ``templates/mjcf/`` prints in this order.
+"""The written tree: a model of the MJCF language as plain values, which ``templates/mjcf/`` prints in this order.
 
 Frames and units are the language's (m, kg, s, and rad where ``compiler`` says so): a body's frame is in its parent's, a
 joint's and a shape's in their body's; quaternions are w x y z; lengths of shapes are halved where the language wants that.

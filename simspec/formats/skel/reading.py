@@ -1,4 +1,5 @@
-""".skel files as documents: what a file does not state is None, not a default of a program. No code of the writer is used."""
+""".skel files as documents: a value that a file does not state is None, not a default of a program. No code of the writer is
+used."""
 
 from __future__ import annotations
 
@@ -151,7 +152,7 @@ class SkelDocument:
 
 
 def unknown_parts(document: SkelDocument) -> Iterator[str]:
-    """What the file has beyond ``LANGUAGE``: elements and attributes that no typed part holds, each with file and line."""
+    """Parts of the file beyond ``LANGUAGE``: elements and attributes that no typed part holds, each with file and line."""
     for element in document.item.walk():
         attributes, children = LANGUAGE.get(element.tag, ((), {}))
         for name in element.attributes:
@@ -190,8 +191,8 @@ def document_of(root: XmlElement, file: str) -> SkelDocument:
 
 
 def without_visual_shapes(text: str) -> tuple[str, bool]:
-    """A file's text without its visual shapes, and whether there were any. What is no XML is left as it is, for its reader to
-    refuse."""
+    """A file's text without its visual shapes, and whether there were any. A text that is no XML is left unchanged, for its
+    reader to refuse."""
     try:
         tree = ElementTree.fromstring(text)
     except ElementTree.ParseError:

@@ -116,7 +116,7 @@ SUPPORT: Final[Table] = {
 
 def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robots, str]:
     """The robots by file, in one of ``PROFILES``, and the text of ``placement.json``: of each tree the file, whether its root
-    is free, how it begins, and its own names of links and joints beside those in the file, which equal trees share."""
+    is free, how it begins, and its own names of links and joints in addition to those in the file, which equal trees share."""
     files = RobotFiles({PLACEMENT})
     first: dict[str, tuple[Body, ...]] = {}
     placed = []

@@ -1,4 +1,4 @@
-"""URDF files as documents, each part with its element and line. What a file does not state is None, not a default.
+"""URDF files as documents, each part with its element and line. A value that a file does not state is None, not a default.
 
 It shares no code with the templates that write, nor with an engine.
 """
@@ -64,7 +64,7 @@ WRITTEN: Final[Language] = {
     tag: (attributes, {name: how for name, how in elements.items() if f"{tag}/{name}" not in UNWRITTEN})
     for tag, (attributes, elements) in LANGUAGE.items()
 }
-"""The part of the language that simspec writes; what else stands in a file of simspec's, somebody has added."""
+"""The part of the language that simspec writes; other elements in a file of simspec were added later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,8 @@ class UrdfDocument:
 
 @dataclass(frozen=True, slots=True)
 class UnknownPart:
-    """What is not of the language: an element, or an attribute (``name``) of one; ``path``: the tags from the root to it."""
+    """A part that is not of the language: an element, or an attribute (``name``) of one; ``path``: the tags from the root to
+    it."""
 
     node: XmlElement
     path: str
@@ -338,7 +339,7 @@ def _joint(node: XmlElement) -> UrdfJointNode:
     )
 
 
-# --- documents in the world's types; what is absent has the default of the language: no rotation, no offset, the axis x ---
+# --- documents in the world's types; absent values have the default of the language: no rotation, no offset, the axis x ---
 
 Size = tuple[str, tuple[float, ...]]
 """The kind of a shape, and its size as in :class:`simspec.world.types.Shape`."""

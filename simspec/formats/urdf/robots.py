@@ -216,7 +216,7 @@ KINDS: Final = (*GEOMETRY, "mesh")
 
 
 UNLIMITED: Final = 1e9
-"""What stands where the language demands a limit, and the world has none."""
+"""The value written where the language demands a limit, and the world has none."""
 WORLD_LINK: Final = "world"
 """The link without mass that stands for the world, where a tree is fixed to it."""
 
@@ -287,9 +287,9 @@ class RobotFiles:
         self._taken = taken
         self._file_of: dict[Hashable, str] = {}
 
-    def add(self, robot: UrdfRobot, apart: Hashable = None) -> str:
-        """The name of the file that holds ``robot``, or one like it with the same ``apart``."""
-        key = (nameless(robot), apart)
+    def add(self, robot: UrdfRobot, variant: Hashable = None) -> str:
+        """The name of the file that holds ``robot``, or one like it with the same ``variant``."""
+        key = (nameless(robot), variant)
         file = self._file_of.get(key)
         if file is None:
             file = self._file_of[key] = self._file_name(robot.name)

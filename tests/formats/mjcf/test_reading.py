@@ -53,7 +53,7 @@ def test_classes_hold_down_the_tree_until_others_do():
     }
     assert all(item.text("margin") == "0.1" for item in geoms.values())
     assert geoms["two"].text("group") == "2"
-    assert geoms["two"].own == {"name": "two", "class": "inner", "group": "2"}
+    assert geoms["two"].stated == {"name": "two", "class": "inner", "group": "2"}
     assert document.bodies[2].all("joint")[0].text("damping") == "2"
     assert not document.bodies[1].all("freejoint")[0].values
     assert document.classes["inner"].parent == "outer"

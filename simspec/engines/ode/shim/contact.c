@@ -9,7 +9,7 @@ static int by_key(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-int apart(Sim *s, const Shape *one, const Shape *two) {
+int excluded(Sim *s, const Shape *one, const Shape *two) {
   const Body *a = s->body + one->body, *b = s->body + two->body;
   if (a->rigid == b->rigid) return 1; /* of one rigid group, or both still */
   if (!s->law[one->material * s->materials + two->material].collide) return 1;
@@ -23,7 +23,7 @@ int apart(Sim *s, const Shape *one, const Shape *two) {
 static void near(void *data, dGeomID one, dGeomID two) {
   Sim *s = data;
   Shape *a = dGeomGetData(one), *b = dGeomGetData(two);
-  if (apart(s, a, b)) return;
+  if (excluded(s, a, b)) return;
   if (s->points + MOST_POINTS > s->room) {
     s->room = 2 * s->room + MOST_POINTS;
     s->point = realloc(s->point, s->room * sizeof(Point));
@@ -190,7 +190,7 @@ void slips(Sim *s) {
   }
 }
 
-int sim_apart(Sim *s, int one, int two) { return apart(s, s->shape[one], s->shape[two]); }
+int sim_excluded(Sim *s, int one, int two) { return excluded(s, s->shape[one], s->shape[two]); }
 
 /* Pairs of shapes that touch at the present state: their number; of those that fit into pairs (room, 2) which. */
 int sim_touching(Sim *s, int *pairs, int room) {

@@ -101,7 +101,7 @@ double length(const double *x);
 int across(const double *n, const double *x, double *t);
 int direction(const Sim *s, const Point *p, double *t);
 int rubs(const Sim *s, const Law *law);
-int apart(Sim *s, const Shape *one, const Shape *two);
+int excluded(Sim *s, const Shape *one, const Shape *two);
 
 /* passes.c */
 void force_on_first(const Point *p, double *f);
