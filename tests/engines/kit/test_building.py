@@ -52,7 +52,7 @@ def _document(*bodies: JsonBody) -> JsonWorld:
         friction_cone="elliptic",
         bodies=bodies,
         meets=(("m", "m", 0), ("m", "n", 1)),
-        apart=Excluded((("c", "a"),), (("g", "ignored"),)),
+        excluded=Excluded((("c", "a"),), (("g", "ignored"),)),
     )
 
 

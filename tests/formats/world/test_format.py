@@ -92,7 +92,7 @@ DOCUMENT = JsonWorld(
         ),
     ),
     meets=(("ice", "ice", 0),),
-    apart=Excluded((("arm", "base"),), (("default", "stones"),)),
+    excluded=Excluded((("arm", "base"),), (("default", "stones"),)),
 )
 
 
