@@ -72,7 +72,7 @@ def packages(tmp_path, monkeypatch):
         (
             {"toy_core": "2.0", "toy_oracle": "3.1"},
             State.OTHER_VERSION,
-            ["toy-core 2.0 is installed: simspec-physics[toy] asks"],
+            ["toy-core 2.0 is installed: simspec-physics[toy] requires"],
         ),
         ({"toy_core": "unknown", "toy_oracle": "3.1"}, State.OTHER_VERSION, ["toy-core unknown is installed"]),
         ({"toy_core": "1.2", "toy_oracle": "2"}, State.OTHER_VERSION, ["toy-oracle 2 is installed"]),

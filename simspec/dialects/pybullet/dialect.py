@@ -236,7 +236,9 @@ POSITION_NUMBERS = 128
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
 
 _SIDECAR = "in the sidecar, set through the engine's API"
-_COPIES = "massless links on fixed joints carry further materials and copies of shapes; the filter is in the sidecar"
+_COPIES = (
+    "massless links on fixed joints carry further materials and copies of shapes; who meets whom is in the sidecar"
+)
 
 
 class PybulletDialect(Dialect):

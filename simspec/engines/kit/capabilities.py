@@ -35,13 +35,13 @@ MEANING: Mapping[Capability, str] = {
     Capability.MASS_MATRIX: "gives the mass matrix at a state",
     Capability.BIAS_FORCE: "gives the bias force (Coriolis, centrifugal, gravity) at a state",
     Capability.ENERGY: "gives kinetic and potential energy at a state",
-    Capability.CONTACTS: "reports the contacts of its last step: bodies, positions, directions and forces",
-    Capability.INVENTORY: "reads back all of its data that can act, in addition to the world's fields",
-    Capability.PAIR_DETECTION: "reports the pairs of shapes or bodies that touch at a state, without a step",
+    Capability.CONTACTS: "tells the contacts of its last step: which bodies, where, in which direction and how hard",
+    Capability.INVENTORY: "reads back everything that it holds and that can act, beside the world's own fields",
+    Capability.PAIR_DETECTION: "tells which pairs of shapes or bodies touch at a state, without a step",
     Capability.CONTACT_OFF: "steps without any contact",
     Capability.DRY_FRICTION_OFF: "steps without the dry friction of chosen joints",
     Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
-    Capability.FOREIGN_FILES: "loads files of other languages as its users do, and reads back the model",
+    Capability.FOREIGN_FILES: "loads files of other languages as its users do, and tells what it holds of them",
 }
 
 METHODS: Mapping[Capability, tuple[str, ...]] = {
