@@ -49,7 +49,7 @@ DONE["scratch"] = DONE["files"] | {"create", "create without a name", "folder", 
 
 def call(name, *arguments):
     """A system call, as OSError says what became of it."""
-    words = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
+    words = [ctypes.c_long(argument) if isinstance(argument, int) else argument for argument in arguments]
     result = LIBRARY.syscall(ctypes.c_long(NUMBERS[name]), *words)
     if result < 0:
         number = ctypes.get_errno()
@@ -84,7 +84,7 @@ def bound(family, kind, address):
         made.bind(address)
 
 
-def attempts(read, write, held):
+def attempts(read, write, pid):
     """By name."""
     known, made = os.path.join(read, "known"), os.path.join(write, "made-{}")
 
@@ -125,18 +125,18 @@ def attempts(read, write, held):
             "fork": forked,
             "exec": lambda: os.execv("/nowhere", ["nowhere"]),
             "spawn": lambda: os.posix_spawn("/nowhere", ["nowhere"], {}),
-            "kill": lambda: os.kill(held, 0),
-            "kill all": lambda: os.killpg(os.getpgid(held), 0),
-            "ptrace": lambda: call("ptrace", 0x4206, held, 0, 0),
-            "memory of another": lambda: call("process_vm_readv", held, 0, 0, 0, 0, 0),
-            "pidfd": lambda: os.close(call("pidfd_open", held, 0)),
-            "environment": lambda: open(f"/proc/{held}/environ", "rb").close(),
+            "kill": lambda: os.kill(pid, 0),
+            "kill all": lambda: os.killpg(os.getpgid(pid), 0),
+            "ptrace": lambda: call("ptrace", 0x4206, pid, 0, 0),
+            "memory of another": lambda: call("process_vm_readv", pid, 0, 0, 0, 0, 0),
+            "pidfd": lambda: os.close(call("pidfd_open", pid, 0)),
+            "environment": lambda: open(f"/proc/{pid}/environ", "rb").close(),
             "own environment": lambda: open("/proc/self/environ", "rb").close(),
             "priority": lambda: os.setpriority(os.PRIO_PROCESS, 0, 5),
             "processors": lambda: os.sched_setaffinity(0, os.sched_getaffinity(0)),
             "session": lambda: os.setsid(),
             "limit": lambda: resource.setrlimit(resource.RLIMIT_CORE, (0, 0)),
-            "limit of another": lambda: resource.prlimit(held, resource.RLIMIT_CORE, (0, 0)),
+            "limit of another": lambda: resource.prlimit(pid, resource.RLIMIT_CORE, (0, 0)),
             "user": lambda: os.setuid(os.getuid()),
             "prctl": lambda: of_library("prctl", 4, 1, 0, 0, 0),
             "personality": lambda: call("personality", 0xFFFFFFFF),
@@ -148,8 +148,8 @@ def attempts(read, write, held):
             "unix": lambda: bound(socket.AF_UNIX, socket.SOCK_STREAM, new("socket")),
             "abstract": lambda: bound(socket.AF_UNIX, socket.SOCK_STREAM, f"\0simspec-{os.getpid()}"),
             "netlink": lambda: socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0).close(),
-            "pair": lambda: [one.close() for one in socket.socketpair()],
-            "pipe": lambda: [os.close(one) for one in os.pipe()],
+            "pair": lambda: [end.close() for end in socket.socketpair()],
+            "pipe": lambda: [os.close(descriptor) for descriptor in os.pipe()],
         },
         "time": {
             "sleep": lambda: time.sleep(0.001),
@@ -216,9 +216,10 @@ def tried(function):
     return "done"
 
 
-def all_tried(read, write, held):
+def all_tried(read, write, pid):
     return {
-        kind: {name: tried(one) for name, one in some.items()} for kind, some in attempts(read, write, held).items()
+        kind: {name: tried(attempt) for name, attempt in some.items()}
+        for kind, some in attempts(read, write, pid).items()
     }
 
 

@@ -335,8 +335,10 @@ def grasp(draw: Draw) -> None:
         draw.bodies[name] = {"parent": "hand", "joint": joint, "mass": 0.3, "shapes": [pad]}
     lift: Data = {"law": "computed-torque", "joints": ["hand_joint"], "natural_frequency": 40}
     draw.more["control"] = {"lift": {**lift, "discretisation": "implicit"}}
-    fingers, still = ["left_joint", "right_joint"], {"left_joint": 0.0, "right_joint": 0.0}
-    points: list[Data] = [{"at": at, "positions": {"hand_joint": up, **still}} for at, up in ((0.1, 0.0), (0.7, rise))]
+    fingers, fingers_at_zero = ["left_joint", "right_joint"], {"left_joint": 0.0, "right_joint": 0.0}
+    points: list[Data] = [
+        {"at": at, "positions": {"hand_joint": up, **fingers_at_zero}} for at, up in ((0.1, 0.0), (0.7, rise))
+    ]
     if draw.chance(0.5):
         draw.say(f"{form}, pressed by {force:.3g} N")
         draw.more["control"]["squeeze"] = {"joints": fingers, "actuator": "effort"}

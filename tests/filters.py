@@ -154,24 +154,26 @@ def _contact(root: ElementTree.Element) -> ElementTree.Element:
     return found
 
 
-def _exclude_dropped(one: str, other: str):
+def _exclude_dropped(first: str, second: str):
     def change(root: ElementTree.Element) -> None:
-        held = _contact(root)
-        held.remove(next(e for e in held.findall("exclude") if {e.get("body1"), e.get("body2")} == {one, other}))
+        contact = _contact(root)
+        contact.remove(
+            next(e for e in contact.findall("exclude") if {e.get("body1"), e.get("body2")} == {first, second})
+        )
 
     return _xml("model.xml", change)
 
 
-def _exclude_added(one: str, other: str):
+def _exclude_added(first: str, second: str):
     def change(root: ElementTree.Element) -> None:
-        ElementTree.SubElement(_contact(root), "exclude", {"body1": one, "body2": other})
+        ElementTree.SubElement(_contact(root), "exclude", {"body1": first, "body2": second})
 
     return _xml("model.xml", change)
 
 
-def _pair_added(one: str, other: str):
+def _pair_added(first: str, second: str):
     def change(root: ElementTree.Element) -> None:
-        ElementTree.SubElement(_contact(root), "pair", {"geom1": one, "geom2": other})
+        ElementTree.SubElement(_contact(root), "pair", {"geom1": first, "geom2": second})
 
     return _xml("model.xml", change)
 
@@ -190,11 +192,11 @@ def _mask(link: str, change: Callable[[dict], None]):
     """A change of one link's group and mask alone."""
 
     def edit(content: dict) -> None:
-        held = next(entry for entry in _classes(content) if link in entry["links"])
-        held["links"].remove(link)
-        own = {**held, "links": [link]}
-        change(own)
-        _classes(content).append(own)
+        contact_class = next(entry for entry in _classes(content) if link in entry["links"])
+        contact_class["links"].remove(link)
+        separate_class = {**contact_class, "links": [link]}
+        change(separate_class)
+        _classes(content).append(separate_class)
 
     return _json(edit)
 
@@ -231,8 +233,8 @@ def _no_longer_solid(name: str):
 
     def plant(files: Files) -> dict[str, str]:
         content = json.loads(files[SIDECAR])
-        entry = next(one for one in content["shapes"] if one["name"] == name)
-        place = [one["name"] for one in content["shapes"] if one["body"] == entry["body"]].index(name)
+        entry = next(shape for shape in content["shapes"] if shape["name"] == name)
+        place = [shape["name"] for shape in content["shapes"] if shape["body"] == entry["body"]].index(name)
         root = ElementTree.fromstring(files["world.skel"])
         for copy in entry["surfaces"]:
             node = next(e for e in root.iter("body") if e.get("name") == copy["node"])

@@ -25,8 +25,13 @@ class NewerWords(Words):
         return [joint["type"] for joint in (body.get("joint"), *body.get("joints", ())) if joint]
 
     def followers(self) -> set[str]:
-        held = self.data.get("constraints", {}).values()
-        return {one["follow"][end] for one in held if "follow" in one for end in ("joint", "leader")}
+        constraints = self.data.get("constraints", {}).values()
+        return {
+            constraint["follow"][end]
+            for constraint in constraints
+            if "follow" in constraint
+            for end in ("joint", "leader")
+        }
 
     def weights(self) -> None:
         """Of whole trees, or of single bodies where none is fixed to another: what is told as one weighs alike."""
@@ -63,8 +68,8 @@ class NewerWords(Words):
                     body["joint"]["armature"] = {"linear": 0.02, "angular": 0.02}
 
     def sums(self) -> None:
-        apart = self.followers()
-        joints = [(name, joint) for name, joint, _ in self.joints() if name not in apart]
+        followers = self.followers()
+        joints = [(name, joint) for name, joint, _ in self.joints() if name not in followers]
         if len(joints) < 2 or not self.chance(0.6):
             return
         chosen = self._random.sample(joints, min(len(joints), self.one((2, 2, 3))))
@@ -99,20 +104,20 @@ class NewerWords(Words):
     def actuators(self) -> None:
         if "trajectory" in self.data or not self.chance(0.5):
             return
-        apart, named = self.followers(), []
+        followers, named = self.followers(), []
         for name, joint, _ in self.joints():
-            model, slash, own = name.rpartition("/")
-            if not slash or name in apart or "array" in self.models[model] or not self.chance(0.6):
+            model, slash, joint_name = name.rpartition("/")
+            if not slash or name in followers or "array" in self.models[model] or not self.chance(0.6):
                 continue
-            servo: Data = {"joint": own, "gear": self.one((1, 2, -1))}
+            servo: Data = {"joint": joint_name, "gear": self.one((1, 2, -1))}
             if self.chance(0.7):
                 servo |= {"kp": self.number(0.1, 2.0), "kd": self.number(0.0, 0.01), "command": self.number(-0.2, 0.2)}
             else:
                 servo |= {"law": "effort", "command": self.number(-0.1, 0.1)}
             if joint["type"] == "hinge" and self.chance(0.4):
                 servo["effort_limit"] = self.number(0.05, 1.0)
-            self.models[model].setdefault("actuators", {})[f"servo_{own}"] = servo
-            named.append(f"{model}/servo_{own}")
+            self.models[model].setdefault("actuators", {})[f"servo_{joint_name}"] = servo
+            named.append(f"{model}/servo_{joint_name}")
         if named:
             self.data.setdefault("control", {})["servos"] = {"actuators": named}
 
@@ -123,10 +128,10 @@ class NewerWords(Words):
         for index, (name, _) in enumerate(self.named()):
             if not self.chance(0.3):
                 continue
-            model, slash, own = name.rpartition("/")
+            model, slash, body_name = name.rpartition("/")
             holder = self.models[model] if slash else self.data
             holder.setdefault("frames", {})[f"mark_{index}"] = {
-                "body": own,
+                "body": body_name,
                 "pose": {"xyz": self.vector(0.2), "rpy": self.vector(1.0)},
             }
             at.append((f"{model}{slash}mark_{index}", name))

@@ -230,7 +230,7 @@ class Draw:
             if root.get("fixed") and self.chance(0.5):
                 root.pop("fixed")
                 model["fixed"] = self.chance(0.5)
-                if "mass" not in root and not any("density" in one for one in root.get("shapes", ())):
+                if "mass" not in root and not any("density" in entry for entry in root.get("shapes", ())):
                     root.update(self.mass())
             if self.chance(0.3):
                 model["array"] = {"ring": self.count(2, 3), "radius": 4.0, "face": self.chance(0.5)}

@@ -75,18 +75,21 @@ class Words:
         """All bodies that are written, with their full names; those of arrays have others, and none here ("")."""
         found = [("" if "array" in body else name, body) for name, body in self.bodies.items()]
         for name, model in self.models.items():
-            found += [("" if "array" in model else f"{name}/{body}", one) for body, one in model["bodies"].items()]
+            found += [
+                ("" if "array" in model else f"{name}/{body}", joint_body)
+                for body, joint_body in model["bodies"].items()
+            ]
         return found
 
     def named(self) -> list[tuple[str, Data]]:
         return [(name, body) for name, body in self.everywhere() if name]
 
     def root_of(self, name: str) -> str:
-        model, slash, own = name.rpartition("/")
+        model, slash, root = name.rpartition("/")
         bodies = self.models[model]["bodies"] if slash else self.bodies
-        while "parent" in bodies[own]:
-            own = bodies[own]["parent"]
-        return f"{model}{slash}{own}"
+        while "parent" in bodies[root]:
+            root = bodies[root]["parent"]
+        return f"{model}{slash}{root}"
 
     def joints(self) -> list[tuple[str, Data, str]]:
         """Hinges and slides that are alone on their body and that no controller drives: full name, data, the tree's root."""
@@ -94,8 +97,8 @@ class Words:
         found = []
         for name, body in self.named():
             joint = body.get("joint", {})
-            model, slash, own = name.rpartition("/")
-            full = f"{model}{slash}{joint.get('name', f'{own}_joint')}"
+            model, slash, body_name = name.rpartition("/")
+            full = f"{model}{slash}{joint.get('name', f'{body_name}_joint')}"
             if joint.get("type") in SCALAR and full not in driven:
                 found.append((full, joint, self.root_of(name)))
         return found
@@ -238,15 +241,15 @@ class Words:
 
     def _anchored(self, name: str) -> bool:
         """Whether a body is fixed to the world through fixed joints."""
-        model, slash, own = name.rpartition("/")
+        model, slash, ancestor = name.rpartition("/")
         bodies = self.models[model]["bodies"] if slash else self.bodies
         while True:
-            body = bodies[own]
+            body = bodies[ancestor]
             if body.get("fixed") or (slash and "parent" not in body and self.models[model].get("fixed")):
                 return True
             if "parent" not in body or body.get("joint", {}).get("type") != "fixed":
                 return False
-            own = body["parent"]
+            ancestor = body["parent"]
 
     def touch(self) -> None:
         joined = []
@@ -290,7 +293,9 @@ class Words:
             if not self.chance(0.6):
                 continue
             inner = {key: model.pop(key) for key in ("bodies", "states", "frames", "actuators") if key in model}
-            contact: Data = {"materials": {one: self.data["contact"]["materials"][one] for one in self.materials}}
+            contact: Data = {
+                "materials": {material: self.data["contact"]["materials"][material] for material in self.materials}
+            }
             if self.chance(0.6) and name not in str(self.data["contact"].get("touch", "")):
                 contact["self_collision"] = False
             path = f"models/{name}.yaml"

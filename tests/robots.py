@@ -30,15 +30,17 @@ def robot(seed: int, kinds: tuple[str, ...] = KINDS, *, loops: bool = True, free
     bodies = worlds.tree(chosen, seed, _parents(count, draw), damping=0.1)
     bodies = tuple(_at_rest(body, index, draw) for index, body in enumerate(bodies))
     base = World("robot", bodies)
-    held = [*_follows(bodies, draw), *(_loops(base, draw) if loops else ())]
-    apart = {sorted_pair(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
-    apart |= {sorted_pair(loop.first, loop.second) for loop in held if not isinstance(loop, Follow)}
+    constraints = [*_follows(bodies, draw), *(_loops(base, draw) if loops else ())]
+    excluded = {sorted_pair(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
+    excluded |= {sorted_pair(loop.first, loop.second) for loop in constraints if not isinstance(loop, Follow)}
     contact = Contact(
         materials=(Material("default", 0.5),),
         pairs=(PairContact("default", "default", 0.5, 0.0),),
-        excluded_bodies=tuple(sorted(apart)),
+        excluded_bodies=tuple(sorted(excluded)),
     )
-    return worlds.world(bodies, "robot", contact=contact, constraints=tuple(sorted(held, key=lambda one: one.name)))
+    return worlds.world(
+        bodies, "robot", contact=contact, constraints=tuple(sorted(constraints, key=lambda constraint: constraint.name))
+    )
 
 
 def _parents(count: int, draw: random.Random) -> list[int]:
@@ -55,9 +57,9 @@ def _parents(count: int, draw: random.Random) -> list[int]:
 def _at_rest(body: Body, index: int, draw: random.Random) -> Body:
     joint = body.joint
     zero = {"ball": frames.IDENTITY, "hinge": (0.0,), "slide": (0.0,)}.get(joint.kind, joint.position)
-    still = dataclasses.replace(joint, position=zero, velocity=(0.0,) * len(joint.velocity))
+    at_rest = dataclasses.replace(joint, position=zero, velocity=(0.0,) * len(joint.velocity))
     shapes = tuple(_shape(f"s{index}{number}", draw) for number in range(draw.randint(0, 2)))
-    return dataclasses.replace(body, inertial=inertial(draw), joint=still, shapes=shapes)
+    return dataclasses.replace(body, inertial=inertial(draw), joint=at_rest, shapes=shapes)
 
 
 def _shape(name: str, draw: random.Random) -> Shape:
@@ -125,8 +127,8 @@ def assert_same(ours: World, theirs: World, tolerance: float) -> None:
             again = of_other[shape.name]
             assert _near((*shape.size, *_pose(shape.pose)), (*again.size, *_pose(again.pose)), tolerance), shape.name
     assert _constraints(ours).keys() == _constraints(theirs).keys()
-    for name, held in _constraints(ours).items():
-        assert _near(held, _constraints(theirs)[name], tolerance), name
+    for name, constraint in _constraints(ours).items():
+        assert _near(constraint, _constraints(theirs)[name], tolerance), name
 
 
 def _near(first: tuple[float, ...], second: tuple[float, ...], tolerance: float) -> bool:
@@ -143,11 +145,11 @@ def _pose(place: Pose) -> tuple[float, ...]:
 
 def _constraints(base: World) -> dict[tuple[str, ...], tuple[float, ...]]:
     said: dict[tuple[str, ...], tuple[float, ...]] = {}
-    for held in base.constraints:
-        if isinstance(held, Follow):
-            said["follow", held.joint, held.leader] = (held.ratio, held.offset)
-        elif isinstance(held, Connect):
-            said["connect", held.first, held.second] = (*held.first_point, *held.second_point)
+    for constraint in base.constraints:
+        if isinstance(constraint, Follow):
+            said["follow", constraint.joint, constraint.leader] = (constraint.ratio, constraint.offset)
+        elif isinstance(constraint, Connect):
+            said["connect", constraint.first, constraint.second] = (*constraint.first_point, *constraint.second_point)
         else:
-            said["weld", held.first, held.second] = _pose(held.pose)
+            said["weld", constraint.first, constraint.second] = _pose(constraint.pose)
     return said

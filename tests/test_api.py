@@ -57,12 +57,12 @@ def test_what_a_notebook_shows_is_short():
 
     big = simspec.load(simspec.find_spec("stack-cylinders")).resolve()
     spheres = world(*(free_body(f"ball_{k}") for k in range(300)))
-    one, other = run(spheres), run(spheres, engine="second")
+    first, second = run(spheres), run(spheres, engine="second")
     shown = [
-        *(big, big.contact, big.trajectory, *big.controllers, one, simspec.diff(one, other)),
+        *(big, big.contact, big.trajectory, *big.controllers, first, simspec.diff(first, second)),
         *simspec.compile(big, ["mujoco"]).values(),
         Certificate("x", "0" * 64, "pin", {"a": EngineProof("1.0", "0" * 64, ())}),
-        simspec.Study(big, None, {"a": one}, {}, {}, {}, ()),
+        simspec.Study(big, None, {"a": first}, {}, {}, {}, ()),
         simspec.load(simspec.find_spec("stack-cylinders")),
     ]
     for value in shown:

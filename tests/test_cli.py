@@ -319,9 +319,9 @@ def test_schemas_of_the_engine_process(folder, name):
 def test_compile_writes_every_engine_and_is_stable(folder):
     simspec("compile", "fall.yaml")
     place = folder / "generated" / "fall"
-    beside = {"simspec-folder.json", "world.json"}
+    alongside = {"simspec-folder.json", "world.json"}
     names = {path.name for path in place.iterdir()}
-    assert {*beside, *INSTALLED} <= names <= {*beside, *engines()}
+    assert {*alongside, *INSTALLED} <= names <= {*alongside, *engines()}
     files = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
     assert data("compile", "fall.yaml")["compiled"][0]["changed"] is False
     assert files == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
@@ -376,10 +376,10 @@ def test_explain_says_how_each_feature_is_realised(folder):
 
 
 def test_explain_gives_the_same_as_data(folder):
-    (one,) = json.loads(simspec("compile", "fall.yaml", "--explain", "--engine", "pybullet", "--json").output)[
+    (entry,) = json.loads(simspec("compile", "fall.yaml", "--explain", "--engine", "pybullet", "--json").output)[
         "compiled"
     ]
-    found = one["engines"]["pybullet"]["explained"]
+    found = entry["engines"]["pybullet"]["explained"]
     assert found["engine"] == "pybullet"
     assert {setting["name"] for setting in found["settings"]} == set(engines()["pybullet"].SETTINGS)
     assert {"value", "in_force", "given", "meaning"} <= set(found["settings"][0])
@@ -411,14 +411,14 @@ def test_run_writes_results_that_can_be_compared_again(folder):
         *("mujoco", "dart", "compiled", "certificate.json", "report.json", "simspec-folder.json")
     }
     assert json.loads((place / "report.json").read_text())["exit_code"] == 0
-    (one,) = found["diffs"]
-    assert one["within"] is True
-    assert one["horizon"] is None
+    (difference,) = found["diffs"]
+    assert difference["within"] is True
+    assert difference["horizon"] is None
     assert found["floors"]["mujoco"]["bitwise"] is True
     again = data("diff", place / "mujoco", place / "dart", "--tolerance", "1e-9")
     assert again["bodies"] == data("diff", place / "mujoco", place / "dart", "--tolerance", "1e-9")["bodies"]
     assert again["notes"] == []  # the saved repeats give the noise floor again
-    assert again["bodies"][0]["position_largest"] == one["bodies"][0]["position_largest"]
+    assert again["bodies"][0]["position_largest"] == difference["bodies"][0]["position_largest"]
 
 
 def test_the_tables_of_a_run(folder):
@@ -471,12 +471,12 @@ def test_each_run_is_saved_as_it_ends(folder, monkeypatch):
 
     real = study.run_case
 
-    def one_then_none(case, **more):
+    def first_alone(case, **more):
         if case.engine == "dart":
             raise RuntimeError("not foreseen")
         return real(case, **more)
 
-    monkeypatch.setattr(study, "run_case", one_then_none)
+    monkeypatch.setattr(study, "run_case", first_alone)
     with pytest.raises(RuntimeError):
         simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-repeats")
     place = folder / "runs" / "fall"
@@ -561,7 +561,7 @@ def project(folder, monkeypatch):
 def test_engines_of_the_project_file(project, folder):
     answer = data("engines")
     assert answer["project"] == str(folder / "simspec.toml")
-    rows = {one["label"]: one for one in answer["instances"]}
+    rows = {instance["label"]: instance for instance in answer["instances"]}
     assert rows[project]["version"] is None, "a list starts no interpreter of a project file"
     assert rows[project]["problem"] == f"not queried; simspec engines doctor {project} starts it"
     assert project in simspec("engines").output

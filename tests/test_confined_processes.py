@@ -76,9 +76,9 @@ with open("now", "w+b") as now:
     child.main()
 """
     request = {"files": ["a.xacro"], "text": "", "arguments": {}, "seconds": 5, "walls": None}
-    asked = json.dumps(request).encode() + b"\n"
+    requested = json.dumps(request).encode() + b"\n"
     words = [sys.executable, "-c", program]
-    answer = subprocess.run(words, input=asked, capture_output=True, check=False, cwd=project)
+    answer = subprocess.run(words, input=requested, capture_output=True, check=False, cwd=project)
     assert json.loads(answer.stdout)["text"] == ";None", answer.stderr.decode()
 
 
@@ -93,8 +93,8 @@ child.READERS[".stl"] = read
 sys.argv[1:] = []
 child.main()
 """
-    asked = _request(open_mesh(mesh))
-    answer = subprocess.run([sys.executable, "-c", program], input=asked, capture_output=True, check=False)
+    request = _request(open_mesh(mesh))
+    answer = subprocess.run([sys.executable, "-c", program], input=request, capture_output=True, check=False)
     assert set(json.loads(answer.stdout)["error"].split()) == DONE["data"], answer.stderr.decode()
 
 

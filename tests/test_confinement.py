@@ -26,7 +26,7 @@ REFUSED = {"EPERM", "EACCES", "ValueError"}
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory):
     """What came of all attempts, by profile: a process for each."""
-    held = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     found = {}
     try:
         for profile in ("none", *PROFILES):
@@ -36,7 +36,7 @@ def outcomes(tmp_path_factory):
             (folder / "write/old").touch()
             known = folder / "read/known"
             known.write_text("known")
-            words = [sys.executable, attempts.__file__, profile, known.parent, folder / "write", str(held.pid)]
+            words = [sys.executable, attempts.__file__, profile, known.parent, folder / "write", str(child.pid)]
             with open(known, "rb") as stdin:
                 done = subprocess.run(words, stdin=stdin, capture_output=True, text=True, cwd=folder, check=False)
             assert done.returncode == 0, done.stderr
@@ -44,7 +44,7 @@ def outcomes(tmp_path_factory):
             found[profile]["names"] = sorted(path.name for path in (folder / "write").iterdir())
             found[profile]["known"] = known.read_text() == "known"
     finally:
-        held.communicate(b"\n")
+        child.communicate(b"\n")
     return found
 
 

@@ -18,7 +18,7 @@ FENCED = re.compile(r"(?ms)^```.*?^```")
 def anchors(page: Path) -> set[str]:
     """The places of a page, as GitHub and its like name them."""
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
-    headings = (re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in HEADING.findall(text))
+    headings = (re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in HEADING.findall(text))
     return {*headings, *NAMED.findall(text)}
 
 

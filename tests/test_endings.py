@@ -376,10 +376,10 @@ def test_no_home_and_no_name(monkeypatch):
 
     from simspec.proof.contact import cache
 
-    def nobody(uid):
+    def no_user(uid):
         raise KeyError(uid)
 
-    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    monkeypatch.setattr(pwd, "getpwuid", no_user)
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     assert cache.read("0" * 64) is None

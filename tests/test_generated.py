@@ -65,20 +65,20 @@ def write_certificate(certificate: Certificate, folder, world=WORLD) -> bool:
     return generated.write_certificate(certificate, world, folder).changed
 
 
-def proof(one: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None) -> Certificate:
-    checks = whole(one.world) if checks is None else checks
+def proof(build: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None) -> Certificate:
+    checks = whole(build.world) if checks is None else checks
     checks = tuple(
         dataclasses.replace(check, worst=worst, tolerance=1e-9)
         if (check.level, check.name) == ("L1", "mass")
         else check
         for check in checks
     )
-    missing = left_out(one.world)
+    missing = left_out(build.world)
     engines = {
         name: EngineProof(version, part.sha256, checks, {}, {}, seconds, not_compared=missing)
-        for name, part in one.compiled.items()
+        for name, part in build.compiled.items()
     }
-    return Certificate(one.world.name, sha256(one.world), "pinocchio 4", engines)
+    return Certificate(build.world.name, sha256(build.world), "pinocchio 4", engines)
 
 
 def test_engine_versions_that_differ_from_the_installed_ones_are_named(tmp_path, monkeypatch):
@@ -97,15 +97,15 @@ def test_engine_versions_that_differ_from_the_installed_ones_are_named(tmp_path,
 
 
 def test_a_folder_that_was_just_written_is_current(tmp_path):
-    one, folder = built(), tmp_path / "spheres"
-    assert len(check(one, folder)) == len(one.files) + 1
-    assert generated.write(one, folder).changed
-    assert [line.split(" (")[0] for line in check(one, folder)] == [f"missing: {folder / CERTIFICATE_FILE}"]
-    assert write_certificate(proof(one), folder)
-    assert check(one, folder) == []
-    again = generated.write(one, folder)
+    build, folder = built(), tmp_path / "spheres"
+    assert len(check(build, folder)) == len(build.files) + 1
+    assert generated.write(build, folder).changed
+    assert [line.split(" (")[0] for line in check(build, folder)] == [f"missing: {folder / CERTIFICATE_FILE}"]
+    assert write_certificate(proof(build), folder)
+    assert check(build, folder) == []
+    again = generated.write(build, folder)
     assert (again.changed, again.stored.dropped, list(again.stored.kept)) == (False, {}, ["first", "second"])
-    assert check(one, folder) == []
+    assert check(build, folder) == []
 
 
 @pytest.mark.parametrize(
@@ -146,12 +146,12 @@ def test_proofs_of_something_else_are_stale_and_go_and_the_others_stay(tmp_path,
 
 def one_by_one(folder, *verified: str, **words) -> list[generated.Certified]:
     """What ``simspec verify --engine NAME`` does with a folder, for one engine after the other."""
-    told = []
+    certified = []
     for name in verified:
-        one = built(engines=(name,))
-        generated.write(one, folder)
-        told.append(generated.write_certificate(proof(one, **words), WORLD, folder))
-    return told
+        build = built(engines=(name,))
+        generated.write(build, folder)
+        certified.append(generated.write_certificate(proof(build, **words), WORLD, folder))
+    return certified
 
 
 def together(folder, **words) -> bytes:
@@ -164,10 +164,10 @@ def together(folder, **words) -> bytes:
 @pytest.mark.parametrize("worst", [1e-15, 1.0])
 def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, worst):
     """Also where a proof is not valid: what it says is kept, and it is said."""
-    told = one_by_one(tmp_path / "one", *order, worst=worst)
-    assert [list(one.stored.kept) for one in told] == [[], *[[name] for name in order[:-1]]]
-    assert [one.stored.dropped for one in told] == [{}] * len(order)
-    assert told[-1].stored.lines() == [
+    certified = one_by_one(tmp_path / "one", *order, worst=worst)
+    assert [list(written.stored.kept) for written in certified] == [[], *[[name] for name in order[:-1]]]
+    assert [written.stored.dropped for written in certified] == [{}] * len(order)
+    assert certified[-1].stored.lines() == [
         f"kept from before, not verified now: {order[-2]} 1.0 ({'valid' if worst < 1 else 'NOT VALID'})"
     ]
     assert (tmp_path / "one" / CERTIFICATE_FILE).read_bytes() == together(tmp_path / "both", worst=worst)
@@ -176,17 +176,20 @@ def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, wo
 
 def test_the_seconds_of_a_proof_that_says_the_same_stay(tmp_path):
     before = together(tmp_path)
-    (told,) = one_by_one(tmp_path, "second", seconds=9.0)
-    assert not told.changed
+    (certified,) = one_by_one(tmp_path, "second", seconds=9.0)
+    assert not certified.changed
     assert (tmp_path / CERTIFICATE_FILE).read_bytes() == before
-    (told,) = one_by_one(tmp_path, "second", seconds=9.0, worst=2e-15)
-    assert told.changed
-    assert {name: one.seconds for name, one in read_certificate(tmp_path).engines.items()} == {"first": 1, "second": 9}
+    (certified,) = one_by_one(tmp_path, "second", seconds=9.0, worst=2e-15)
+    assert certified.changed
+    assert {name: engine.seconds for name, engine in read_certificate(tmp_path).engines.items()} == {
+        "first": 1,
+        "second": 9,
+    }
 
 
 def without_l3(plain):
     block = plain["engines"]["second"]
-    block["checks"] = [one for one in block["checks"] if one["level"] != "L3"]
+    block["checks"] = [row for row in block["checks"] if row["level"] != "L3"]
 
 
 FILES = {
@@ -217,20 +220,17 @@ def test_a_proof_that_does_not_hold_any_more_is_not_kept(tmp_path, defect, compi
         change(tmp_path / "second")
     else:
         path.write_text(edited(path.read_text(), change))
-    one = built(engines=("first",))
-    if defect not in (
-        "another oracle",
-        "another world",
-        "another simspec",
-    ):  # these are of the whole, or compiling's no matter
-        assert any(f"second: {why}" in line for line in check(one, tmp_path, named=True))
-    told = generated.write(one, tmp_path).stored if compiled else None
-    stored = generated.write_certificate(proof(one), WORLD, tmp_path).stored
-    stored = stored.after(told.without(["first"])) if told else stored
+    build = built(engines=("first",))
+    # these three are of the whole certificate, and compiling does not read them
+    if defect not in ("another oracle", "another world", "another simspec"):
+        assert any(f"second: {why}" in line for line in check(build, tmp_path, named=True))
+    given = generated.write(build, tmp_path).stored if compiled else None
+    stored = generated.write_certificate(proof(build), WORLD, tmp_path).stored
+    stored = stored.after(given.without(["first"])) if given else stored
     assert (list(stored.dropped), stored.kept) == (["second"], {})
     assert stored.lines() == [f"dropped: second: {stored.dropped['second']}"]
     assert why in stored.dropped["second"]
-    assert path.read_text() == proof(one).to_json()
+    assert path.read_text() == proof(build).to_json()
 
 
 def test_what_was_asked_for_decides(tmp_path):
@@ -238,8 +238,8 @@ def test_what_was_asked_for_decides(tmp_path):
     one_by_one(tmp_path, "first", worst=1.0)
     one_by_one(tmp_path, "second")
     assert check(built(engines=("second",)), tmp_path, True) == []
-    for one, named in ((built(engines=("second",)), False), (built(engines=("first",)), True), (built(), False)):
-        assert ["first: L1 mass" in line for line in check(one, tmp_path, named)] == [True]
+    for entry, named in ((built(engines=("second",)), False), (built(engines=("first",)), True), (built(), False)):
+        assert ["first: L1 mass" in line for line in check(entry, tmp_path, named)] == [True]
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"schema": 1}', "[]", "\x00\xff"])
@@ -281,15 +281,15 @@ def test_a_certificate_that_is_not_valid_does_not_count(tmp_path):
 
 
 def test_a_certificate_is_written_again_unless_equal_in_all_but_times(tmp_path):
-    one, folder = built(), tmp_path / "spheres"
-    generated.write(one, folder)
-    write_certificate(proof(one), folder)
+    build, folder = built(), tmp_path / "spheres"
+    generated.write(build, folder)
+    write_certificate(proof(build), folder)
     first = (folder / CERTIFICATE_FILE).read_bytes()
-    assert not write_certificate(proof(one, seconds=9.0), folder)
+    assert not write_certificate(proof(build, seconds=9.0), folder)
     assert (folder / CERTIFICATE_FILE).read_bytes() == first
-    assert write_certificate(proof(one, worst=2e-15), folder)
-    assert write_certificate(proof(one, version="1.1"), folder)
-    assert write_certificate(proof(one, worst=1.0, version="1.1"), folder)
+    assert write_certificate(proof(build, worst=2e-15), folder)
+    assert write_certificate(proof(build, version="1.1"), folder)
+    assert write_certificate(proof(build, worst=1.0, version="1.1"), folder)
     assert (folder / CERTIFICATE_FILE).read_bytes() != first
 
 
@@ -320,7 +320,7 @@ def one_check(plain):
 
 
 def level_dropped(plain):
-    plain["engines"]["first"]["checks"] = [one for one in checks_of(plain) if one["level"] != "L3"]
+    plain["engines"]["first"]["checks"] = [row for row in checks_of(plain) if row["level"] != "L3"]
 
 
 def excused(plain):
@@ -330,9 +330,9 @@ def excused(plain):
 
 def change_of(of: str, name: str, **more):
     def change(plain):
-        for one in checks_of(plain):
-            if (one["level"], one["name"]) == (of, name):
-                one.update(more)
+        for row in checks_of(plain):
+            if (row["level"], row["name"]) == (of, name):
+                row.update(more)
 
     return change
 
@@ -364,25 +364,25 @@ EDITS = {
 
 @pytest.mark.parametrize("edit", EDITS)
 def test_a_certificate_is_judged_from_its_figures(tmp_path, edit):
-    one, folder = built(), tmp_path / "spheres"
-    generated.write(one, folder)
-    write_certificate(proof(one), folder)
-    assert check(one, folder) == []
+    build, folder = built(), tmp_path / "spheres"
+    generated.write(build, folder)
+    write_certificate(proof(build), folder)
+    assert check(build, folder) == []
     path = folder / CERTIFICATE_FILE
     change, words = EDITS[edit]
     path.write_text(edited(path.read_text(), change))
-    (stale,) = check(one, folder)
+    (stale,) = check(build, folder)
     assert words in stale
     # what is written anew is no longer the edited one
-    assert write_certificate(proof(one), folder)
-    assert check(one, folder) == []
+    assert write_certificate(proof(build), folder)
+    assert check(build, folder) == []
 
 
 @pytest.mark.parametrize("edit", ["valid", "worst", "seconds", "space"])
 def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
-    one, folder = built(), tmp_path / "spheres"
-    generated.write(one, folder)
-    write_certificate(proof(one), folder)
+    build, folder = built(), tmp_path / "spheres"
+    generated.write(build, folder)
+    write_certificate(proof(build), folder)
     path = folder / CERTIFICATE_FILE
     text = path.read_text()
     changed = {
@@ -393,9 +393,9 @@ def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
     }[edit]
     assert changed != text
     path.write_text(changed)
-    (stale,) = check(one, folder)
+    (stale,) = check(build, folder)
     assert "was edited or is damaged" in stale
-    assert write_certificate(proof(one), folder)
+    assert write_certificate(proof(build), folder)
 
 
 @pytest.mark.parametrize("kind", ["fifo", "link", "folder"])
@@ -449,13 +449,13 @@ def test_engines_of_the_same_world_stay_and_others_go(tmp_path):
 
 
 def test_a_changed_byte_is_seen(tmp_path):
-    one, folder = built(), tmp_path / "spheres"
-    generated.write(one, folder)
-    write_certificate(proof(one), folder)
+    build, folder = built(), tmp_path / "spheres"
+    generated.write(build, folder)
+    write_certificate(proof(build), folder)
     (folder / "first" / "model.xml").write_bytes(b"<model/>\r\n")
-    assert check(one, folder) == [f"stale: {folder}/first/model.xml"]
-    assert generated.write(one, folder).changed
-    assert check(one, folder) == []
+    assert check(build, folder) == [f"stale: {folder}/first/model.xml"]
+    assert generated.write(build, folder).changed
+    assert check(build, folder) == []
 
 
 def test_a_file_name_that_leaves_the_folder_is_refused(tmp_path):

@@ -294,12 +294,12 @@ FORMATS = packages("formats") - {"world"}
 def foreign_words(path: str) -> set[str]:
     """What a file of simspec (path inside the package) may not name: engines and formats whose own place it is not in."""
     folder, name = (*path.split("/"), "", "")[:2]
-    own = name.removesuffix(".py") if folder in HOMES else ""
-    if own in ENGINES:
-        return ENGINES - {own} - BUILT_ON.get(own, set())
+    stem = name.removesuffix(".py") if folder in HOMES else ""
+    if stem in ENGINES:
+        return ENGINES - {stem} - BUILT_ON.get(stem, set())
     engines = ENGINES | {word for words in ALSO.values() for word in words}
-    if own in FORMATS:
-        return engines | (FORMATS - {own})
+    if stem in FORMATS:
+        return engines | (FORMATS - {stem})
     return engines | FORMATS
 
 
@@ -397,7 +397,7 @@ def writes(tree: ast.AST) -> list[tuple[int, str]]:
                 found.append((node.lineno, name))
         elif name in ("open", "fdopen"):
             modes = [*node.args, *(key.value for key in node.keywords if key.arg == "mode")]
-            texts = [one.value for one in modes if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+            texts = [mode.value for mode in modes if isinstance(mode, ast.Constant) and isinstance(mode.value, str)]
             if any(set(text) & set("wax+") and set(text) <= set("rwaxbt+") for text in texts):
                 found.append((node.lineno, f"{name} {texts}"))
     return found
@@ -448,7 +448,7 @@ def features_in_one_go(tree: ast.AST) -> list[int]:
             given = [node.iter]
         elif isinstance(node, ast.Starred):
             given = [node.value]
-        lines.extend(one.lineno for one in given if isinstance(one, ast.Name) and one.id == "Feature")
+        lines.extend(node.lineno for node in given if isinstance(node, ast.Name) and node.id == "Feature")
     return lines
 
 

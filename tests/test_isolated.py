@@ -57,9 +57,10 @@ def is_form(node: ast.expr | None, tree: ast.AST) -> bool:
     if not isinstance(node, ast.Name):
         return False
     values = [
-        one.value
-        for one in ast.walk(tree)
-        if isinstance(one, ast.Assign) and any(isinstance(t, ast.Name) and t.id == node.id for t in one.targets)
+        assignment.value
+        for assignment in ast.walk(tree)
+        if isinstance(assignment, ast.Assign)
+        and any(isinstance(t, ast.Name) and t.id == node.id for t in assignment.targets)
     ]
     return bool(values) and all(is_form(value, tree) for value in values if not isinstance(value, ast.Name))
 
@@ -78,11 +79,11 @@ def wrong(path: str, text: str) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and node.attr == "executable" and path not in EXECUTABLE:
             found.append(f"{path}:{node.lineno}: sys.executable")
-        words = [one.value for one in getattr(node, "elts", []) if isinstance(one, ast.Constant)]
+        words = [element.value for element in getattr(node, "elts", []) if isinstance(element, ast.Constant)]
         has_options = isinstance(node, ast.List | ast.Tuple) and bool(OPTIONS & set(map(str, words[:3])))
         if has_options and path not in ("processes.py", "engines/kit/compiled.py"):
             found.append(f"{path}:{node.lineno}: words of an interpreter")
-        if isinstance(node, ast.ImportFrom) and node.module in OWNERS and STARTS & {one.name for one in node.names}:
+        if isinstance(node, ast.ImportFrom) and node.module in OWNERS and STARTS & {name.name for name in node.names}:
             found.append(f"{path}:{node.lineno}: started by a bare name")
     return found
 
@@ -219,8 +220,10 @@ COMMANDS = [
 def hostile(tmp_path):
     """A folder with modules that leave a mark when they are imported, a home with some, and the environment of a command."""
     mark, folder, home = tmp_path / "mark", tmp_path / "folder", tmp_path / "home"
-    own = home / ".local" / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
-    for place in (folder, own):
+    user_packages = (
+        home / ".local" / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    )
+    for place in (folder, user_packages):
         place.mkdir(parents=True)
         for name in NAMES:
             (place / f"{name}.py").write_text(PLANT.format(mark=str(mark)))
@@ -248,7 +251,9 @@ def simspec(folder: Path, environment: dict[str, str], *words: str) -> subproces
     )
 
 
-@pytest.mark.parametrize(("code", "words"), [(code, words) for code, *words in COMMANDS], ids=lambda one: str(one)[:70])
+@pytest.mark.parametrize(
+    ("code", "words"), [(code, words) for code, *words in COMMANDS], ids=lambda entry: str(entry)[:70]
+)
 def test_no_command_imports_from_the_working_folder(hostile, code, words):
     folder, mark, environment = hostile
     done = simspec(folder, environment, *words)

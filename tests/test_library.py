@@ -45,5 +45,5 @@ def test_the_committed_certificate_is_valid_for_this_world(path):
     assert certificate["valid"] is True
     assert certificate["world_sha256"] == HASHES[path.stem]
     spec = simspec.load(path)
-    asked = [name for name, engine in sorted(engines().items()) if not engine.FILES_ALONE]
-    assert sorted(certificate["engines"]) == list(supporting(spec.resolve(), asked, spec.locate)[0])
+    requested = [name for name, engine in sorted(engines().items()) if not engine.FILES_ALONE]
+    assert sorted(certificate["engines"]) == list(supporting(spec.resolve(), requested, spec.locate)[0])

@@ -290,8 +290,8 @@ def reads_text(tree: ast.AST) -> list[int]:
         elif node.func.id not in ("float", "int", "complex", "Fraction", "Decimal"):
             continue
         inside = list(ast.walk(argument))
-        attributes = {one.attr for one in inside if isinstance(one, ast.Attribute)}
-        names = {one.id for one in inside if isinstance(one, ast.Name)}
+        attributes = {node.attr for node in inside if isinstance(node, ast.Attribute)}
+        names = {node.id for node in inside if isinstance(node, ast.Name)}
         if names & {"model", "data"}:
             continue  # arrays, and specs that were read
         if attributes & TEXTUAL or names & NAMES or isinstance(argument, ast.JoinedStr):

@@ -106,24 +106,24 @@ def test_the_nearest_file_wins(folder):
     ],
 )
 def test_problems_have_a_line_and_a_path(folder, text, line, path, words):
-    one = next(problem for problem in problems(folder, text) if problem.path == path)
-    assert one.location is not None
-    assert (one.location.file, one.location.line) == (str(folder / "simspec.toml"), line)
-    assert words in str(one)
+    entry = next(problem for problem in problems(folder, text) if problem.path == path)
+    assert entry.location is not None
+    assert (entry.location.file, entry.location.line) == (str(folder / "simspec.toml"), line)
+    assert words in str(entry)
 
 
 def test_all_problems_come_at_once(folder):
     text = "default-engines = 3\npackage-paths = 4\nother = 5\n[engines.nobody]\npython = 6"
-    assert [one.path for one in problems(folder, text)] == [
+    assert [problem.path for problem in problems(folder, text)] == [
         *("other", "engines.nobody", "engines.nobody.python", "default-engines", "package-paths")
     ]
 
 
 def test_what_is_not_toml_has_its_line(folder):
-    (one,) = problems(folder, "package-paths = []\ndefault-engines = [,]\n")
-    assert one.location is not None
-    assert one.location.line == 2
-    assert "not TOML" in one.message
+    (problem,) = problems(folder, "package-paths = []\ndefault-engines = [,]\n")
+    assert problem.location is not None
+    assert problem.location.line == 2
+    assert "not TOML" in problem.message
 
 
 @pytest.mark.parametrize(

@@ -122,10 +122,10 @@ def test_they_are_proven_and_run_in_every_engine(seed, tool):
 
 
 def test_what_fails_is_told_with_its_place(tool, monkeypatch):
-    held = tool.verify
+    verify = tool.verify
 
     def broken(world, engines, **more):
-        found = held(world, engines, **more)
+        found = verify(world, engines, **more)
         proof = found.engines["mujoco"]
         checks = tuple(
             dataclasses.replace(check, worst=1.0) if check.level == "L1" else check for check in proof.checks

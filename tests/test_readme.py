@@ -101,18 +101,18 @@ def test_the_first_comparison_has_the_engines_that_its_command_takes(place, monk
     spec = simspec.load("specs/double-pendulum.yaml")
     world = spec.resolve()
     selection = available({}).for_world(world, spec.locate, least=2)
-    told = first_comparison()
+    sections = first_comparison()
     screen = Screen(file=io.StringIO(), width=120, no_color=True, force_terminal=False)
     show_not_taken(selection, screen)
-    assert told["Not run"] == words(screen.file.getvalue())[1:], "python tools/readme.py README.md"
-    assert told["Results"][0] == " ".join(f"{name} {find_engine(name).version()}" for name in selection.engines)
-    bounds = {one.kind: dict(one.parameters)["tolerance"] for one in world.expectations}
-    rows = [line.split() for line in told["Expectations"][1:]]
+    assert sections["Not run"] == words(screen.file.getvalue())[1:], "python tools/readme.py README.md"
+    assert sections["Results"][0] == " ".join(f"{name} {find_engine(name).version()}" for name in selection.engines)
+    bounds = {expectation.kind: dict(expectation.parameters)["tolerance"] for expectation in world.expectations}
+    rows = [line.split() for line in sections["Expectations"][1:]]
     assert [row[:3] for row in rows] == [[kind, name, "ok"] for kind in bounds for name in selection.engines]
     for row in rows:
         assert f"{bounds[row[0]]:.4g}" in row[4:6], row
-    assert [line.split()[0] for line in told["Repeatability"][1:]] == list(selection.engines)
-    lines = [line.split() for line in told["Differences"]]
+    assert [line.split()[0] for line in sections["Repeatability"][1:]] == list(selection.engines)
+    lines = [line.split() for line in sections["Differences"]]
     pairs = [(line[0], after[0]) for line, after in itertools.pairwise(lines) if line[1:2] == ["–"]]
     assert pairs == list(itertools.combinations(selection.engines, 2))
 
@@ -125,11 +125,11 @@ def test_the_python_of_the_readme_runs_and_proves_what_the_first_comparison_says
     assert done.returncode == 0, done.stderr
     *printed, last = done.stdout.splitlines()
     assert printed
-    told, (counts, notes) = first_comparison(), json.loads(last)
-    shown = dict(zip(told["Model:"][0].split()[2:], told_counts(told["Model:"]), strict=True))
+    sections, (counts, notes) = first_comparison(), json.loads(last)
+    shown = dict(zip(sections["Model:"][0].split()[2:], told_counts(sections["Model:"]), strict=True))
     assert counts.items() <= shown.items(), "python tools/readme.py README.md"
     # the floor of the motion is a figure of the machine; other engines have notes of their own
-    assert {line for line in words("\n".join(notes)) if not line.startswith("motion:")} <= set(told["Model:"])
+    assert {line for line in words("\n".join(notes)) if not line.startswith("motion:")} <= set(sections["Model:"])
 
 
 def told_counts(lines: list[str]) -> list[int]:

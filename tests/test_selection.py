@@ -73,11 +73,11 @@ def test_what_is_refused_is_listed_with_its_place_and_the_others_go_on(place, ca
     run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats")
     assert set(INSTALLED) - {"drake"} <= set(compiled["engines"]) <= set(engines()) - {"drake", "webots"}
     assert set(proven["certificate"]["engines"]) == set(run["runs"]) == set(INSTALLED) - {"drake"}
-    for told in (compiled["not_compiled"], proven["not_verified"], run["not_run"]):
-        assert [name for name in told if name not in LEFT_OUT] == ["drake"]
-        assert "material.restitution" in told["drake"]["reason"]
-        assert told["drake"]["location"]["file"].endswith("ball.yaml")
-        assert told["drake"]["acceptable"] is False
+    for left_out in (compiled["not_compiled"], proven["not_verified"], run["not_run"]):
+        assert [name for name in left_out if name not in LEFT_OUT] == ["drake"]
+        assert "material.restitution" in left_out["drake"]["reason"]
+        assert left_out["drake"]["location"]["file"].endswith("ball.yaml")
+        assert left_out["drake"]["acceptable"] is False
     assert run["exit_code"] == 0
 
 

@@ -61,12 +61,12 @@ def test_the_scenario_is_the_paper_s(world):
 
 
 def test_every_cylinder_has_a_target_after_every_placement(world):
-    asked = [dict(one.parameters) for one in world.expectations if one.kind == "at_target"]
-    times = [given["at"] for given in asked]
+    expected = [dict(expectation.parameters) for expectation in world.expectations if expectation.kind == "at_target"]
+    times = [target["at"] for target in expected]
     assert sorted(set(times)) == [13.0 * k for k in range(1, 9)] + [104.0 + 25.0 * k for k in range(1, 8)]
-    whole = {given["at"]: dict(given["targets"]) for given in asked if len(given["targets"]) > 1}
+    whole = {target["at"]: dict(target["targets"]) for target in expected if len(target["targets"]) > 1}
     assert sorted(whole) == [104.0, 279.0]
-    assert all(len(targets) == 21 and given["tolerance"] == LIMIT for targets in whole.values() for given in asked)
+    assert all(len(targets) == 21 and target["tolerance"] == LIMIT for targets in whole.values() for target in expected)
     # eight stacks of two at half time; in the end five, and a tower of seven
     for time, levels in ((104.0, {0.07: 13, 0.17: 8}), (279.0, {0.07: 10, 0.17: 6})):
         heights = [round(place[2], 3) for place in whole[time].values()]
@@ -91,9 +91,9 @@ def test_one_pick_and_place(engine):
     assert outcome.passed, outcome.detail
     assert outcome.measured < 0.002
     moved = dict(dict(world.expectations[0].parameters)["targets"])
-    still = [body.name for body in world.bodies if body.name.startswith("cylinder") and body.name not in moved]
-    assert len(still) == 20
-    for name in still:
+    names = [body.name for body in world.bodies if body.name.startswith("cylinder") and body.name not in moved]
+    assert len(names) == 20
+    for name in names:
         path = found.arrays["pose"][:, found.index[name], :3]
         assert np.linalg.norm(path[-1] - path[0]) < 0.001, name
     assert max(found.provenance["control"]["error"]) < 0.05
@@ -129,8 +129,8 @@ def test_the_same_run_twice_gives_the_same_bits(engine):
     """Until a cylinder is grasped."""
     world = part("trajectory.until=13s")
     begun = dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=GRASPED))
-    one, two = run(begun, engine) if engine in SLOW else placement(engine), run(begun, engine)
-    rows = len(two.arrays["step"])
-    assert one.arrays["step"][rows - 1] == two.arrays["step"][-1] == GRASPED
+    first, second = run(begun, engine) if engine in SLOW else placement(engine), run(begun, engine)
+    rows = len(second.arrays["step"])
+    assert first.arrays["step"][rows - 1] == second.arrays["step"][-1] == GRASPED
     for channel in ("q", "v", "control.effort"):
-        assert one.arrays[channel][:rows].tobytes() == two.arrays[channel].tobytes()
+        assert first.arrays[channel][:rows].tobytes() == second.arrays[channel].tobytes()

@@ -56,10 +56,12 @@ def test_the_page_has_what_was_measured_and_nothing_was_missed():
     assert selftest.page_table(results) in selftest.PAGE.read_text(encoding="utf-8")
     assert set(results) == set(engines()) - NOT_RUN
     for name, worlds in results.items():
-        for world, one in worlds.items():
+        for world, entry in worlds.items():
             if name in INSTALLED:
-                assert one["version"] == find_engine(name).version(), f"{name}, {world}: another version: make selftest"
-            total = one["rows"]["all"]
+                assert entry["version"] == find_engine(name).version(), (
+                    f"{name}, {world}: another version: make selftest"
+                )
+            total = entry["rows"]["all"]
             assert total["missed"] == 0, f"{name}, {world}"
             assert total["planted"] == sum(total[column] for column in selftest.COLUMNS[1:])
         assert selftest.summed(results, name)["all"]["planted"] > 1000

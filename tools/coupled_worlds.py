@@ -134,12 +134,12 @@ def places_of(spec: Mapping[str, Any], engine: str, warm: WarmProcesses) -> Plac
     return {name: run.arrays["pose"][:, names.index(name), :3] for name in moving}
 
 
-def apart(one: Places, other: Places, reference: Places) -> tuple[float, str, float]:
+def apart(places: Places, other: Places, reference: Places) -> tuple[float, str, float]:
     """Of the body whose ends are furthest apart, in tolerances of the reference: these, its name, and the distance (m)."""
     found = []
-    for name, places in reference.items():
-        way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-        distance = float(np.linalg.norm(one[name][-1] - other[name][-1]))
+    for name, trace in reference.items():
+        way = float(np.linalg.norm(np.diff(trace, axis=0), axis=1).sum())
+        distance = float(np.linalg.norm(places[name][-1] - other[name][-1]))
         found.append((distance / (TOLERANCE + SHARE * way), name, distance))
     return max(found)
 
@@ -165,14 +165,14 @@ def references(spec: Mapping[str, Any], timestep: float, warm: WarmProcesses) ->
 def reference(fine: Mapping[str, Places]) -> tuple[set[str], Places, str]:
     """The two references that agree best, and one of them; or why there is none."""
     pairs = sorted(
-        (apart(fine[one], fine[other], fine[one]), one, other) for one, other in itertools.combinations(fine, 2)
+        (apart(fine[first], fine[other], fine[first]), first, other) for first, other in itertools.combinations(fine, 2)
     )
     if not pairs:
         return set(), {}, f"only {', '.join(fine) or 'no engine'} as reference"
-    (off, body, distance), one, other = pairs[0]
+    (off, body, distance), first, other = pairs[0]
     if not off <= AGREEING:
-        return set(), {}, f"{one} and {other} are {1e3 * distance:.1f} mm apart ({body})"
-    return {one, other}, fine[one], ""
+        return set(), {}, f"{first} and {other} are {1e3 * distance:.1f} mm apart ({body})"
+    return {first, other}, fine[first], ""
 
 
 def judge(seed: int, engines: Sequence[str], warm: WarmProcesses) -> list[Judged]:
@@ -186,40 +186,40 @@ def judge(seed: int, engines: Sequence[str], warm: WarmProcesses) -> list[Judged
     for engine in engines:
         settings = TURNS.get(engine, {}) if seed % 2 else {}
         words = " ".join(f"{name}={value}" for name, value in settings.items())
-        one = Judged(seed, kind, drawn, engine, words, "refused")
-        found.append(one)
+        judged = Judged(seed, kind, drawn, engine, words, "refused")
+        found.append(judged)
         mine = copy.deepcopy(spec)
         mine["engines"] = {engine: {"settings": settings}} if settings else {}
-        one.why = accepted(mine, engine, ROOT)
-        if one.why:
+        judged.why = accepted(mine, engine, ROOT)
+        if judged.why:
             continue
-        one.accepted = mine["engines"].get(engine, {}).get("accept", [])
+        judged.accepted = mine["engines"].get(engine, {}).get("accept", [])
         world = Spec.from_data(mine, folder=ROOT).resolve()
         probes = probes or prepare(world)
         try:
             proof = verify(world, [engine], probes=probes, warm=warm).engines[engine]
             places = places_of(mine, engine, warm)
         except (EngineError, UnsupportedError) as error:
-            one.verdict, one.why = "failed", str(error).splitlines()[0]
+            judged.verdict, judged.why = "failed", str(error).splitlines()[0]
             continue
         sizes: dict[str, float] = {}
         for figure in proof.contact:
             if figure.declared:
                 sizes[figure.probe] = max(sizes.get(figure.probe, 0.0), figure.width)
-        one.declared = [f"{probe} {size:.3g}" for probe, size in sizes.items()]
+        judged.declared = [f"{probe} {size:.3g}" for probe, size in sizes.items()]
         if right:
-            one.worst, one.body, one.off = apart(places, right, right)
+            judged.worst, judged.body, judged.off = apart(places, right, right)
         failures = [f"{check.level} {check.name}: {check.detail}" for check in proof.checks if not check.passed]
         if failures:
-            one.verdict, one.why = "not valid", failures[0]
+            judged.verdict, judged.why = "not valid", failures[0]
         elif not right:
-            one.verdict, one.why = "not comparable", why_not
-        elif one.worst is not None and one.worst <= 1.0:
-            one.verdict = "right"
+            judged.verdict, judged.why = "not comparable", why_not
+        elif judged.worst is not None and judged.worst <= 1.0:
+            judged.verdict = "right"
         elif by_timestep(engine, places, right, agreeing, coarse):
-            one.verdict = "timestep"
+            judged.verdict = "timestep"
         else:
-            one.verdict = "covered" if covers(one) else "uncovered"
+            judged.verdict = "covered" if covers(judged) else "uncovered"
     return found
 
 
@@ -232,14 +232,14 @@ def by_timestep(engine: str, places: Places, right: Places, agreeing: set[str], 
     )
 
 
-def covers(one: Judged) -> list[str]:
+def covers(judged: Judged) -> list[str]:
     """The declared deviations and accepted features that are of this kind of contact."""
-    probes, features = (patterns.split() for patterns in COVERING[one.kind])
-    declared = [text for text in one.declared if any(fnmatchcase(text.split()[0], probe) for probe in probes)]
+    probes, features = (patterns.split() for patterns in COVERING[judged.kind])
+    declared = [text for text in judged.declared if any(fnmatchcase(text.split()[0], probe) for probe in probes)]
     return declared + [
         name
-        for name in one.accepted
-        if (one.engine, one.kind, name) in ALSO or any(fnmatchcase(name, feature) for feature in features)
+        for name in judged.accepted
+        if (judged.engine, judged.kind, name) in ALSO or any(fnmatchcase(name, feature) for feature in features)
     ]
 
 
@@ -304,24 +304,24 @@ def main() -> int:
     parser.add_argument("--engine", action="append", choices=ENGINES)
     parser.add_argument("--json", type=Path, help="appended to, a line for each engine in a world")
     parser.add_argument("--page", type=Path, help="write the page from such a file")
-    asked = parser.parse_args()
-    if asked.page:
-        lines = [Judged(**json.loads(line)) for line in asked.page.read_text(encoding="utf-8").splitlines()]
+    options = parser.parse_args()
+    if options.page:
+        lines = [Judged(**json.loads(line)) for line in options.page.read_text(encoding="utf-8").splitlines()]
         rows = sorted({(row.seed, row.engine): row for row in lines}.values(), key=lambda row: row.seed)
         for row in rows:  # by the table as it is now
             if row.verdict in ("covered", "uncovered"):
                 row.verdict = "covered" if covers(row) else "uncovered"
-        date = datetime.date.fromtimestamp(asked.page.stat().st_mtime).isoformat()
+        date = datetime.date.fromtimestamp(options.page.stat().st_mtime).isoformat()
         causes = PAGE.read_text(encoding="utf-8").partition(CAUSES)[2] if PAGE.exists() else "\n"
         PAGE.write_text(f"{page(rows, date)}{CAUSES}{causes}", encoding="utf-8")
         return 0
     uncovered = 0
     with WarmProcesses() as warm:
-        for seed in asked.seeds or range(asked.first, asked.first + asked.count):
+        for seed in options.seeds or range(options.first, options.first + options.count):
             began = time.monotonic()
-            rows = judge(seed, asked.engine or ENGINES, warm)
-            if asked.json:
-                with asked.json.open("a", encoding="utf-8") as file:
+            rows = judge(seed, options.engine or ENGINES, warm)
+            if options.json:
+                with options.json.open("a", encoding="utf-8") as file:
                     file.writelines(json.dumps(asdict(row), ensure_ascii=False) + "\n" for row in rows)
             uncovered += sum(row.verdict == "uncovered" for row in rows)
             print(f"{seed} {rows[0].kind}, {rows[0].drawn}; {time.monotonic() - began:.0f} s", flush=True)

@@ -66,15 +66,15 @@ PAIRS = tuple(
 
 
 def _size(kind: str, draw: np.random.Generator) -> tuple[float, ...]:
-    one, two, three = np.exp(draw.uniform(math.log(SMALLEST), math.log(LARGEST), 3)).tolist()
+    a, b, c = np.exp(draw.uniform(math.log(SMALLEST), math.log(LARGEST), 3)).tolist()
     return {
-        "sphere": (one,),
-        "box": (2.0 * one, 2.0 * two, 2.0 * three),
-        "cylinder": (one, 2.0 * two),
-        "capsule": (one, 2.0 * two),
-        "ellipsoid": (one, two, three),
+        "sphere": (a,),
+        "box": (2.0 * a, 2.0 * b, 2.0 * c),
+        "cylinder": (a, 2.0 * b),
+        "capsule": (a, 2.0 * b),
+        "ellipsoid": (a, b, c),
         "plane": (),
-        "mesh": _hull((one, two, three), draw),
+        "mesh": _hull((a, b, c), draw),
     }[kind]
 
 
@@ -109,15 +109,15 @@ def _turn(draw: np.random.Generator) -> tuple[float, ...]:
     return frames.normalise(tuple(draw.normal(size=4).tolist()))
 
 
-def poses(one: Solid, other: Solid, count: int, draw: np.random.Generator) -> Iterator[tuple[float, list[Pose]]]:
+def poses(solid: Solid, other: Solid, count: int, draw: np.random.Generator) -> Iterator[tuple[float, list[Pose]]]:
     """(signed distance, poses of both), for each distance as many."""
-    least = min(one.inner, other.inner)
+    least = min(solid.inner, other.inner)
     wanted = [-depth for depth in OVERLAPS if depth <= ALLOWED * least] + list(GAPS)
-    far = 2.0 * (min(one.outer, 10.0) + min(other.outer, 10.0))
+    far = 2.0 * (min(solid.outer, 10.0) + min(other.outer, 10.0))
     for number in range(count):
         distance = wanted[number % len(wanted)]
-        fixed = "plane" in (one.shape.kind, other.shape.kind)
-        turns = [(1.0, 0.0, 0.0, 0.0) if each.shape.kind == "plane" else _turn(draw) for each in (one, other)]
+        fixed = "plane" in (solid.shape.kind, other.shape.kind)
+        turns = [(1.0, 0.0, 0.0, 0.0) if each.shape.kind == "plane" else _turn(draw) for each in (solid, other)]
         way = np.array([0.0, 0.0, 1.0]) if fixed else np.array(frames.rotate(_turn(draw), (1.0, 0.0, 0.0)))
         sign = -1.0 if other.shape.kind == "plane" else 1.0
         # anywhere: at the origin itself DART's ode misses contacts that it finds elsewhere
@@ -141,10 +141,10 @@ def poses(one: Solid, other: Solid, count: int, draw: np.random.Generator) -> It
         for _ in range(60):
             middle = 0.5 * (low + high)
             at = placed(middle)
-            found = gap(one, transform(at[0]), other, transform(at[1])).distance
+            found = gap(solid, transform(at[0]), other, transform(at[1])).distance
             low, high = (middle, high) if found < distance else (low, middle)
         at = placed(high)
-        found = gap(one, transform(at[0]), other, transform(at[1])).distance
+        found = gap(solid, transform(at[0]), other, transform(at[1])).distance
         if abs(found - distance) <= EXACT:
             yield distance, at
 
@@ -157,8 +157,8 @@ def measure(
     draw = np.random.default_rng(sum(map(ord, "".join(kinds))))
     for _ in range(draws):
         sizes = [_size(kind, draw) for kind in kinds]
-        one, other = solids(_world(kinds, "dart", sizes))
-        placed = list(poses(one, other, count, draw))
+        first, second = solids(_world(kinds, "dart", sizes))
+        placed = list(poses(first, second, count, draw))
         for detector in detectors:
             world = _world(kinds, detector, sizes)
             with tempfile.TemporaryDirectory(prefix="simspec-detectors-") as name:
@@ -199,8 +199,8 @@ refused.
 
 def cell(counts: dict[float, list[int]], refused: bool) -> str:
     def share(distance: float) -> float | None:
-        asked, wrong = counts.get(distance, (0, 0))
-        return 100.0 * wrong / asked if asked else None
+        requested, wrong = counts.get(distance, (0, 0))
+        return 100.0 * wrong / requested if requested else None
 
     def shown(value: float | None) -> str:
         return "–" if value is None else "0" if not value else f"{value:.1f}" if value < 10.0 else f"{value:.0f}"

@@ -154,8 +154,8 @@ def worlds(engine: str, law: Law, trials: Sequence[Trial], settings: Mapping[str
     pair = law.pair
     materials = tuple(Material(name, pair.friction, pair.restitution) for name in (pair.first, pair.second))
     pairs = tuple(
-        dataclasses.replace(pair, first=one.name, second=other.name)
-        for one, other in itertools.combinations_with_replacement(materials, 2)
+        dataclasses.replace(pair, first=first.name, second=second.name)
+        for first, second in itertools.combinations_with_replacement(materials, 2)
     )
     options = EngineOptions(engine, tuple(sorted(settings.items())), EVERYTHING)
     contact = Contact(law.friction_cone, materials, pairs)
@@ -369,7 +369,7 @@ def uncovered(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
         settings = {name: setting.default for name, setting in engine.SETTINGS.items()} | row["settings"]
         law = law_of(row["friction"], row["restitution"], row["ratio"], row["cone"], row["timestep"] / 1e3)
         figure = Figure(row["probe"], "", row["case"], "", "", row["expected"], row["measured"], row["tolerance"])
-        declared = [one for one in engine.CONTACT_DEVIATIONS if not one.is_local]
+        declared = [deviation for deviation in engine.CONTACT_DEVIATIONS if not deviation.is_local]
         covered = widened(figure, law, declared, settings, engine.version())
         if not covered.passed or (covered.deviation and off(covered) > NEAR):
             yield row
@@ -443,7 +443,7 @@ def _measured(row: Mapping[str, Any]) -> tuple[str, float, float]:
     ratio = 0.0
     if probe.startswith("stack"):
         ratios = TABLES.values["sliding stack" if probe in SLIDING else "stack"][0].ratios
-        ratio = max((1.001 * one for one in ratios if one < row["ratio"]), default=0.0)
+        ratio = max((1.001 * size for size in ratios if size < row["ratio"]), default=0.0)
     return probe, SOME if varied and row["restitution"] else 0.0, ratio
 
 

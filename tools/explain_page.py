@@ -38,8 +38,8 @@ def asked(name: str) -> dict[str, Any]:
     """What ``simspec explain`` finds of a case."""
     if name in CASES:
         case = CASES[name]
-        told = explanation_data(case.explain())
-        return {**told, "planted": list(case.sets), "engines": list(case.engines), "culprit": case.culprit}
+        data = explanation_data(case.explain())
+        return {**data, "planted": list(case.sets), "engines": list(case.engines), "culprit": case.culprit}
     spec, first, second, sets, windows = PAIRS[name]
     world = simspec.load(simspec.find_spec(spec), sets=sets).resolve()
     sides = [simspec.Configuration(world, engine) for engine in (first, second)]
@@ -68,15 +68,15 @@ def planted(known: dict[str, Any]) -> str:
     """The table of planted differences."""
     rows = ["| planted in B | A, B | named first | accounts for | unexplained, all |", "|---|---|---|---|---|"]
     for name in CASES:
-        told = known.get(name)
-        if told is None:
+        data = known.get(name)
+        if data is None:
             continue
-        acting = sorted((swap for swap in told["causes"] if swap["effect"]), key=rank)
+        acting = sorted((swap for swap in data["causes"] if swap["effect"]), key=rank)
         first = acting[0] if acting else None
         word = first["name"] if first else "nothing"
-        left = told["unexplained"].get("all", told["unexplained"].get("whole run"))
+        left = data["unexplained"].get("all", data["unexplained"].get("whole run"))
         rows.append(
-            f"| {', '.join(f'`{change}`' for change in told['planted'])} | {', '.join(told['engines'])} | {word} | "
+            f"| {', '.join(f'`{change}`' for change in data['planted'])} | {', '.join(data['engines'])} | {word} | "
             f"{shares(first) if first else '–'} | {'–' if left is None else percent(left)} |"
         )
     return "\n".join(rows)

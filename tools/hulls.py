@@ -117,16 +117,16 @@ def main() -> None:
     parser.add_argument("--engine", action="append")
     parser.add_argument("--friction", type=float, default=0.5)
     parser.add_argument("--set", action="append", default=[], metavar="ENGINE.SETTING=WORD")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     print("| engine | first touch, of the extent | rests deeper than touch | faster than 1 mm/s at the end | fails |")
     print("|---|---|---|---|---|")
-    for engine in asked.engine or ENGINES:
-        words = (text.partition("=") for text in asked.set if text.startswith(f"{engine}."))
+    for engine in options.engine or ENGINES:
+        words = (text.partition("=") for text in options.set if text.startswith(f"{engine}."))
         settings = {name.partition(".")[2]: word for name, _, word in words}
         touches, depths, moving, fails = [], [], 0, 0
         with tempfile.TemporaryDirectory() as folder:
-            for number, (size, turns) in enumerate(draws(asked.hulls)):
-                world = landing(engine, size, turns[0], asked.friction, settings)
+            for number, (size, turns) in enumerate(draws(options.hulls)):
+                world = landing(engine, size, turns[0], options.friction, settings)
                 simulation = loaded(world, engine, Path(folder) / str(number))
                 off = max(abs(first_touch(simulation, size, turn)) for turn in turns)
                 touches.append(off / extent(size))
@@ -139,7 +139,9 @@ def main() -> None:
                     moving += speed > 1e-3
                 simulation.close()
         deepest = f"{1e6 * max(depths):.2g} µm" if depths else "–"
-        print(f"| {engine} | {max(touches):.1e} | {deepest} | {moving} of {asked.hulls} | {fails} of {asked.hulls} |")
+        print(
+            f"| {engine} | {max(touches):.1e} | {deepest} | {moving} of {options.hulls} | {fails} of {options.hulls} |"
+        )
 
 
 if __name__ == "__main__":

@@ -69,9 +69,9 @@ class Sweeps:
         """Let a sweep come to its end; what it says. Raises AssertionError when it fails."""
         out, errors = self.start(store).communicate(timeout=DEADLINE)
         assert out, errors.decode(errors="replace")[-2000:]
-        told: dict[str, object] = json.loads(out)
-        assert told.get("exit_code") == 0, out.decode(errors="replace")[-2000:]
-        return told
+        content: dict[str, object] = json.loads(out)
+        assert content.get("exit_code") == 0, out.decode(errors="replace")[-2000:]
+        return content
 
     def left_running(self) -> list[int]:
         """Processes of killed sweeps that are still there after they have had time to notice."""
@@ -131,14 +131,14 @@ def kill_often(sweeps: Sweeps, count: int, dice: random.Random) -> list[str]:
             found += compare(sweeps.root / "whole", store)
             store = sweeps.root / f"killed-{kills}"
             before = 0
-        found += [f"kill {kills}: left running: {one}" for one in sweeps.left_running()]
+        found += [f"kill {kills}: left running: {entry}" for entry in sweeps.left_running()]
         there = len(list(store.glob("runs/*/*/run.json")))
         if there < before:
             found.append(f"kill {kills}: {before - there} runs were lost")
         before = there
-    told = sweeps.finish(store)
-    if told["ran"] != (expected := len(list(store.glob("runs/*/*/run.json"))) - before):
-        found.append(f"the last call did {told['ran']} runs, where {expected} were missing")
+    finish = sweeps.finish(store)
+    if finish["ran"] != (expected := len(list(store.glob("runs/*/*/run.json"))) - before):
+        found.append(f"the last call did {finish['ran']} runs, where {expected} were missing")
     again = sweeps.finish(store)
     if again["ran"] != 0 or again["done_before"] != whole["ran"]:
         found.append(f"a call when all is done did {again['ran']} runs")

@@ -182,8 +182,8 @@ def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> 
                 interrupted += 1
             process.communicate(timeout=DEADLINE)
             where = f"{name}, kill {turn + 1} ({how.name})"
-            found += [f"{where}: left running: {one}" for one in box.left_running()]
-            found += [f"{where}: lost: {one}" for one in box.lost()]
+            found += [f"{where}: left running: {entry}" for entry in box.left_running()]
+            found += [f"{where}: lost: {entry}" for entry in box.lost()]
             found += [f"{where}: not whole: {one}" for one in box.broken()]
             again = box.start(words, 2 + turn)
             said = again.communicate(timeout=DEADLINE)[1]
@@ -191,9 +191,9 @@ def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> 
                 found.append(
                     f"{where}: the next call ended with {again.returncode}: {said.decode(errors='replace')[-500:]}"
                 )
-            found += [f"{where}: stray: {one}" for one in box.stray()]
+            found += [f"{where}: stray: {entry}" for entry in box.stray()]
             found += [f"{where}: lost by the next call: {one}" for one in box.lost()]
-            found += [f"{where}: not whole after the next call: {one}" for one in box.broken()]
+            found += [f"{where}: not whole after the next call: {entry}" for entry in box.broken()]
         print(
             f"{name}: {count} times, {interrupted} of them killed before their end, {len(found)} complaints", flush=True
         )

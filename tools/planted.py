@@ -153,11 +153,11 @@ def job(engine: str, judged: Mapping[str, Any], cone: str, defect: Defect, probe
     pairs = tuple(
         dataclasses.replace(
             pair,
-            first=one.name,
-            second=other.name,
-            friction=0.0 if SLICK in (one.name, other.name) else pair.friction,
+            first=first.name,
+            second=second.name,
+            friction=0.0 if SLICK in (first.name, second.name) else pair.friction,
         )
-        for one, other in itertools.combinations_with_replacement(materials, 2)
+        for first, second in itertools.combinations_with_replacement(materials, 2)
     )
     contact = Contact(defect.cone or cone, tuple(materials), pairs)
     physics = Physics((0.0, 0.0, -GRAVITY), defect.timestep * law.timestep)
@@ -177,9 +177,9 @@ def measured(engine: str, jobs: Sequence[Job]) -> list[Found]:
     found: dict[int, Found] = {}
     written: dict[int, list[Operation]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for number, one in enumerate(jobs):
+        for number, planned in enumerate(jobs):
             try:
-                written[number] = _written(engine, one, Path(folder) / str(number))
+                written[number] = _written(engine, planned, Path(folder) / str(number))
             except UnsupportedError as error:
                 found[number] = error
         for number, answer in _answered(engine, Path(folder), written).items():
@@ -207,8 +207,8 @@ def _answered(engine: str, place: Path, some: Mapping[int, list[Operation]]) -> 
     return {number: [next(answers) for _ in operations] for number, operations in some.items()}
 
 
-def _written(engine: str, one: Job, place: Path) -> list[Operation]:
-    pairs = zip(itertools.chain(*one.worlds), itertools.chain(*one.operations), strict=True)
+def _written(engine: str, planned: Job, place: Path) -> list[Operation]:
+    pairs = zip(itertools.chain(*planned.worlds), itertools.chain(*planned.operations), strict=True)
     found = []
     for number, (world, operation) in enumerate(pairs):
         artifacts = place / str(number)
@@ -218,16 +218,16 @@ def _written(engine: str, one: Job, place: Path) -> list[Operation]:
     return found
 
 
-def figures(one: Job, engine: str, found: Found) -> list[Figure]:
+def figures(planned: Job, engine: str, found: Found) -> list[Figure]:
     """What level L5 makes of it; an engine that fails is a figure that fails, and what is refused has none."""
     if isinstance(found, UnsupportedError):
         return []
     if isinstance(found, EngineError):
-        return [Figure(one.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
+        return [Figure(planned.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
     kind = find_engine(engine)
     with np.errstate(invalid="ignore"):  # what never meets has no impact: no number, which fails
-        raw = one.probe.figures(one.law, [joined(parts) for parts in found])
-    return [deviating(figure, one.law, kind, one.settings, kind.version()) for figure in raw]
+        raw = planned.probe.figures(planned.law, [joined(parts) for parts in found])
+    return [deviating(figure, planned.law, kind, planned.settings, kind.version()) for figure in raw]
 
 
 def tried(
@@ -235,14 +235,14 @@ def tried(
 ) -> list[Tried]:
     """Every probe with every defect that it can have."""
     jobs = [
-        one
+        planned
         for defect in defects
         for name, probe in probes.items()
         if not (defect.probes and name in COUPLED and name not in defect.probes)
-        and (one := job(engine, settings, cone, defect, probe)) is not None
+        and (planned := job(engine, settings, cone, defect, probe)) is not None
     ]
     found = measured(engine, jobs)
-    return [Tried(one, some, figures(one, engine, some)) for one, some in zip(jobs, found, strict=True)]
+    return [Tried(planned, some, figures(planned, engine, some)) for planned, some in zip(jobs, found, strict=True)]
 
 
 def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]:
@@ -256,37 +256,41 @@ def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]
     label = " ".join(f"{name}: {value}" for name, value in settings.items())
     about = (engine, str(find_engine(engine).version()), label, cone)
     failing = [
-        Result(*about, one.job.defect.name, planted_pages.FAILS, one.fails) for one in before.values() if one.fails
+        Result(*about, attempt.job.defect.name, planted_pages.FAILS, attempt.fails)
+        for attempt in before.values()
+        if attempt.fails
     ]
     mine = {}
     for defect in DEFECTS:
-        if own := [one for one in everything if one.job.defect is defect]:
+        if attempts := [attempt for attempt in everything if attempt.job.defect is defect]:
             mine[defect.name] = Result(*about, defect.name)
-            judge(mine[defect.name], engine, own, before)
+            judge(mine[defect.name], engine, attempts, before)
     left = [defect for defect in DEFECTS if defect.name in mine and mine[defect.name].verdict in ("hidden", "blind")]
-    for one in tried(engine, settings, cone, left, ONE_PAIR):
-        mine[one.job.defect.name].one_pair += one.fails
+    for attempt in tried(engine, settings, cone, left, ONE_PAIR):
+        mine[attempt.job.defect.name].one_pair += attempt.fails
     for defect in left:
-        if not mine[defect.name].one_pair and any(reads(one.job) for one in everything if one.job.defect is defect):
+        if not mine[defect.name].one_pair and any(
+            reads(attempt.job) for attempt in everything if attempt.job.defect is defect
+        ):
             mine[defect.name].one_pair.append("masses that are read back (L1)")
     return [*failing, *mine.values()]
 
 
-def judge(result: Result, engine: str, own: Sequence[Tried], before: Mapping[tuple[Law, str], Tried]) -> None:
+def judge(result: Result, engine: str, attempts: Sequence[Tried], before: Mapping[tuple[Law, str], Tried]) -> None:
     """Say in ``result`` what the coupled probes show of a defect; ``before``: the same without it."""
     acts, rows = False, list[str]()
-    for one in own:
-        unchanged = before[one.job.key]
-        for some in (unchanged.found, one.found):
+    for attempt in attempts:
+        unchanged = before[attempt.job.key]
+        for some in (unchanged.found, attempt.found):
             if isinstance(some, UnsupportedError):
                 result.verdict, result.why = "refused", some.problems[0].message
                 return
-        result.seen += one.fails
-        if not same(one.found, unchanged.found):
+        result.seen += attempt.fails
+        if not same(attempt.found, unchanged.found):
             acts = True
-            if not one.fails:
-                result.blind.append(one.job.probe.NAME)
-                rows += hiding(one, engine, unchanged)
+            if not attempt.fails:
+                result.blind.append(attempt.job.probe.NAME)
+                rows += hiding(attempt, engine, unchanged)
     result.verdict = "seen" if result.seen else "hidden" if rows else "blind" if acts else "inert"
     result.why = ", ".join(dict.fromkeys(rows))
 
@@ -297,18 +301,18 @@ def same(found: Found, unchanged: Found) -> bool:
         return False
     pairs = zip(itertools.chain(*found), itertools.chain(*unchanged), strict=True)
     return all(
-        one.pose.keys() == other.pose.keys()
-        and all(np.array_equal(one.pose[name], other.pose[name], equal_nan=True) for name in one.pose)
-        and all(np.array_equal(one.velocity[name], other.velocity[name], equal_nan=True) for name in one.velocity)
-        for one, other in pairs
+        first.pose.keys() == second.pose.keys()
+        and all(np.array_equal(first.pose[name], second.pose[name], equal_nan=True) for name in first.pose)
+        and all(np.array_equal(first.velocity[name], second.velocity[name], equal_nan=True) for name in first.velocity)
+        for first, second in pairs
     )
 
 
-def reads(one: Job) -> bool:
+def reads(planned: Job) -> bool:
     """Whether a mass that an engine reads back differs from the probe's own."""
-    given = {body.name: body.inertial.mass for trial in one.probe.trials(one.law) for body in trial.bodies}
+    given = {body.name: body.inertial.mass for trial in planned.probe.trials(planned.law) for body in trial.bodies}
     with tempfile.TemporaryDirectory() as folder:
-        for number, world in enumerate(itertools.chain(*one.worlds)):
+        for number, world in enumerate(itertools.chain(*planned.worlds)):
             (engine,) = (options.engine for options in world.engines)
             place = Path(folder) / str(number)
             write_folder(compile_world(world, [engine])[engine].files, place)
@@ -321,16 +325,23 @@ def reads(one: Job) -> bool:
     return False
 
 
-def hiding(one: Tried, engine: str, unchanged: Tried) -> Iterator[str]:
+def hiding(attempt: Tried, engine: str, unchanged: Tried) -> Iterator[str]:
     """The declared deviations by which figures pass, with the defect or without it, although it moves them by more than the
     probe's tolerance."""
-    law, kind = one.job.law, find_engine(engine)
-    for figure, old in zip(one.figures, unchanged.figures, strict=False):
+    law, kind = attempt.job.law, find_engine(engine)
+    for figure, old in zip(attempt.figures, unchanged.figures, strict=False):
         promised = figure.promised or old.promised
         if promised is None or figure.measured is None or old.measured is None:
             continue
         if abs(figure.measured - old.measured) > promised:
-            conditions = (law.pair, law.friction_cone, law.timestep, one.job.settings, law.reach.ratio, kind.version())
+            conditions = (
+                law.pair,
+                law.friction_cone,
+                law.timestep,
+                attempt.job.settings,
+                law.reach.ratio,
+                kind.version(),
+            )
             rows = [row for row in kind.CONTACT_DEVIATIONS if row.probe == figure.probe and row.counts_for(*conditions)]
             widest = max(rows, key=lambda row: row.size)
             yield " ".join(
@@ -355,9 +366,11 @@ def main() -> int:
         for settings, cone in itertools.product(SETTINGS[engine], CONES):
             clock = time.monotonic()
             found = results(engine, settings, cone)
-            kept += [dataclasses.asdict(one) for one in found]
+            kept += [dataclasses.asdict(result) for result in found]
             if found:
-                counts = ", ".join(f"{name} {count}" for name, count in Counter(one.verdict for one in found).items())
+                counts = ", ".join(
+                    f"{name} {count}" for name, count in Counter(result.verdict for result in found).items()
+                )
                 print(f"{engine} {found[0].setting} {cone}: {counts}; {time.monotonic() - clock:.0f} s", flush=True)
     bad = [row for row in kept if planted_pages.missed(row) or row["verdict"] == planted_pages.FAILS]
     for row in bad:

@@ -108,9 +108,9 @@ def record(rows: Sequence[Row]) -> str:
     for engine, mine in _by(rows, "engine").items():
         hide: dict[str, list[str]] = {}
         for row in mine:
-            for one in filter(None, row["why"].split(", ") if row["verdict"] != "refused" else ()):
-                hide.setdefault(one, []).append(row["defect"])
-        lines += [_line(engine, one, ", ".join(dict.fromkeys(defects))) for one, defects in hide.items()]
+            for entry in filter(None, row["why"].split(", ") if row["verdict"] != "refused" else ()):
+                hide.setdefault(entry, []).append(row["defect"])
+        lines += [_line(engine, name, ", ".join(dict.fromkeys(defects))) for name, defects in hide.items()]
     lines.append("")
     lines += ["## Probes that a defect leaves within their tolerances", ""]
     lines.append("How often all figures of a probe pass, by defect, although its bodies move otherwise:")

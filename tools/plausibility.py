@@ -289,11 +289,11 @@ def main() -> int:
 def _files(packages: Path, scratch: Path) -> Iterator[tuple[str, Path, list[str]]]:
     for package, path in FILES:
         shared = packages / package / "cmeel.prefix" / "share"
-        own = packages / package / Path(path).parts[0]
+        package_folder = packages / package / Path(path).parts[0]
         folders = [
             str(folder)
-            for folder in (shared, own)
-            if folder.is_dir() and (shared == folder or (own / "package.xml").exists())
+            for folder in (shared, package_folder)
+            if folder.is_dir() and (shared == folder or (package_folder / "package.xml").exists())
         ]
         yield f"{package} {path.removeprefix(DATA + '/')}", place(package, path, packages), folders
     for name, slip in PLANTED.items():
@@ -334,12 +334,12 @@ def page(rows: Sequence[tuple[str, Mapping[str, Any], Plausibility | None, str]]
         left = Counter(f"{check} ({letter(check, message)})" for check, _, message in missed(data, found, refusal))
         same = sum(theirs.values()) - sum(left.values())
         ours = found or Plausibility()
-        totals.update(f"{one.rule} {one.grade}" for one in ours.findings)
-        warnings = _counted(Counter(one.rule for one in ours.warnings))
+        totals.update(f"{finding.rule} {finding.grade}" for finding in ours.findings)
+        warnings = _counted(Counter(warning.rule for warning in ours.warnings))
         refused = f"refused: {refusal.rpartition('/')[2][:60]}" if refusal else ""
         cells = (title, _counted(theirs), f"{same} of {sum(theirs.values())}", _counted(left))
         more = "; ".join(part for part in (refused, warnings) if part) or "–"
-        lines.append(f"| {' | '.join(cells)} | {more} | {_counted(Counter(one.rule for one in ours.notes))} |")
+        lines.append(f"| {' | '.join(cells)} | {more} | {_counted(Counter(note.rule for note in ours.notes))} |")
     lines += ["", "Findings of simspec by rule, in all files:", "", "| rule | warnings | notes |", "|---|---|---|"]
     lines += [f"| `{code}` | {totals[f'{code} warning']} | {totals[f'{code} note']} |" for code in RULES]
     return "\n".join([*lines, ""])

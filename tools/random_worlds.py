@@ -125,18 +125,20 @@ def main() -> int:
     parser.add_argument("--engine", action="append", choices=sorted(engines()))
     parser.add_argument("--contact-every", type=int, default=10, metavar="N")
     parser.add_argument("--write", type=Path)
-    asked = parser.parse_args()
-    names = asked.engine or INSTALLED
-    for name, why in ({} if asked.engine else LEFT_OUT).items():
+    options = parser.parse_args()
+    names = options.engine or INSTALLED
+    for name, why in ({} if options.engine else LEFT_OUT).items():
         print(f"left out: {name}: {why}", flush=True)
-    seeds = asked.seeds or range(asked.first, asked.first + asked.count)
+    seeds = options.seeds or range(options.first, options.first + options.count)
     invalid, causes, began = [], collections.Counter(), time.monotonic()
     compared = collections.Counter()
     with WarmProcesses() as warm:
         for seed in seeds:
-            levels = set(LEVELS) if asked.contact_every and seed % asked.contact_every == 0 else set(LEVELS) - {"L5"}
+            levels = (
+                set(LEVELS) if options.contact_every and seed % options.contact_every == 0 else set(LEVELS) - {"L5"}
+            )
             try:
-                wrong, refused = attempt(seed, names, levels, asked.write, warm)
+                wrong, refused = attempt(seed, names, levels, options.write, warm)
             except SpecError as error:
                 wrong, refused = [f"spec: {problem.path}: {problem.message}" for problem in error.problems], {}
             except Exception as error:  # whatever it is, it is what this tool looks for

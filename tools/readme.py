@@ -61,7 +61,7 @@ def check_engines() -> None:
     """End the program where ``--all-engines`` would take other engines here than the pages show."""
     with tempfile.TemporaryDirectory() as place:
         instances = json.loads(simspec(["engines", "--json"], Path(place)))["instances"]
-    if wrong := other_engines(one["label"] for one in instances if one["version"]):
+    if wrong := other_engines(instance["label"] for instance in instances if instance["version"]):
         sys.exit("\n".join(wrong))
 
 

@@ -85,7 +85,7 @@ def main() -> int:
     print("|---|" + "---|" * len(seen))
     for quantity in QUANTITIES:
         row = [worst.get(quantity, {}).get(group) for group in seen]
-        print(f"| {quantity} | " + " | ".join(f"{one[0]:.1e} ({one[1]})" if one else "-" for one in row) + " |")
+        print(f"| {quantity} | " + " | ".join(f"{cell[0]:.1e} ({cell[1]})" if cell else "-" for cell in row) + " |")
     print(f"{time.process_time() - start:.1f} s of processor time")
     return int(max(share for row in worst.values() for share, _ in row.values()) > options.allowed)
 

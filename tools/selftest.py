@@ -50,15 +50,28 @@ def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = 
     kept = results.setdefault(engine, {})
     pythons = load_project().known_interpreters()
     version = str(version_of(engine, pythons.get(engine)))
-    sound = {world for world, one in kept.items() if one["version"] == version and not one["rows"]["all"]["missed"]}
+    sound = {
+        world for world, entry in kept.items() if entry["version"] == version and not entry["rows"]["all"]["missed"]
+    }
     done = sound if go_on else set()
 
     def keep(world: str, verdicts: Sequence[Verdict], seconds: float) -> None:
         kept[world] = of_world(version, verdicts, seconds)
         write(results)
-        for one in verdicts:
-            if one.verdict == "missed":
-                print("MISSED", engine, world, one.file, one.place, one.kind, one.change, one.why, sep="  ", flush=True)
+        for verdict in verdicts:
+            if verdict.verdict == "missed":
+                print(
+                    "MISSED",
+                    engine,
+                    world,
+                    verdict.file,
+                    verdict.place,
+                    verdict.kind,
+                    verdict.change,
+                    verdict.why,
+                    sep="  ",
+                    flush=True,
+                )
 
     found = complete_self_test(
         [engine],
@@ -71,16 +84,16 @@ def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = 
     for row in found.unused.get(engine, ()):
         print("NOT NEEDED", engine, row, sep="  ")
     if not worlds:
-        tried = {one.world for one in found.verdicts}
-        results[engine] = {world: one for world, one in kept.items() if world in tried | done}
+        tried = {verdict.world for verdict in found.verdicts}
+        results[engine] = {world: entry for world, entry in kept.items() if world in tried | done}
         write(results)
 
 
 def summed(results: Results, engine: str) -> dict[str, Counter[str]]:
     """The counts of an engine by kind of change, over its worlds; that of all kinds last."""
     sums: dict[str, Counter[str]] = {}
-    for one in results[engine].values():
-        for kind, counts in one["rows"].items():
+    for entry in results[engine].values():
+        for kind, counts in entry["rows"].items():
             sums.setdefault(kind, Counter()).update(counts)
     return {kind: sums[kind] for kind in (*(kind for kind in sums if kind != "all"), "all")}
 
@@ -89,9 +102,15 @@ def page_table(results: Results) -> str:
     """The tables of the page: a row for each engine and world, for each engine and kind of change, and why inert things are."""
     lines = _head("engine", "world", "date", "s", *COLUMNS, left=3)
     for engine, worlds in results.items():
-        for world, one in worlds.items():
+        for record, entry in worlds.items():
             lines.append(
-                _row(f"{engine} {one['version']}", world, one["date"], one["seconds"], *_counts(one["rows"]["all"]))
+                _row(
+                    f"{engine} {entry['version']}",
+                    record,
+                    entry["date"],
+                    entry["seconds"],
+                    *_counts(entry["rows"]["all"]),
+                )
             )
     lines += _head("engine", "change", *COLUMNS, left=2)
     for engine in results:
@@ -99,7 +118,7 @@ def page_table(results: Results) -> str:
             lines.append(_row(f"**{engine}**" if kind == "all" else engine, kind, *_counts(counts)))
     lines += ["", "Declared inert, and confirmed by motion:", *_head("engine", "reason", "changes", left=2)]
     for engine, worlds in results.items():
-        reasons = sum((Counter(one["inert"]) for one in worlds.values()), Counter[str]())
+        reasons = sum((Counter(record["inert"]) for record in worlds.values()), Counter[str]())
         lines += [_row(engine, why, count) for why, count in reasons.most_common()]
     return "\n".join([*lines, ""])
 
@@ -147,7 +166,7 @@ def main() -> int:
     results = read()
     for engine in given.engines or [name for name in engines() if find_engine(name).version() is not None]:
         measure(engine, given.worlds, results, given.go_on)
-    missed = sum(one["rows"]["all"]["missed"] for worlds in results.values() for one in worlds.values())
+    missed = sum(world["rows"]["all"]["missed"] for worlds in results.values() for world in worlds.values())
     print(f"missed: {missed}")
     return 1 if missed else 0
 

@@ -118,7 +118,7 @@ def page(into: Path) -> str:
     names = [name for name in engines() if any(name in answer["verdicts"] for _, answer in imported)]
     pairs = [answer["verdicts"][name] for _, answer in imported for name in answer["verdicts"]]
     versions = ", ".join(f"{engines()[name].TITLE} {engines()[name].version()}" for name in names)
-    valid, unrepaired = sum(one["valid"] for one in pairs), sum(not answer["repairs"] for _, answer in imported)
+    valid, unrepaired = sum(pair["valid"] for pair in pairs), sum(not answer["repairs"] for _, answer in imported)
     kinds = collections.Counter(robot.kind for robot, _ in found)
     lines = [
         "# Robot files that the project had not used",

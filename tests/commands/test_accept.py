@@ -53,7 +53,7 @@ def call(path, *more) -> int:
     [
         "",
         "engines:\n  dart: {settings: {}}   # mine\n",
-        f"engines: {{{ENGINE}: {{accept: [contact.friction.impact]}}}}\n",
+        f"engines: {{{ENGINE}: {{accepted: [contact.friction.impact]}}}}\n",
         f"engines:\n  # why\n  {ENGINE}:\n    accept:\n      - contact.friction.impact  # measured by me\n",
     ],
     ids=["none", "another engine's", "flow", "block"],
@@ -72,9 +72,9 @@ def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, ow
     spec = load(path)
     world = spec.resolve()
     compile_world(world, [ENGINE], spec.locate)
-    held = world.options(ENGINE).accept
-    assert NEEDED in held
-    assert ("contact.friction.impact" in held) == ("impact" in own)
+    accepted = world.options(ENGINE).accept
+    assert NEEDED in accepted
+    assert ("contact.friction.impact" in accepted) == ("impact" in own)
     line = next(line for line in after.splitlines() if NEEDED in line)
     assert "  # " in line
     assert len(line) < 140
@@ -129,8 +129,8 @@ DECLARED = list(
     dict.fromkeys(
         (owner.NAME, feature.value, said.short)
         for owner in (*dialects().values(), *engines().values())
-        for feature, one in owner.SUPPORT.items()
-        for said in (one, *one.cases)
+        for feature, support in owner.SUPPORT.items()
+        for said in (support, *support.cases)
         if said.level in (Level.APPROXIMATE, Level.OUTSIDE)
     )
 )

@@ -93,7 +93,7 @@ models:
     pairs = load(path).resolve().contact.excluded_bodies
     assert ("a/boom", "a/nail") in pairs
     assert ("b/boom", "b/nail") not in pairs
-    assert not any(one.startswith("a/") != other.startswith("a/") for one, other in pairs)
+    assert not any(name.startswith("a/") != other.startswith("a/") for name, other in pairs)
 
 
 def test_a_scenario_has_groups_for_it(tmp_path):

@@ -30,23 +30,23 @@ def asked(tmp_path, monkeypatch):
     was measured."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    asked: dict[str, list[str]] = {"installed": [], "measured": []}
+    requested: dict[str, list[str]] = {"installed": [], "measured": []}
     monkeypatch.setattr(released, "_listed", lambda engine, package: RELEASED if package == "mujoco" else [])
 
     def installed(label, yes):
-        asked["installed"].append(label.label)
+        requested["installed"].append(label.label)
         return "/environment/python"
 
     def measure(self, version):
         self.provide(f"{self.engine}@{version}")
-        asked["measured"].append(version)
+        requested["measured"].append(version)
         if version not in DEPTH:
             raise EngineError(f"mujoco@{version}", "fails")
         return Reading(version, DEPTH[version], "m", 3e-8, 4.5e-8)
 
     monkeypatch.setattr(command, "installed_version", installed)
     monkeypatch.setattr(command.Versions, "__call__", measure)
-    return asked
+    return requested
 
 
 def test_the_version_is_named_with_both_values(asked, capsys):
@@ -64,9 +64,9 @@ def test_the_version_is_named_with_both_values(asked, capsys):
 
 def test_json_has_everything(asked, capsys):
     assert cli.main(["bisect", *WORDS, *ENDS, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["changed_in"], told["found"], told["exit_code"]) == ("3.4.0", True, 0)
-    assert told["before"] == {
+    content = json.loads(capsys.readouterr().out)
+    assert (content["changed_in"], content["found"], content["exit_code"]) == ("3.4.0", True, 0)
+    assert content["before"] == {
         "version": "3.3.7",
         "value": 0.2155e-3,
         "unit": "m",
@@ -74,7 +74,7 @@ def test_json_has_everything(asked, capsys):
         "half_width": 4.5e-8,
         "stored": False,
     }
-    assert list(told["measured"]) == told["versions"] == RELEASED
+    assert list(content["measured"]) == content["versions"] == RELEASED
 
 
 def test_no_change_is_exit_code_1(asked, capsys):
@@ -91,11 +91,11 @@ def test_versions_may_be_given_without_the_index(asked, monkeypatch, capsys):
 
     monkeypatch.setattr(released, "_listed", never)
     assert cli.main(["bisect", *WORDS, *ENDS, "--versions", "3.4.0, 3.3.8", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["versions"] == ["3.3.6", "3.3.8", "3.4.0", "3.5.0"]
-    assert told["not_measured"] == {"3.3.8": "fails"}
-    assert (told["changed_in"], told["between"]) == ("3.4.0", ["3.3.8"])
-    assert told["before"]["version"] == "3.3.6"
+    content = json.loads(capsys.readouterr().out)
+    assert content["versions"] == ["3.3.6", "3.3.8", "3.4.0", "3.5.0"]
+    assert content["not_measured"] == {"3.3.8": "fails"}
+    assert (content["changed_in"], content["between"]) == ("3.4.0", ["3.3.8"])
+    assert content["before"]["version"] == "3.3.6"
 
 
 WITHOUT = ("bisect", *WORDS)
@@ -133,8 +133,8 @@ def test_bad_input_is_named_and_nothing_is_written(asked, capsys, tmp_path, word
 def test_what_an_end_does_not_support_is_accepted_by_name(asked, capsys):
     words = ["bisect", "box-on-ramp", "--engine", "mujoco", "--figure", "rough_box.z", "--no-verify", *ENDS]
     assert cli.main([*words, "--accept", "shape.box", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert "engines.mujoco.accept=[contact.friction.impact, shape.box]" in told["explain"]
+    content = json.loads(capsys.readouterr().out)
+    assert "engines.mujoco.accept=[contact.friction.impact, shape.box]" in content["explain"]
 
 
 def test_a_version_that_is_not_installed_names_the_command(tmp_path, monkeypatch, capsys):
@@ -191,14 +191,14 @@ def test_the_version_that_changed_how_boxes_touch_is_found(tmp_path, monkeypatch
         "displacement",
     ]
     assert cli.main([*words, "--yes", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["changed_in"] == "3.4.0"
-    assert told["before"]["value"] == pytest.approx(0.2155e-3, rel=1e-3)
-    assert told["after"]["value"] == pytest.approx(0.1078e-3, rel=1e-3)
-    assert any(line.startswith("models: equal") for line in told["models"])
-    assert find_engine("mujoco").version() not in told["measured"]
+    content = json.loads(capsys.readouterr().out)
+    assert content["changed_in"] == "3.4.0"
+    assert content["before"]["value"] == pytest.approx(0.2155e-3, rel=1e-3)
+    assert content["after"]["value"] == pytest.approx(0.1078e-3, rel=1e-3)
+    assert any(line.startswith("models: equal") for line in content["models"])
+    assert find_engine("mujoco").version() not in content["measured"]
     # nothing is measured twice
     assert cli.main([*words, "--no-verify", "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
-    assert all(one["stored"] for one in again["measured"].values())
-    assert again["before"]["value"] == told["before"]["value"]
+    assert all(entry["stored"] for entry in again["measured"].values())
+    assert again["before"]["value"] == content["before"]["value"]

@@ -84,7 +84,7 @@ def test_lines_are_bounded():
     left = len(RULES) - MOST_LINES
     assert f"  and {3 * left} findings of {left} more rules (-v)" in lines
     assert "10 of 20 positions" in "".join(lines)
-    told = plausibility_lines(found, verbose=True)
-    assert sum(line.startswith("    ") for line in told) == len(many)
+    lines = plausibility_lines(found, verbose=True)
+    assert sum(line.startswith("    ") for line in lines) == len(many)
     fewer = plausibility_lines(found, verbose=True, warned=True)
     assert not any(rule.warned and f" {code}:" in "".join(fewer) for code, rule in RULES.items())

@@ -135,17 +135,17 @@ def test_speed_is_measured_for_a_baseline(folder, capsys):
     said = json.loads(capsys.readouterr().out)["baseline"]
     assert said["written"] == "b.json"
     assert said["comparison"] is None
-    figures = {one["key"]: one for one in json.loads((folder / "b.json").read_text())["figures"]}
+    figures = {figure["key"]: figure for figure in json.loads((folder / "b.json").read_text())["figures"]}
     speed = figures["mujoco/speed by processor time"]
     assert speed["interval"][0][0] <= speed["value"][0] <= speed["interval"][0][1]
 
 
 def test_engines_are_timed_only_where_their_speed_is_compared_or_kept(monkeypatch, capsys):
-    asked = []
-    monkeypatch.setattr(baseline_command, "timed_runs", lambda cases, repeats, **_: asked.append(repeats) or [])
+    requested = []
+    monkeypatch.setattr(baseline_command, "timed_runs", lambda cases, repeats, **_: requested.append(repeats) or [])
     assert call(*RUN, "--baseline", "b.json") == EXIT_OK
     assert call(*RUN, "--write-baseline", "b.json", "--timed-runs", "0") == EXIT_OK
     assert call(*RUN, "--baseline", "b.json") == EXIT_OK
-    assert asked == []
+    assert requested == []
     assert call(*RUN, "--write-baseline", "b.json", "--timed-runs", "4") == EXIT_OK
-    assert asked == [4]
+    assert requested == [4]

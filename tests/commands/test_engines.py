@@ -82,12 +82,12 @@ def test_packages_that_are_there_in_part_or_in_another_version(packages, version
     found = diagnose(packages(**versions))
     assert found.state is state
     assert len(found.problems) == len(problems)
-    assert all(told.startswith(words) for told, words in zip(found.problems, problems, strict=True))
+    assert all(problem.startswith(words) for problem, words in zip(found.problems, problems, strict=True))
     assert found.install == "pip install 'simspec-physics[toy]'"
 
 
 def test_requirements_are_those_of_the_extra_alone(packages):
-    assert [one.name for one in environments.requirements("toy")] == ["toy-core", "toy-oracle"]
+    assert [requirement.name for requirement in environments.requirements("toy")] == ["toy-core", "toy-oracle"]
 
 
 def test_doctor_ends_with_3_for_what_is_half_there_and_for_what_is_named(packages, capsys):
@@ -224,12 +224,16 @@ APT = ["apt-get update --quiet", "apt-get install --yes --no-install-recommends 
 
 
 def test_the_words_are_printed_and_run_only_where_that_is_asked(packages, commands, capsys):
-    [told] = answer(capsys, "install", "toy")["toy"]["commands"]
-    assert told == {"words": f"{sys.executable} -I -m pip install 'simspec-physics[toy]'", "ran": False, "code": None}
-    assert shlex.split(told["words"])[0] == sys.executable
+    [command] = answer(capsys, "install", "toy")["toy"]["commands"]
+    assert command == {
+        "words": f"{sys.executable} -I -m pip install 'simspec-physics[toy]'",
+        "ran": False,
+        "code": None,
+    }
+    assert shlex.split(command["words"])[0] == sys.executable
     assert commands() == []
     assert cli.main(["engines", "install", "toy"]) == 0
-    assert told["words"] in capsys.readouterr().out
+    assert command["words"] in capsys.readouterr().out
     assert answer(capsys, "install", "toy", "--yes")["toy"]["commands"][0]["code"] == 0
     assert commands() == [PIP]
 
@@ -247,7 +251,7 @@ def test_debians_packages_are_roots_matter(toys, commands, capsys, monkeypatch):
     monkeypatch.setattr(installing.os, "geteuid", lambda: 1000)
     row = answer(capsys, "install", "toys", "--yes", code=3)["toys"]
     assert row["problem"] == "not run: it needs root"
-    assert [one["words"] for one in row["commands"]] == APT
+    assert [command["words"] for command in row["commands"]] == APT
     assert commands() == []
     monkeypatch.setattr(installing.os, "geteuid", lambda: 0)
     assert answer(capsys, "install", "toys")["toys"]["problem"] is None

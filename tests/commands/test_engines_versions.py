@@ -49,7 +49,7 @@ def asked(place) -> list[str]:
 
 def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
     place = made / "mujoco@3.17"
-    [venv, pip] = [one["words"] for one in answer(capsys, "install", "mujoco@3.17")["mujoco@3.17"]["commands"]]
+    [venv, pip] = [command["words"] for command in answer(capsys, "install", "mujoco@3.17")["mujoco@3.17"]["commands"]]
     assert venv == f"{sys.executable} -I -m venv {place}"
     assert pip.startswith(f"{place}/bin/python -I -m pip install 'mujoco==3.17.*' numpy 'pin")
     assert not made.exists()  # nothing is run unasked
@@ -62,7 +62,7 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
     assert interpreters(None) == {"mujoco@3.17": str(place / "bin" / "python")}
     assert interpreters(["mujoco@3.17=/other"]) == {"mujoco@3.17": "/other"}
     assert cli.main(["engines", "--json"]) == 0
-    rows = {one["label"]: one for one in json.loads(capsys.readouterr().out)["instances"]}
+    rows = {instance["label"]: instance for instance in json.loads(capsys.readouterr().out)["instances"]}
     assert (rows["mujoco@3.17"]["version"], rows["mujoco@3.17"]["problem"]) == ("3.17.4", None)
 
     again = answer(capsys, "install", "mujoco@3.17", "--yes")["mujoco@3.17"]

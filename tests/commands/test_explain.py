@@ -31,8 +31,8 @@ def runs(tmp_path_factory):
 
 def explain(capsys, *words):
     code = cli.main(["explain", *map(str, words)])
-    told = capsys.readouterr()
-    return code, told.out, told.err
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
 
 
 def test_the_verdict_is_the_first_line(runs, capsys):
@@ -46,11 +46,11 @@ def test_the_verdict_is_the_first_line(runs, capsys):
 
 def test_the_same_as_data(runs, capsys):
     code, out, _ = explain(capsys, runs / "fall", runs / "slow", "--json")
-    told = json.loads(out)
+    content = json.loads(out)
     assert code == EXIT_OK
-    assert told["causes"][0]["name"] == "gravity"
-    assert told["causes"][0]["share"]["free"] == 1.0
-    assert told["unexplained"]["all"] == 0.0
+    assert content["causes"][0]["name"] == "gravity"
+    assert content["causes"][0]["share"]["free"] == 1.0
+    assert content["unexplained"]["all"] == 0.0
 
 
 def test_the_second_side_may_be_given_by_its_values(tmp_path, monkeypatch, capsys):

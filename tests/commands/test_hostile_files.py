@@ -67,15 +67,18 @@ def everything(folder):
 
 @pytest.mark.parametrize(
     ("command", "name"),
-    [*(("check", name) for name in FILES), *((one, name) for one in COMMANDS if one != "check" for name in CHEAP)],
+    [
+        *(("check", name) for name in FILES),
+        *((command, name) for command in COMMANDS if command != "check" for name in CHEAP),
+    ],
 )
 def test_it_is_refused_with_its_place_and_nothing_is_written(command, name, project, capsys):
     before = everything(project)
     assert cli.main([word.format(name) for word in COMMANDS[command]]) == 2
-    told = capsys.readouterr()
-    assert f"{name}:" in told.err, told.err
-    assert "hidden" not in told.err + told.out
-    assert not told.out
+    captured = capsys.readouterr()
+    assert f"{name}:" in captured.err, captured.err
+    assert "hidden" not in captured.err + captured.out
+    assert not captured.out
     assert everything(project) == before
 
 

@@ -169,7 +169,7 @@ def test_comments_find_their_entries():
 def _below(node, path):
     for step in path.split("."):
         entries = node.entries
-        node = (entries[int(step)] if step.isdigit() else next(one for one in entries if one.name == step)).node
+        node = (entries[int(step)] if step.isdigit() else next(child for child in entries if child.name == step)).node
     return node
 
 

@@ -54,7 +54,7 @@ def steps(tmp_path, monkeypatch):
         return (step, engine) if world.name == "ball" else ("of another world", step)
 
     count(compiler, "needed_decisions", lambda world, label, *more: of(world, "negotiate", label))
-    for dialect in {type(one) for one in dialects().values()}:
+    for dialect in {type(dialect) for dialect in dialects().values()}:
         count(dialect, "lower", lambda self, world, target: of(world, "lower", target.engine))
     count(compiler, "canonical_json", lambda world: of(world, "canonical JSON"))
     count(Dialect, "read", lambda self, folder: ("read", folder.name))

@@ -116,10 +116,10 @@ def test_a_page_is_filled_and_stays_current_until_a_model_changes(folder):
     (folder / "fall.yaml").write_text(SPEC.replace("bodies:", "bodies:  # one"))
     run("pages", "docs/results.md", "--check")
     (folder / "fall.yaml").write_text(SPEC.replace("1 kg", "2 kg"))
-    told = run("pages", "docs/results.md", "--check", code=1).stderr
+    stderr = run("pages", "docs/results.md", "--check", code=1).stderr
     assert (
         "sweep steps, are older than the code: 2 of 2 models differ (world: 2), first mujoco, physics.timestep=1 ms"
-        in told
+        in stderr
     )
     assert page.read_text() == text
     run("pages", "docs/results.md", code=1)
@@ -186,8 +186,8 @@ def test_edited_results_and_runs_of_earlier_models_are_refused(folder):
 
 
 def test_an_absolute_path_of_a_study_is_not_published(folder):
-    told = run("study", str(folder / "study.yaml"), "--publish", "docs/studies/falls", code=2).stderr
-    assert "other machines" in told
+    stderr = run("study", str(folder / "study.yaml"), "--publish", "docs/studies/falls", code=2).stderr
+    assert "other machines" in stderr
 
 
 def tables(text: str = "1 <b>|") -> StudyTables:

@@ -47,17 +47,17 @@ def refused(rig, *engines):
 
 
 def test_each_refusal_has_its_engine_its_feature_and_the_option_that_accepts_it(rig):
-    found = {(one.engine, one.feature): one.option for one in refused(rig)}
+    found = {(refusal.engine, refusal.feature): refusal.option for refusal in refused(rig)}
     assert found["mujoco", "joint.limits.position"] == "accept"
     assert found["rapier", "joint.hinge"] == ""
-    assert all(isinstance(one, Refusal) for one in refused(rig))
+    assert all(isinstance(refusal, Refusal) for refusal in refused(rig))
 
 
 def test_one_line_for_a_feature_with_all_engines(rig):
     lines = brief(refused(rig))
-    features = {one.feature for one in refused(rig)}
+    features = {refusal.feature for refusal in refused(rig)}
     assert len(lines) == len(features) < len(refused(rig))
-    (line,) = [one for one in lines if "joint.limits.position" in one]
+    (line,) = [line for line in lines if "joint.limits.position" in line]
     assert line.endswith("joint.limits.position: approximate in mujoco, pybullet; not supported by rapier, physx")
 
 

@@ -171,8 +171,8 @@ def keeping(made):
 
     def study(world, engines, *, arrivals, **_):
         arrivals.certificate(made.certificate)
-        for one in made.runs.values():
-            arrivals.run(one)
+        for run in made.runs.values():
+            arrivals.run(run)
         for floor in made.floors.values():
             arrivals.floor(floor)
         return made

@@ -78,9 +78,9 @@ def test_every_command_takes_them(folder, capsys, name):
 def test_each_of_them_is_needed(folder, capsys, name):
     words = COMMANDS[name]
     assert cli.main([*words, *SAID[4:]]) == 2
-    told = capsys.readouterr().err
-    assert "triangle inequality" in told
-    assert "the package 'far_description' is not found" in told
+    err = capsys.readouterr().err
+    assert "triangle inequality" in err
+    assert "the package 'far_description' is not found" in err
     assert cli.main([*words, *SAID[:4]]) == 2
     assert "no such file" in capsys.readouterr().err
     assert cli.main([*words, *SAID[:2], *SAID[4:], *NAMED]) == 0
@@ -130,9 +130,9 @@ def test_words_of_another_form_are_errors(words):
 
 
 def test_what_is_said_of_all_files_and_of_one(tmp_path):
-    own = ImportOptions({"a": "own"}, ("first",), {"x": "1", "y": "2"}, ("massless",), base=tmp_path)
+    options = ImportOptions({"a": "own"}, ("first",), {"x": "1", "y": "2"}, ("massless",), base=tmp_path)
     more = ImportOptions({"a": "all", "b": "all"}, ("second",), {"x": "3"}, ("massless", "other"), self_collision=False)
-    both = own.together(more)
+    both = options.together(more)
     assert both == ImportOptions(
         {"a": "own", "b": "all"},
         ("first", "second"),

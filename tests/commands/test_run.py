@@ -25,8 +25,8 @@ def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
         name: run(ONE, lambda body, t, name=name: column(0 * t + apart * (name == "second"), 0, 0), engine=name)
         for name in ("first", "second")[:engines]
     }
-    flat = {name: np.zeros(one.arrays["pose"].shape[:2]) for name, one in runs.items()}
-    floors = {name: Floor(name, one.time, flat[name] + noise, flat[name], True, 1e-15) for name, one in runs.items()}
+    flat = {name: np.zeros(run.arrays["pose"].shape[:2]) for name, run in runs.items()}
+    floors = {name: Floor(name, run.time, flat[name] + noise, flat[name], True, 1e-15) for name, run in runs.items()}
     pairs = [tuple(runs.values())] if engines == 2 else []
     diffs = tuple(diff(a, b, tolerance=tolerance, floor=list(floors.values())) for a, b in pairs)
     return Study(ONE, None, runs, {}, floors, {}, diffs)

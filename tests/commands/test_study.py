@@ -91,8 +91,8 @@ def study(*words, code=0):
 
 
 def test_a_study_is_run_once_and_shown(folder):
-    told = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
-    sheets = {sheet["title"]: sheet for own in told["sweeps"].values() for sheet in own}
+    content = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
+    sheets = {sheet["title"]: sheet for sweep in content["sweeps"].values() for sheet in sweep}
     assert len(sheets) == 9
 
     speed = next(sheet for title, sheet in sheets.items() if "wall time" in title)
@@ -118,11 +118,11 @@ def test_a_study_is_run_once_and_shown(folder):
     assert unequal["note"] == "pybullet has weak: physics.gravity: [0, 0, -1]; mujoco: the scenario itself"
     assert "NOT EQUAL" not in next(title for title in sheets if title.startswith("mistakes: equal"))
 
-    records = {sheet["name"]: sheet["records"] for own in told["sweeps"].values() for sheet in own}
+    records = {sheet["name"]: sheet["records"] for sweep in content["sweeps"].values() for sheet in sweep}
     at = {"timestep": 0.001, "engine": "mujoco", "quantity": "real_time_factor"}
-    own = next(row for row in records["speed.real_time_factor"] if at.items() <= row.items())
-    assert min(own["values"]) <= own["median"] <= max(own["values"])
-    assert len(own["values"]) == 2
+    record = next(row for row in records["speed.real_time_factor"] if at.items() <= row.items())
+    assert min(record["values"]) <= record["median"] <= max(record["values"])
+    assert len(record["values"]) == 2
     elsewhere = [row for row in records["speed.real_time_factor"] if "elsewhere" in row]
     assert [(row["engine"], row["timestep"], row["value"]) for row in elsewhere] == [("Other", 0.001, 12.25)]
     shares = [row for row in records["validity"] if "share" in row]
@@ -138,7 +138,7 @@ def test_a_study_is_run_once_and_shown(folder):
     assert "proof not requested" in page
     again = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
     assert all(", 0 of them now" in line for line in again["said"])
-    assert again["sweeps"] == told["sweeps"]  # tables are functions of the store
+    assert again["sweeps"] == content["sweeps"]  # tables are functions of the store
 
 
 def test_its_page_has_its_tables(folder):
@@ -164,22 +164,24 @@ def test_its_page_has_its_tables(folder):
 
 
 def test_the_small_study_has_its_own_folder_and_may_share_the_store(folder):
-    told = json.loads(study("study.yaml", "--small", "--no-verify", "--store", "runs/bounces/sweep", "--json").stdout)
-    assert list(told["sweeps"]) == ["steps", "mistakes"]
-    assert all(", 0 of them now" in line for line in told["said"])
+    content = json.loads(
+        study("study.yaml", "--small", "--no-verify", "--store", "runs/bounces/sweep", "--json").stdout
+    )
+    assert list(content["sweeps"]) == ["steps", "mistakes"]
+    assert all(", 0 of them now" in line for line in content["said"])
     assert (folder / "runs" / "bounces-small" / "study.json").is_file()
 
 
 def test_models_that_are_not_equal_are_each_proven(folder):
-    told = json.loads(study("study.yaml", "--small", "--json").stdout)
-    assert all("every model proven" in line for line in told["said"])
+    content = json.loads(study("study.yaml", "--small", "--json").stdout)
+    assert all("every model proven" in line for line in content["said"])
 
 
 def test_the_plan_of_the_real_study(folder):
-    told = json.loads(study("koerber-2021", "--small", "--dry-run", "--json").stdout)
-    runs = {(one["sweep"], one["engine"]): one["runs"] for one in told["sweeps"]}
+    content = json.loads(study("koerber-2021", "--small", "--dry-run", "--json").stdout)
+    runs = {(sweep["sweep"], sweep["engine"]): sweep["runs"] for sweep in content["sweeps"]}
     assert runs["spheres", "mujoco"] == runs["robot-pick", "dart"] == 15  # 5 timesteps, 3 initial states
-    assert told["seconds"] is None
+    assert content["seconds"] is None
     assert not (folder / "runs" / "koerber-2021-small").exists()
 
 

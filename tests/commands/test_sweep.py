@@ -72,9 +72,9 @@ def test_a_plan_a_sweep_and_nothing_left_to_do(place):
     proofs = json.loads(call("--dry-run", "--json", "--set", "bodies.ball.mass=2"))["proofs"]
     assert proofs["models"] == {"mujoco": 2}
     assert 0.0 < proofs["seconds"] < 600.0
-    told = json.loads(call("--json", "--csv", "fall.csv", "--no-verify"))
-    assert (told["ran"], told["done_before"], told["proof"]["asked"], told["exit_code"]) == (0, 2, False, 0)
-    assert [run["values"] for run in told["runs"]] == [{"physics.timestep": "1 ms"}, {"physics.timestep": "2 ms"}]
+    content = json.loads(call("--json", "--csv", "fall.csv", "--no-verify"))
+    assert (content["ran"], content["done_before"], content["proof"]["asked"], content["exit_code"]) == (0, 2, False, 0)
+    assert [run["values"] for run in content["runs"]] == [{"physics.timestep": "1 ms"}, {"physics.timestep": "2 ms"}]
 
 
 def test_a_run_that_was_not_timed_is_no_answer_to_what_it_costs(place):
@@ -150,9 +150,9 @@ def test_told_to_end_it_ends_in_order_and_goes_on_where_it_was(place):
     done = len(list(runs.glob("*/*")))
     assert not list((place / "runs/fall/sweep/tmp").iterdir())
     assert (place / "runs/fall/sweep/index.parquet").is_file(), "what it knows is written"
-    told = json.loads(call("--no-verify", "--set", "sweep.repeat=10", "--json"))
-    assert (told["ran"], told["done_before"], told["notes"]) == (20 - done, done, [])
-    assert not any(run["failed"] for run in told["runs"]), "who was ended with the sweep has not failed"
+    content = json.loads(call("--no-verify", "--set", "sweep.repeat=10", "--json"))
+    assert (content["ran"], content["done_before"], content["notes"]) == (20 - done, done, [])
+    assert not any(run["failed"] for run in content["runs"]), "who was ended with the sweep has not failed"
 
 
 def test_killed_at_random_moments_it_loses_and_repeats_nothing(tmp_path):

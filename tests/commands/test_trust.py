@@ -146,9 +146,9 @@ def test_what_lists_plans_or_shows_starts_nothing(project, capsys, words, truste
 
 def test_a_plan_knows_no_stored_runs_of_what_it_does_not_query(project, capsys):
     assert cli.main(["sweep", "fall.yaml", "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["not_queried"] == {LABEL: f"not queried: not trusted; simspec trust {project}/simspec.toml"}
-    assert (told["done"], told["to_do"]["runs"]) == (0, {LABEL: 2})
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["not_queried"] == {LABEL: f"not queried: not trusted; simspec trust {project}/simspec.toml"}
+    assert (plan["done"], plan["to_do"]["runs"]) == (0, {LABEL: 2})
 
 
 def test_the_doctor_starts_trusted_interpreters_alone(project, capsys):

@@ -47,18 +47,18 @@ def verify(folder, capsys):
 
 def test_one_after_the_other_is_the_same_file_as_together(folder, verify):
     path = folder / "generated/fall/certificate.json"
-    told = verify("--engine", ONE, "--json")
-    assert told["stored"] == {"kept": {}, "dropped": {}, "unread": None}
-    told = verify("--engine", OTHER, "--json")
-    assert list(told["stored"]["kept"]) == [ONE]
-    assert told["stored"]["kept"][ONE]["valid"] is True
-    assert list(told["certificate"]["engines"]) == [OTHER]
-    one_by_one = path.read_text()
-    assert json.loads(one_by_one)["engines"].keys() == {ONE, OTHER}
+    answer = verify("--engine", ONE, "--json")
+    assert answer["stored"] == {"kept": {}, "dropped": {}, "unread": None}
+    answer = verify("--engine", OTHER, "--json")
+    assert list(answer["stored"]["kept"]) == [ONE]
+    assert answer["stored"]["kept"][ONE]["valid"] is True
+    assert list(answer["certificate"]["engines"]) == [OTHER]
+    in_turn = path.read_text()
+    assert json.loads(in_turn)["engines"].keys() == {ONE, OTHER}
     for order in ((ONE, OTHER), (OTHER, ONE)):
         path.unlink()
         verify(*(word for name in order for word in ("--engine", name)))
-        assert SECONDS.sub("", path.read_text()) == SECONDS.sub("", one_by_one)
+        assert SECONDS.sub("", path.read_text()) == SECONDS.sub("", in_turn)
     assert cli.main(["compile", "fall.yaml", "--check", "--engine", ONE, "--engine", OTHER]) == EXIT_OK
 
 
@@ -69,8 +69,8 @@ def test_the_verdict_is_of_what_was_asked_for(folder, verify, monkeypatch):
     said = verify("--engine", ONE)
     assert "kept from before, not verified now: webots none (NOT PROVEN)" in said
     assert said.count("NOT PROVEN") == 1
-    told = verify("--engine", ONE, "--json")
-    assert (told["valid"], told["stored"]["kept"]["webots"]["valid"]) == (True, False)
+    answer = verify("--engine", ONE, "--json")
+    assert (answer["valid"], answer["stored"]["kept"]["webots"]["valid"]) == (True, False)
     assert cli.main(["compile", "fall.yaml", "--check", "--engine", ONE]) == EXIT_OK
     assert cli.main(["compile", "fall.yaml", "--check", "--engine", "webots"]) == EXIT_FAILED
     # another world: nothing of it holds

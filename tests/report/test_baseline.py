@@ -43,22 +43,22 @@ def a_run(moved: float = 0.0, engine: str = "first", turn: float = 1.0) -> Run:
 def study(
     moved: float = 0.0, noise: float = 1e-9, engine: str = "first", growing: bool = False, **more: float
 ) -> Study:
-    one = a_run(moved, engine, **more)
-    flat = np.full(one.arrays["pose"].shape[:2], noise)
+    run = a_run(moved, engine, **more)
+    flat = np.full(run.arrays["pose"].shape[:2], noise)
     if growing:
         flat *= np.linspace(0.0, 1.0, len(flat))[:, None] ** 8
-    floors = {engine: Floor(engine, one.time, flat, flat, True, 1e-15)}
-    return Study(WORLD, None, {engine: one}, {engine: (one, one)}, floors, {}, ())
+    floors = {engine: Floor(engine, run.time, flat, flat, True, 1e-15)}
+    return Study(WORLD, None, {engine: run}, {engine: (run, run)}, floors, {}, ())
 
 
 def timed(factors: list[float], engine: str = "first", others: float = 0.0) -> list[Run]:
     """Runs of one second that took 1 / factor."""
-    one = a_run(engine=engine)
+    run = a_run(engine=engine)
     return [
         dataclasses.replace(
-            one,
+            run,
             provenance={
-                **one.provenance,
+                **run.provenance,
                 "steps": 100,
                 "seconds": {"cpu": 1.0 / factor, "step": 1.0 / factor},
                 TIMED: {"core": 0, "others": others, "stolen": 0.0, "machine": {}},
@@ -112,8 +112,8 @@ def test_where_noise_is_above_the_tolerance_nothing_is_compared_and_that_is_said
     ball = {row.key: row.change for row in found.rows if "/ball/" in row.key and row.key.endswith("position")}
     assert list(ball.values()) == [Change.CHANGED] * 2 + [Change.NOT_COMPARED] * 3
     assert any("noise" in why for why in reasons(found))
-    told = [row for row in found.rows if row.key.startswith("first/energy")]
-    assert {row.change for row in told} == {Change.NOT_COMPARED}
+    rows = [row for row in found.rows if row.key.startswith("first/energy")]
+    assert {row.change for row in rows} == {Change.NOT_COMPARED}
 
 
 def test_without_noise_there_is_no_comparison():
@@ -229,13 +229,13 @@ DAMAGE = {
 
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_damaged_baseline_is_a_located_error(tmp_path, name):
-    change, told = DAMAGE[name]
+    change, text = DAMAGE[name]
     path = tmp_path / "baseline.json"
     path.write_text(change(baseline().text()))
     with pytest.raises(SpecError) as caught:
         read_baseline(path)
     assert str(path) in str(caught.value)
-    assert told in str(caught.value)
+    assert text in str(caught.value)
 
 
 def test_there_may_be_no_baseline_yet(tmp_path):

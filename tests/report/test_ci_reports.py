@@ -68,10 +68,10 @@ def test_a_study_is_a_suite_for_each_engine_and_each_pair():
 
 
 def test_differences_that_nobody_demanded_are_skipped_and_said():
-    demanded, told = (study_suites(samples.a_study(), locate, demand_diff=one)[3:] for one in (True, False))
-    assert [e.status for suite in told for e in suite.entries if "not demanded" in e.message] == [Status.SKIPPED] * 2
+    demanded, suites = (study_suites(samples.a_study(), locate, demand_diff=demand)[3:] for demand in (True, False))
+    assert [e.status for suite in suites for e in suite.entries if "not demanded" in e.message] == [Status.SKIPPED] * 2
     assert sum(suite.count(Status.FAILED) for suite in demanded) == 2
-    assert sum(suite.count(Status.FAILED) for suite in told) == 0
+    assert sum(suite.count(Status.FAILED) for suite in suites) == 0
 
 
 def test_a_failed_level_names_its_worst_check_and_one_that_was_not_compared_its_reason():
@@ -86,11 +86,11 @@ def test_a_failed_level_names_its_worst_check_and_one_that_was_not_compared_its_
     certificate = samples.a_study().certificate
     certificate = dataclasses.replace(certificate, engines={"first": proof})
     (suite,) = certificate_suites(certificate, world, locate)
-    one, two, three, seven = suite.entries
-    assert (one.status, one.excess) == (Status.FAILED, 1e8)
-    assert one.message == "centre of mass: deviation 0.1, tolerance 1e-09 at mover; 2 of 2 checks failed"
-    assert one.location == locate("bodies.mover")
-    assert "2.0, should be 1.0" in one.detail
+    entry, two, three, seven = suite.entries
+    assert (entry.status, entry.excess) == (Status.FAILED, 1e8)
+    assert entry.message == "centre of mass: deviation 0.1, tolerance 1e-09 at mover; 2 of 2 checks failed"
+    assert entry.location == locate("bodies.mover")
+    assert "2.0, should be 1.0" in entry.detail
     assert two.status is Status.PASSED
     assert (three.status, three.excess) == (Status.FAILED, math.inf)
     assert (seven.status, seven.message) == (Status.SKIPPED, "nothing is driven")

@@ -42,8 +42,8 @@ def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, ste
 
 def printed(*shown: object) -> str:
     screen = Screen(width=120, record=True, file=io.StringIO())
-    for one in shown:
-        screen.print(one)
+    for part in shown:
+        screen.print(part)
     return screen.export_text()
 
 
@@ -91,16 +91,16 @@ def test_a_force_of_the_right_size_and_the_wrong_direction_is_drawn_as_wrong(mon
             strokes.append((x, y))
         return real(self, x, y, **more)
 
-    told = []
-    monkeypatch.setattr(Axes, "text", lambda self, x, y, text, **more: told.append(text))
+    given = []
+    monkeypatch.setattr(Axes, "text", lambda self, x, y, text, **more: given.append(text))
     monkeypatch.setattr(Axes, "plot", plot)
     polar.polar_plot({"one": [push()]}, "elliptic")
-    assert (strokes, told) == ([], [""])
+    assert (strokes, given) == ([], [""])
     turn = complex(math.cos(0.3), math.sin(0.3))
     turned = [(angle, (complex(x, y) * turn).real, (complex(x, y) * turn).imag) for angle, x, y in push().points]
     polar.polar_plot({"one": [dataclasses.replace(push(), points=tuple(turned))]}, "elliptic")
     assert len(strokes) == 24
-    assert told[1] == "one: 30 % of μ deviation"  # 2 sin(0.15)
+    assert given[1] == "one: 30 % of μ deviation"  # 2 sin(0.15)
     for (x, y), point, wrong in zip(strokes, push().points, turned, strict=True):
         assert (x[0], y[0]) == pytest.approx(point[1:])
         assert (x[1], y[1]) == pytest.approx(wrong[1:])
@@ -117,8 +117,8 @@ def test_the_legend_names_engines_that_the_first_panel_lacks(monkeypatch):
         return real(self, handles, labels, **more)
 
     monkeypatch.setattr(Chart, "legend", legend)
-    one, other = push(), push(subject="steel, steel")
-    polar.polar_plot({"first": [one, other], "late": [other]}, "elliptic")
+    figure, other = push(), push(subject="steel, steel")
+    polar.polar_plot({"first": [figure, other], "late": [other]}, "elliptic")
     assert named == ["required: elliptic (circle)", "first", "late"]
 
 
@@ -150,33 +150,37 @@ def compiled(world, engine):
     return compile_world(world, [engine])[engine]
 
 
-def listed(one, folder):
+def listed(artifacts, folder):
     """The explicit pairs of shapes in an engine's files, by the format's own reader."""
-    write_folder(one.files, folder)
-    return dialects()[one.dialect].read(folder).pairs
+    write_folder(artifacts.files, folder)
+    return dialects()[artifacts.dialect].read(folder).pairs
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_it_is_explained_how_each_pair_is_had(engine, tmp_path):
     world = worlds.table(TABLE)
     files = compiled(world, engine)
-    one = explained(world, files)
-    assert {(pair.first, pair.second): pair.law["friction"] for pair in one.pairs} == TABLE
-    found = ways(one)
+    explanation = explained(world, files)
+    assert {(pair.first, pair.second): pair.law["friction"] for pair in explanation.pairs} == TABLE
+    found = ways(explanation)
     if find_engine(engine).RULES.friction == "table":
         assert (found["explicit"], found["layered"]) == (0, 0)
         return
     assert found["explicit"] or found["layered"]
-    assert bool(one.copies) == bool(found["layered"])
-    assert one.explicit == sum(pair.explicit for pair in one.pairs) == len(listed(files, tmp_path / engine))
+    assert bool(explanation.copies) == bool(found["layered"])
+    assert (
+        explanation.explicit
+        == sum(pair.explicit for pair in explanation.pairs)
+        == len(listed(files, tmp_path / engine))
+    )
     text = printed(*tables(world, files))
     assert "a, b" in text
     if found["layered"]:
         assert "layer 1 of 2" in text
-        assert f"realised by copies: {one.copies} additional" in text
+        assert f"realised by copies: {explanation.copies} additional" in text
     else:
         assert "not representable by material parameters" in text
-        assert f"{one.explicit} explicit pairs of shapes in all" in text
+        assert f"{explanation.explicit} explicit pairs of shapes in all" in text
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -184,12 +188,12 @@ def test_what_one_number_gives_is_explained_as_that(engine, tmp_path):
     """Some files list pairs of shapes all the same, for what more a pair can say: that is told, and counted."""
     world = worlds.shapes_world(("sphere", "box"))
     files = compiled(world, engine)
-    one = explained(world, files)
-    assert ways(one) == {"numbers": 1}
-    assert one.copies == 0
+    explanation = explained(world, files)
+    assert ways(explanation) == {"numbers": 1}
+    assert explanation.copies == 0
     count = len(listed(files, tmp_path / engine))
-    assert one.pairs[0].explicit == count
-    assert ("which override the material parameters" in one.pairs[0].how) == bool(count)
+    assert explanation.pairs[0].explicit == count
+    assert ("which override the material parameters" in explanation.pairs[0].how) == bool(count)
 
 
 def test_some_engine_lists_pairs_that_numbers_give_too():
@@ -214,12 +218,12 @@ def test_the_whole_law_is_told_with_units_and_what_passes_through():
         ("a", "a"): {"hardness": spring, "rolling_friction": 0.002},
         ("a", "b"): {"collide": False, "friction": 0.0},
     }
-    pairs = tuple(dataclasses.replace(one, **new.get((one.first, one.second), {})) for one in world.contact.pairs)
+    pairs = tuple(dataclasses.replace(pair, **new.get((pair.first, pair.second), {})) for pair in world.contact.pairs)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
-    one = explained(world, compiled(world, "pybullet"))
-    assert [(pair.first, pair.second) for pair in one.pairs] == [("a", "a"), ("a", "b"), ("b", "b")]
-    assert ways(one)["passing"] == 1
+    explanation = explained(world, compiled(world, "pybullet"))
+    assert [(pair.first, pair.second) for pair in explanation.pairs] == [("a", "a"), ("a", "b"), ("b", "b")]
+    assert ways(explanation)["passing"] == 1
     text = " ".join(printed(*tables(world, compiled(world, "pybullet"))).split())
     assert "no collision" in text
-    assert one.pairs[0].law["hardness"] == {"stiffness": 1e6, "damping": 500.0}
+    assert explanation.pairs[0].law["hardness"] == {"stiffness": 1e6, "damping": 500.0}
     assert "rolling friction 0.002 m" in text

@@ -73,22 +73,22 @@ def test_engines_whose_files_alone_are_proven_are_listed_separately(pages):
 def test_certificates_are_judged_and_counted(tmp_path):
     shutil.copytree(ROOT / "generated" / "ball-pendulum", tmp_path / "generated" / "ball-pendulum")
     shutil.copytree(ROOT / "generated" / "coupled-gripper", tmp_path / "generated" / "coupled-gripper")
-    told = by_engine(tmp_path)["dart"]
-    assert "1 of 1 certificates are valid, of 2 scenarios of the library." in told
-    assert "\n- coupled-gripper: DART does not support constraint.coupling: " in told
-    assert "L6 in 1" in told
-    assert "L5" not in told.split("## Certificates")[1]
-    assert "nearest to what is tolerated" in told
-    assert "a step, processor time" not in told
+    page = by_engine(tmp_path)["dart"]
+    assert "1 of 1 certificates are valid, of 2 scenarios of the library." in page
+    assert "\n- coupled-gripper: DART does not support constraint.coupling: " in page
+    assert "L6 in 1" in page
+    assert "L5" not in page.split("## Certificates")[1]
+    assert "nearest to what is tolerated" in page
+    assert "a step, processor time" not in page
 
 
 def test_every_scenario_without_a_certificate_is_named_with_the_reason(pages):
     library = {path.stem for path in (ROOT / "specs").glob("*.yaml")}
     for name in engines():
-        told = pages[name].split("## Certificates")[1]
-        rows = re.findall(r"^- ([a-z0-9, -]+): (.+)$", told, re.MULTILINE)
+        part = pages[name].split("## Certificates")[1]
+        rows = re.findall(r"^- ([a-z0-9, -]+): (.+)$", part, re.MULTILINE)
         lacking = {scenario for scenarios, _ in rows for scenario in scenarios.split(", ")}
-        (count,) = re.findall(r"\d+ of (\d+) certificates are valid", told)
+        (count,) = re.findall(r"\d+ of (\d+) certificates are valid", part)
         assert len(lacking) == len(library) - int(count)
         assert lacking <= library
         allowed = ["does not support", "only approximately"]
@@ -109,12 +109,12 @@ def test_what_is_measured_is_that_of_certificates_and_study(pages):
     tables = {table["name"]: table["records"] for table in study}
     [speed] = [row for row in tables["speed.cpu_factor"] if (row["engine"], row["timestep"]) == ("rapier", 0.001)]
     [gap] = [row for row in tables["attribution"] if row["engine"] == "rapier"]
-    told = pages["rapier"].split("## Measured")[1].split("\n## ")[0]
-    [row] = [line for line in told.splitlines() if line.startswith("| spheres, 1 ms |")]
+    part = pages["rapier"].split("## Measured")[1].split("\n## ")[0]
+    [row] = [line for line in part.splitlines() if line.startswith("| spheres, 1 ms |")]
     assert f"| {1e3 / speed['median']:.3g} µs | {speed['median']:.3g} | up to 1 ms |" in row
     assert row.endswith(f"| {gap['gap.all']:.2g} m |")
     assert "| spheres, mujoco@3.17, 1 ms |" in pages["mujoco"]
-    assert "| robot" not in told
+    assert "| robot" not in part
 
 
 def test_every_engine_that_can_be_had_has_a_row_of_each_of_its_scenarios(pages):

@@ -38,10 +38,10 @@ def lines(monkeypatch, draw):
 
 
 def test_divergence_is_that_of_the_runs(monkeypatch):
-    one, other = moved(0.0, "first"), moved(0.5, "second")
-    floor = measure_floor(one, [moved(1e-9, "first", perturb=1e-15)])
-    (axis,) = lines(monkeypatch, lambda: figures.divergence([one, other], [floor], 1e-3, 0.6))
-    assert axis["first – second"][:, 1] == pytest.approx(np.maximum(0.5 * one.time, figures.LEAST))
+    first, second = moved(0.0, "first"), moved(0.5, "second")
+    floor = measure_floor(first, [moved(1e-9, "first", perturb=1e-15)])
+    (axis,) = lines(monkeypatch, lambda: figures.divergence([first, second], [floor], 1e-3, 0.6))
+    assert axis["first – second"][:, 1] == pytest.approx(np.maximum(0.5 * first.time, figures.LEAST))
     assert {"tolerance", "horizon"} <= set(axis)
     assert axis["horizon"][0, 0] == 0.6
 

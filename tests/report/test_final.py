@@ -29,9 +29,9 @@ def moved(name, t):
 
 
 def two():
-    one, other = run(SCENE, moved, engine="first"), run(SCENE, engine="second")
-    one.arrays["q"][-1, 7] = 0.75
-    return {"first": one, "second": other}
+    first, second = run(SCENE, moved, engine="first"), run(SCENE, engine="second")
+    first.arrays["q"][-1, 7] = 0.75
+    return {"first": first, "second": second}
 
 
 def text(found) -> str:
@@ -76,9 +76,9 @@ def test_what_recorded_nothing_and_what_is_not_finite():
     nothing = dataclasses.replace(two()["first"], arrays={}, failed="crashed")
     assert final_table({"first": nothing}, ()) is None
     assert ends(nothing, ()) == {}
-    odd = two()
-    odd["second"].arrays["pose"][-1, 1, 0] = math.nan
-    assert "not finite" in text(final_table(odd, ()))
+    runs = two()
+    runs["second"].arrays["pose"][-1, 1, 0] = math.nan
+    assert "not finite" in text(final_table(runs, ()))
 
 
 def test_names_of_record_show_must_be_there():
@@ -93,9 +93,9 @@ def test_names_of_record_show_must_be_there():
 
 
 def test_a_stored_run_knows_what_was_to_be_shown():
-    one = two()["first"]
-    assert shown_of(one) == ()
-    kept = dataclasses.replace(one, provenance={**one.provenance, "spec": {"show": ["arm", "wall"]}})
+    first = two()["first"]
+    assert shown_of(first) == ()
+    kept = dataclasses.replace(first, provenance={**first.provenance, "spec": {"show": ["arm", "wall"]}})
     assert shown_of(kept) == ("arm", "wall")
     for edited in ({"show": "arm"}, {"show": [1, None]}, [], None):
-        assert shown_of(dataclasses.replace(one, provenance={**one.provenance, "spec": edited})) == ()
+        assert shown_of(dataclasses.replace(first, provenance={**first.provenance, "spec": edited})) == ()

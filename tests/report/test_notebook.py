@@ -29,8 +29,8 @@ def test_no_name_is_markup():
         diff(made(), made(0.0, "second")),
         Certificate(NASTY, "", "oracle", {NASTY: proof}, "1"),
     ]
-    for one in shown:
-        text = one._repr_html_()
+    for result in shown:
+        text = result._repr_html_()
         assert text.startswith("<table>")
         assert "<script" not in text
         assert "&lt;script&gt;" in text
@@ -48,10 +48,10 @@ def test_what_they_show():
 @pytest.mark.parametrize("table", ["states", "bodies", "energy", "contacts"])
 def test_data_frames_are_the_tables_of_the_files(table, tmp_path):
     pandas = pytest.importorskip("pandas")
-    one = made()
-    one.save(tmp_path / "run")
+    run = made()
+    run.save(tmp_path / "run")
     stored = pandas.read_parquet(tmp_path / "run" / f"{table}.parquet")
-    pandas.testing.assert_frame_equal(one.to_pandas(table), stored)
+    pandas.testing.assert_frame_equal(run.to_pandas(table), stored)
 
 
 def test_a_data_frame_of_bodies():

@@ -42,9 +42,9 @@ def quiet(time: np.ndarray) -> np.ndarray:
     return 1e-15 + 0.0 * time
 
 
-def floor_of(one: Run, noise: Noise) -> Floor:
-    nothing = np.zeros(one.arrays["pose"].shape[:2])
-    return Floor(one.engine, one.time, nothing, nothing + noise(one.time)[:, None], True, 1e-15)
+def floor_of(run: Run, noise: Noise) -> Floor:
+    nothing = np.zeros(run.arrays["pose"].shape[:2])
+    return Floor(run.engine, run.time, nothing, nothing + noise(run.time)[:, None], True, 1e-15)
 
 
 def turned(rate: float):
@@ -57,7 +57,7 @@ def turned(rate: float):
 def a_study(begins: dict[str, Noise], rates: dict[str, float] | None = None) -> Study:
     """A study of engines with noise of their own; what turns in them at other rates is told apart by it alone."""
     runs = {name: run(TWO, turned((rates or {}).get(name, 0.0)), engine=name) for name in begins}
-    floors = {name: floor_of(one, begins[name]) for name, one in runs.items()}
+    floors = {name: floor_of(run, begins[name]) for name, run in runs.items()}
     diffs = tuple(
         diff(a, b, floor=[floors[a.engine], floors[b.engine]]) for a, b in itertools.combinations(runs.values(), 2)
     )
@@ -152,24 +152,24 @@ def test_ci_is_told_so():
 
 
 def test_the_page_says_so():
-    told = verdict(nothing())
-    assert "their own noise leaves no time at which motions can be compared" in told[0].text
-    (motion,) = [one for one in told if one.text.startswith("Motion")]
+    sentences = verdict(nothing())
+    assert "their own noise leaves no time at which motions can be compared" in sentences[0].text
+    (motion,) = [sentence for sentence in sentences if sentence.text.startswith("Motion")]
     assert motion.tone != GOOD
     assert motion.text.startswith("Motion: first – second: agreement within 1 mm and 0.001 rad is inconclusive")
 
 
 def test_commands_end_with_1(tmp_path, monkeypatch, capsys):
     study = nothing()
-    for one in study.runs.values():
-        one.save(tmp_path / one.engine)
-        save_floor(study.floors[one.engine], tmp_path / one.engine)
+    for recorded in study.runs.values():
+        recorded.save(tmp_path / recorded.engine)
+        save_floor(study.floors[recorded.engine], tmp_path / recorded.engine)
     assert diff_runs(tmp_path / "first", tmp_path / "second", 1e-3, True) == EXIT_FAILED
     assert json.loads(capsys.readouterr().out)["within"] is False
     monkeypatch.setattr(run_command, "study", lambda *_, **__: study)
-    for asked, code in ((True, EXIT_FAILED), (False, EXIT_OK)):
+    for requested, code in ((True, EXIT_FAILED), (False, EXIT_OK)):
         found = run_command.run_world(
-            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if asked else None),
+            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if requested else None),
             TWO,
             named(["first", "second"]),
             tmp_path / "run",
@@ -180,8 +180,8 @@ def test_commands_end_with_1(tmp_path, monkeypatch, capsys):
 
 def test_pairs_that_were_compared_further_are_said_apart():
     study = a_study({"a": quiet, "b": quiet, "c": chaos(0.5)}, {"b": 2e-4})
-    told = [one.text for one in verdict(study) if one.text.startswith("Motion")]
-    assert told == [
+    texts = [sentence.text for sentence in verdict(study) if sentence.text.startswith("Motion")]
+    assert texts == [
         "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0, 0.0002 rad.",
         "Motion: within 1 mm and 0.001 rad of each other until 0.4 s, beyond which the engines' own noise has outgrown that: "
         "a – c, b – c. Largest difference: 0, 8e-05 rad.",
@@ -193,9 +193,9 @@ def test_pairs_of_which_nothing_was_compared_are_in_no_sentence_of_agreement():
     study = a_study({"a": quiet, "b": quiet, "c": chaos(0.1)})
     first, *_ = verdict(study)
     assert "whether they move alike is inconclusive" in first.text
-    told = [one.text for one in verdict(study) if one.text.startswith("Motion")]
-    assert told[0] == "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0, 0 rad."
-    assert told[1].startswith("Motion: a – c, b – c: agreement within 1 mm and 0.001 rad is inconclusive")
+    texts = [sentence.text for sentence in verdict(study) if sentence.text.startswith("Motion")]
+    assert texts[0] == "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0, 0 rad."
+    assert texts[1].startswith("Motion: a – c, b – c: agreement within 1 mm and 0.001 rad is inconclusive")
 
 
 # --- what exceeded its tolerance --------------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def tilted() -> Diff:
         ),
         engine="second",
     )
-    return diff(a, b, floor=[floor_of(one, quiet) for one in (a, b)])
+    return diff(a, b, floor=[floor_of(run, quiet) for run in (a, b)])
 
 
 def test_the_quantity_that_exceeded_its_tolerance_is_named_with_its_value(capsys):
@@ -227,7 +227,7 @@ def test_the_quantity_that_exceeded_its_tolerance_is_named_with_its_value(capsys
     assert "angle 0.002 rad" in row
     assert "(free motion): angle 0.002 rad" in shown(diff_tables(found)[0], capsys)
     study = Study(TWO, None, {}, {}, {}, {}, (found,))
-    assert any("0.001 rad (angle 0.002 rad)" in one.text for one in verdict(study))
+    assert any("0.001 rad (angle 0.002 rad)" in sentence.text for sentence in verdict(study))
     suites = study_suites(study, lambda path: None, True)
     assert "first beyond the tolerance of 1 mm and 0.001 rad at 0.2 s: angle 0.002 rad" in junit(suites)
     assert "mover at 0.2 s: angle 0.002 rad" in summary(suites, study)

@@ -20,28 +20,28 @@ class Clock:
 
 def test_the_share_and_the_time_left():
     clock = Clock()
-    told = Latest(clock)
-    told("running a", 0.0)
+    latest = Latest(clock)
+    latest("running a", 0.0)
     clock.now += 5.0
-    assert told.line() == "running a, for 5 s"
-    told("running a", 0.01)
-    assert told.line() == "running a: 1%"  # too early to say how long
-    told("running a", 0.25)
+    assert latest.line() == "running a, for 5 s"
+    latest("running a", 0.01)
+    assert latest.line() == "running a: 1%"  # too early to say how long
+    latest("running a", 0.25)
     clock.now += 5.0
-    assert told.line() == "running a: 25%, about 30 s left"
-    told("running a", 0.5)
-    assert told.line() == "running a: 50%, about 10 s left"
+    assert latest.line() == "running a: 25%, about 30 s left"
+    latest("running a", 0.5)
+    assert latest.line() == "running a: 50%, about 10 s left"
     # another piece of work begins anew
-    told("verifying")
-    assert told.line() == "verifying"
+    latest("verifying")
+    assert latest.line() == "verifying"
     clock.now += 200.0
-    assert told.line() == "verifying, for 3 min"
+    assert latest.line() == "verifying, for 3 min"
 
 
 def test_foreign_text_is_shown_as_it_is():
-    told = Latest(Clock())
-    told("running \x1b[31mred")
-    assert "\x1b" not in told.line()
+    latest = Latest(Clock())
+    latest("running \x1b[31mred")
+    assert "\x1b" not in latest.line()
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_without_a_terminal_lines_come_by_themselves(monkeypatch, capsys):
         seen.clear()
         assert seen.wait(30.0)
     assert any("running dart: 50%" in line for line in lines)
-    assert not [one for one in threading.enumerate() if one.name.startswith("simspec-progress")]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("simspec-progress")]
 
 
 def test_none_where_none_is_wanted(monkeypatch, capsys):

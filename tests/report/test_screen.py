@@ -21,8 +21,8 @@ FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec-physics[dart]'", ":smile
 def shown(*objects, terminal: bool = True) -> str:
     stream = io.StringIO()
     screen = Screen(file=stream, width=100, force_terminal=terminal, no_color=True)
-    for one in objects:
-        screen.print(one)
+    for renderable in objects:
+        screen.print(renderable)
     return stream.getvalue()
 
 

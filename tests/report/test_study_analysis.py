@@ -62,7 +62,7 @@ def told(tmp_path_factory):
         result = CliRunner().invoke(app, ["study", "study.yaml", "--no-verify", "--json"])
     assert result.exit_code == 0, result.output
     sweeps = json.loads(result.stdout)["sweeps"]
-    return {sweep: {one["name"]: one for one in own} for sweep, own in sweeps.items()}
+    return {sweep: {sheet["name"]: sheet for sheet in sheets} for sweep, sheets in sweeps.items()}
 
 
 def texts(sheet):
@@ -73,42 +73,42 @@ def test_consistency_is_the_drift_of_free_fall(told):
     """The high ball falls freely: two timesteps differ by ½ g t Δdt, first order, and by it divided by √2 in the mean of both
     balls, of which one stays where it is."""
     records = told["whole"]["consistency"]["records"]
-    assert {(one["coarse"], one["fine"]) for one in records} == {(0.004, 0.002), (0.002, 0.001)}
-    at_the_end = [one for one in records if one["time"] == pytest.approx(0.2)]
+    assert {(record["coarse"], record["fine"]) for record in records} == {(0.004, 0.002), (0.002, 0.001)}
+    at_the_end = [record for record in records if record["time"] == pytest.approx(0.2)]
     assert len(at_the_end) == 4
-    for one in at_the_end:
-        assert one["drift"] == pytest.approx(0.5 * 9.81 * 0.2 * (one["coarse"] - one["fine"]), rel=1e-3)
-        assert one["largest"] == pytest.approx(one["drift"], rel=1e-2)
-        assert one["rms"] == pytest.approx(one["drift"] / 2**0.5, rel=2e-2)
-    orders = [one["order"] for one in at_the_end if one["coarse"] == 0.004]
+    for entry in at_the_end:
+        assert entry["drift"] == pytest.approx(0.5 * 9.81 * 0.2 * (entry["coarse"] - entry["fine"]), rel=1e-3)
+        assert entry["largest"] == pytest.approx(entry["drift"], rel=1e-2)
+        assert entry["rms"] == pytest.approx(entry["drift"] / 2**0.5, rel=2e-2)
+    orders = [entry["order"] for entry in at_the_end if entry["coarse"] == 0.004]
     assert orders == [pytest.approx(1.0, abs=0.05)] * 2
-    assert all(one["order"] is None for one in at_the_end if one["coarse"] == 0.002)
+    assert all(entry["order"] is None for entry in at_the_end if entry["coarse"] == 0.002)
 
 
 def test_conservation_is_told_of_what_nothing_acts_on(told):
-    records = {(one["timestep"], one["engine"]): one for one in told["whole"]["conservation"]["records"]}
+    records = {(record["timestep"], record["engine"]): record for record in told["whole"]["conservation"]["records"]}
     assert len(records) == 6
-    for (timestep, _), one in records.items():
-        assert one["linear"] == pytest.approx(0.0, abs=1e-9)
-        assert one["angular"] == pytest.approx(0.0, abs=1e-9)
-        assert any("not every step is recorded" in note for note in one["notes"]) == (timestep < 0.004)
+    for (timestep, _), entry in records.items():
+        assert entry["linear"] == pytest.approx(0.0, abs=1e-9)
+        assert entry["angular"] == pytest.approx(0.0, abs=1e-9)
+        assert any("not every step is recorded" in note for note in entry["notes"]) == (timestep < 0.004)
 
 
 def test_penetration_is_that_of_the_ball_that_rests(told):
     records = told["whole"]["penetration"]["records"]
-    assert [one["runs"] for one in records] == [6] * 6
-    for one in records:
-        assert one["pair"] == ["floor", "low"]
-        assert 0.0 < one["mean"] <= one["deepest"] < 5e-3
+    assert [record["runs"] for record in records] == [6] * 6
+    for entry in records:
+        assert entry["pair"] == ["floor", "low"]
+        assert 0.0 < entry["mean"] <= entry["deepest"] < 5e-3
 
 
 def test_distributions_pair_runs_by_seed(told):
     tests = told["whole"]["distributions.tests"]["records"]
-    assert [one["pairs"] for one in tests] == [6] * 3
-    for one in tests:
-        assert one["paired"]["smallest"] == pytest.approx(2 / 2**6)
-        assert one["paired"]["can_reject"]
-        assert one["seeds_in_one_only"] == one["left_out"] == []
+    assert [test["pairs"] for test in tests] == [6] * 3
+    for test in tests:
+        assert test["paired"]["smallest"] == pytest.approx(2 / 2**6)
+        assert test["paired"]["can_reject"]
+        assert test["seeds_in_one_only"] == test["left_out"] == []
     summary = told["whole"]["distributions.summary"]["records"][0]
     assert summary["seeds"] == [0, 1, 2, 3, 4, 5]
     # 2 − ½ g t² of the high one, and 0.1 of the low one that rests, moved by up to a thousandth

@@ -62,7 +62,7 @@ def tables(tmp_path_factory):
     finally:
         os.chdir(before)
     data = json.loads((folder / "runs" / "slopes" / "study.json").read_text())
-    return {one["name"]: one for one in data["sweeps"]["slope"]}
+    return {table["name"]: table for table in data["sweeps"]["slope"]}
 
 
 def cells(shown):
@@ -83,11 +83,11 @@ def test_each_case_is_beside_the_scenario_itself(tables):
 
 
 def test_ratios_are_those_of_the_times(tables):
-    records = {(one["settings"], one["engine"]): one for one in tables["case_cost"]["records"]}
-    own, exact = records["friction 0.6", "mujoco"], records["coulomb, friction 0.6", "mujoco"]
-    assert exact["ratio"] == pytest.approx(exact["seconds_per_step"] / own["seconds_per_step"])
-    assert own["ratio"] == 1.0
-    row = next(one for one in cells(tables["case_cost"]) if one[:3] == ["friction 0.6", "coulomb", "mujoco"])
+    records = {(record["settings"], record["engine"]): record for record in tables["case_cost"]["records"]}
+    plain, exact = records["friction 0.6", "mujoco"], records["coulomb, friction 0.6", "mujoco"]
+    assert exact["ratio"] == pytest.approx(exact["seconds_per_step"] / plain["seconds_per_step"])
+    assert plain["ratio"] == 1.0
+    row = next(cell for cell in cells(tables["case_cost"]) if cell[:3] == ["friction 0.6", "coulomb", "mujoco"])
     assert row[5] == two_digits(exact["ratio"])
 
 
@@ -101,7 +101,7 @@ def test_what_slides_has_left_its_place_and_what_sticks_has_not(tables):
 
 
 def test_figures_of_displacement_are_data_too(tables):
-    records = {(one["settings"], one["engine"]): one for one in tables["displacement"]["records"]}
+    records = {(record["settings"], record["engine"]): record for record in tables["displacement"]["records"]}
     slid = records["friction 0", "dart"]
     assert slid["left_at"] == pytest.approx(0.18)
     # ½ g sin 20° t² along the slope

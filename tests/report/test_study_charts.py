@@ -18,16 +18,16 @@ def made():
 
 def test_every_figure_is_in_a_plot():
     speed = made()["Simulated time over the processor time of the steps"]
-    series = {one["label"]: one for one in speed["series"]}
-    assert list(series) == ["first", "second", "FIRST (elsewhere)", "Third (elsewhere)"]
-    assert [mark["x"] for mark in series["first"]["marks"]] == [1.0, 2.0, 4.0, 8.0]
-    mark = series["first"]["marks"][1]
+    by_label = {series["label"]: series for series in speed["series"]}
+    assert list(by_label) == ["first", "second", "FIRST (elsewhere)", "Third (elsewhere)"]
+    assert [mark["x"] for mark in by_label["first"]["marks"]] == [1.0, 2.0, 4.0, 8.0]
+    mark = by_label["first"]["marks"][1]
     assert (mark["value"], mark["low"], mark["high"]) == pytest.approx((8.0, 7.2, 8.8))
     assert mark["values"] == pytest.approx([7.2, 8.0, 8.8])
     # an engine's figures from elsewhere have its colour, and are told apart by their kind
-    assert series["FIRST (elsewhere)"]["colour"] == series["first"]["colour"]
-    assert series["FIRST (elsewhere)"]["kind"] == "elsewhere"
-    assert series["Third (elsewhere)"]["colour"] not in (series["first"]["colour"], series["second"]["colour"])
+    assert by_label["FIRST (elsewhere)"]["colour"] == by_label["first"]["colour"]
+    assert by_label["FIRST (elsewhere)"]["kind"] == "elsewhere"
+    assert by_label["Third (elsewhere)"]["colour"] not in (by_label["first"]["colour"], by_label["second"]["colour"])
     assert speed["logarithmic"]
     assert speed["x"]["logarithmic"]
 
@@ -35,8 +35,8 @@ def test_every_figure_is_in_a_plot():
 def test_limits_of_validity_have_intervals_and_those_from_elsewhere():
     share = made()["Share of runs that do all that is expected"]
     assert [mark["value"] for mark in share["series"][0]["marks"]] == [1.0, 1.0, 1.0, 0.25]
-    assert all(mark["low"] < mark["value"] for one in share["series"] for mark in one["marks"])
-    assert [(one["label"], one["x"]) for one in share["limits"]] == [("Third (elsewhere): 3 ms", 3.0)]
+    assert all(mark["low"] < mark["value"] for series in share["series"] for mark in series["marks"])
+    assert [(limit["label"], limit["x"]) for limit in share["limits"]] == [("Third (elsewhere): 3 ms", 3.0)]
 
 
 def test_speed_over_time_has_its_contacts_and_one_axis_with_them():
@@ -55,7 +55,7 @@ def test_unequal_models_are_named_as_such():
 
 
 def test_sentences_are_those_of_the_figures():
-    said = {one.name: one.said for one in samples.study_tables().sweeps["made-up"]}
+    said = {table.name: table.said for table in samples.study_tables().sweeps["made-up"]}
     assert said["speed.cpu_factor"] == [
         "At 1 ms, by processor time: first is 2 × as fast as second (fastest: 4 × real time). "
         "Elsewhere: Third is 3 × as fast as FIRST.",
@@ -76,7 +76,9 @@ def test_sentences_are_those_of_the_figures():
 
 
 def test_a_timestep_that_an_engine_lacks_has_no_order():
-    records = [one for one in samples.speeds(("a", "b")) if not (one["engine"] == "b" and one["timestep"] == 0.001)]
+    records = [
+        record for record in samples.speeds(("a", "b")) if not (record["engine"] == "b" and record["timestep"] == 0.001)
+    ]
     assert said_of("speed.cpu_factor", records)[0].startswith("At 2 ms")
     assert said_of("speed.cpu_factor", []) == ()
     assert said_of("load", records) == ()

@@ -68,7 +68,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def tables(folder):
     data = json.loads((folder / "runs" / "laws" / "study.json").read_text())
-    return {one["name"]: one for one in data["sweeps"]["slick"]}
+    return {table["name"]: table for table in data["sweeps"]["slick"]}
 
 
 def cells(shown):
@@ -185,6 +185,6 @@ def test_laws_in_words():
 def test_marks_reach_pages_also_without_colours():
     shown = Table("t", "failed", "declared", "within")
     figures = [{"tolerance": 0.01}, {"deviation": "it slips"}, {}]
-    shown.add(*(_cell(Form(share=True), [dataclasses.replace(FIGURE, **one)]) for one in figures))
+    shown.add(*(_cell(Form(share=True), [dataclasses.replace(FIGURE, **figure)]) for figure in figures))
     assert [cell["classes"] for cell in html_data(shown)["rows"][0]] == ["bad", "warning", ""]
     assert markdown(shown).splitlines()[4] == "| **5.0** | *5.0* | 5.0 |"

@@ -69,20 +69,20 @@ def made(tmp_path_factory):
     return json.loads(result.stdout)
 
 
-def texts(told, name):
-    (one,) = [one for one in told["sweeps"]["drop"] if one["name"] == name]
-    return [[cell["text"] for cell in row] for row in one["rows"]], one
+def texts(study, name):
+    (table,) = [table for table in study["sweeps"]["drop"] if table["name"] == name]
+    return [[cell["text"] for cell in row] for row in table["rows"]], table
 
 
 def test_the_largest_deviation_by_timestep(made):
     rows, shown = texts(made, "validity.deviations")
     assert [row[0] for row in rows] == ["1 ms", "7 ms"]
     assert all("fails" not in cell for row in rows for cell in row)
-    assert [(one["engine"], one["runs"], one["valid"]) for one in shown["records"][:2]] == [
+    assert [(record["engine"], record["runs"], record["valid"]) for record in shown["records"][:2]] == [
         ("mujoco", 1, 1),
         ("pybullet", 1, 1),
     ]
-    assert all(0.0 <= one["deviation"] <= 0.0025 for one in shown["records"])
+    assert all(0.0 <= record["deviation"] <= 0.0025 for record in shown["records"])
     assert "tolerance 2.5 mm" in shown["note"]
 
 
@@ -111,22 +111,22 @@ def test_controls_are_to_fail_and_one_that_does_not_is_told(made):
         for timestep in ("1 ms", "7 ms")
         for engine in ("mujoco", "pybullet")
     ]
-    assert {one["fails"] for one in shown["records"] if one["case"] in ("weak", "heavy")} == {True}
+    assert {record["fails"] for record in shown["records"] if record["case"] in ("weak", "heavy")} == {True}
 
 
 def test_what_a_step_costs(made):
     rows, shown = texts(made, "cost")
     assert [row[:2] for row in rows] == [[step, name] for step in ("1 ms", "7 ms") for name in ("mujoco", "pybullet")]
     assert all(row[-1] == "2" for row in rows)
-    for one in shown["records"]:
-        assert 0.0 <= one["quiet"] <= one["median"] * (1 + 1e-9)
-    factor = next(one for one in shown["records"] if one["part"] == "step" and one["timestep"] == 0.001)
+    for record in shown["records"]:
+        assert 0.0 <= record["quiet"] <= record["median"] * (1 + 1e-9)
+    factor = next(record for record in shown["records"] if record["part"] == "step" and record["timestep"] == 0.001)
     assert float(rows[0][2].replace(",", "")) == pytest.approx(0.001 / factor["quiet"], rel=1e-3)
 
 
 def test_what_was_rounded_is_said(made):
     assert any(
-        "times rounded up at physics.timestep=7 ms: physics.duration 0.06 s to 0.063 s" in one for one in made["said"]
+        "times rounded up at physics.timestep=7 ms: physics.duration 0.06 s to 0.063 s" in text for text in made["said"]
     )
 
 
@@ -194,9 +194,9 @@ def test_certified_up_to_the_first_timestep_whose_proof_fails():
     assert (first["limit"], first["first_invalid"], first["later_valid"]) == (0.002, 0.008, [0.016])
     assert (second["limit"], second["first_invalid"]) == (None, 0.001)
     assert limits.column(1) == ["2 ms", "no timestep"]
-    told = checks.column(2)
-    assert told[0] == "L5 rest: 0.005, tolerance 0.001 (cup); L5 slip: 0.0025, tolerance 0.001 (cup on saucer)"
-    assert {(one["timestep"], one.get("check")) for one in checks.records if one["engine"] == "a"} == {
+    column = checks.column(2)
+    assert column[0] == "L5 rest: 0.005, tolerance 0.001 (cup); L5 slip: 0.0025, tolerance 0.001 (cup on saucer)"
+    assert {(record["timestep"], record.get("check")) for record in checks.records if record["engine"] == "a"} == {
         (0.001, None), (0.002, None), (0.008, "slip"), (0.008, "rest"), (0.016, None),
     }  # fmt: skip
 

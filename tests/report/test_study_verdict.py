@@ -21,15 +21,15 @@ SWEEP = "made-up"
 def changed(**records: Any) -> StudyTables:
     """The tables of the made-up study with some others: by name, with ``_`` in place of ``.``; None takes one away."""
     plain = json.loads(samples.study_tables().model_dump_json(by_alias=True))
-    own = {shown["name"]: shown for shown in plain["sweeps"][SWEEP]}
+    tables = {table["name"]: table for table in plain["sweeps"][SWEEP]}
     plain["bad"] = []
     for word, new in records.items():
         name = word.replace("__", ".")
         if new is None:
-            del own[name]
+            del tables[name]
         else:
-            own[name] = {**own["validity"], "name": name, "records": new}
-    plain["sweeps"][SWEEP] = list(own.values())
+            tables[name] = {**tables["validity"], "name": name, "records": new}
+    plain["sweeps"][SWEEP] = list(tables.values())
     return StudyTables.model_validate_json(json.dumps(plain))
 
 
@@ -39,10 +39,10 @@ def texts(tables: StudyTables) -> list[str]:
 
 def missed(engine: str, value: float, limit: float | None = 0.001, failed: float = 0.0) -> list[dict[str, Any]]:
     first = 0.002 if limit else 0.001
-    told = {"engine": engine, "limit": limit, "first_invalid": first, "runs": 6, "failure": "?", "later_valid": []}
-    told |= {"missed": "no_penetration_deeper_than", "measured": value, "bound": 0.006, "unit": "m"}
+    record = {"engine": engine, "limit": limit, "first_invalid": first, "runs": 6, "failure": "?", "later_valid": []}
+    record |= {"missed": "no_penetration_deeper_than", "measured": value, "bound": 0.006, "unit": "m"}
     shares = [{"engine": engine, "timestep": 0.001, "share": 1.0, "runs": 3}] if limit else []
-    return [told, *shares, {"engine": engine, "timestep": first, "share": failed, "runs": 3}]
+    return [record, *shares, {"engine": engine, "timestep": first, "share": failed, "runs": 3}]
 
 
 def test_what_matters_is_few_sentences_in_order():
@@ -59,7 +59,7 @@ def test_what_matters_is_few_sentences_in_order():
 
 def test_what_is_wrong_comes_first():
     sentences = verdict(samples.study_tables())
-    assert [(one.tone, one.text) for one in sentences[:2]] == [
+    assert [(sentence.tone, sentence.text) for sentence in sentences[:2]] == [
         ("bad", "1 sweep, and something is wrong."),
         ("bad", "made-up: proof FAILED"),
     ]
@@ -70,8 +70,8 @@ def test_processor_time_is_told_only_where_its_order_is_another():
     other = samples.speeds(("second", "first"))
     assert "by wall time and by processor time" in texts(changed(speed__real_time_factor=same))[1]
     assert not any("by wall time:" in text for text in texts(changed(speed__real_time_factor=same)))
-    told = texts(changed(speed__real_time_factor=other))
-    assert [text for text in told if "equal models, by" in text] == [
+    sentences = texts(changed(speed__real_time_factor=other))
+    assert [text for text in sentences if "equal models, by" in text] == [
         "made-up, equal models, by wall time: at 1 ms second is 2 × as fast as first; "
         "at 8 ms second is 2 × as fast as first.",
         "made-up, equal models, by processor time: at 1 ms first is 2 × as fast as second; "
@@ -80,8 +80,8 @@ def test_processor_time_is_told_only_where_its_order_is_another():
 
 
 def test_unequal_models_that_leave_the_order():
-    told = texts(changed(**{"unequal__models__made-up": samples.comparison(("first", "second"), (9.0, 3.0))}))
-    assert told[2].endswith("leave the order as it is: made-up (first is 3 × as fast as second).")
+    sentences = texts(changed(**{"unequal__models__made-up": samples.comparison(("first", "second"), (9.0, 3.0))}))
+    assert sentences[2].endswith("leave the order as it is: made-up (first is 3 × as fast as second).")
 
 
 def test_engines_of_the_same_limit_are_one_sentence():
@@ -113,9 +113,9 @@ def test_engines_of_the_same_limit_are_one_sentence():
     ],
 )
 def test_what_is_certified_stands_beside_what_holds(limit, first_invalid, proven, words):
-    told = [{"engine": engine, "limit": limit, "first_invalid": first_invalid} for engine in "ab"]
+    limits = [{"engine": engine, "limit": limit, "first_invalid": first_invalid} for engine in "ab"]
     checks = [{"engine": engine, "timestep": 0.001, "proven": proven} for engine in "ab"]
-    assert texts(changed(certified=told, certified__checks=checks))[-1].endswith(f". Certified: {words}.")
+    assert texts(changed(certified=limits, certified__checks=checks))[-1].endswith(f". Certified: {words}.")
 
 
 def test_an_order_within_intervals_is_said_to_be():

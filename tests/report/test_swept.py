@@ -73,8 +73,8 @@ def test_what_may_not_be_written_is_said_first(place, capsys):
 def test_of_very_many_runs_the_others_are_counted(monkeypatch):
     cells = [cell(number) for number in range(7)]
     monkeypatch.setattr(tested, "MOST_ENTRIES", 3)
-    (suite,) = tested.sweep_suites(outcome(), [(one, None) for one in cells], lambda path: None)
-    assert [entry.name for entry in suite.entries] == ["run 1", "run 2", "run 3", "4 more runs"]
+    (suite,) = tested.sweep_suites(outcome(), [(cell, None) for cell in cells], lambda path: None)
+    assert [cell.name for cell in suite.entries] == ["run 1", "run 2", "run 3", "4 more runs"]
     assert suite.count(Status.SKIPPED) == 4
     assert suite.entries[0].message == "it died 5 times"
 

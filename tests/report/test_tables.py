@@ -24,9 +24,9 @@ def study() -> Study:
         name: run(WORLD, lambda body, t, by=by: column(by * t, 0.0, 0.0), engine=name)
         for name, by in (("first", 0.0), ("second", 0.5))
     }
-    floors = {name: measure_floor(one, [one]) for name, one in runs.items()}
-    told = diff(*runs.values(), floor=list(floors.values()))
-    return Study(WORLD, None, runs, {}, floors, {}, (told,))
+    floors = {name: measure_floor(run, [run]) for name, run in runs.items()}
+    compared = diff(*runs.values(), floor=list(floors.values()))
+    return Study(WORLD, None, runs, {}, floors, {}, (compared,))
 
 
 def read(text: str) -> list[list[str]]:
@@ -51,25 +51,25 @@ def test_a_name_is_no_formula(name):
 
 def test_latex():
     columns = {"engine": ["a_b & c", r"\input{x}"], "factor": [1234567.0, None], "loss": [-0.25, math.inf]}
-    told = latex_text(ResultTable(columns), "50 % of $1", "tab:x}y", {"factor": "real-time factor"})
-    assert r"\begin{tabular}{lrr}" in told
-    assert r"\caption{50 \% of \$1}" in told
-    assert r"\label{tab:xy}" in told
-    assert r"engine & real-time factor & loss \\" in told
-    assert r"a\_b \& c & $1.235 \cdot 10^{6}$ & $-0.25$ \\" in told
-    assert r"\textbackslash{}input\{x\} & -- & $\infty$ \\" in told
+    text = latex_text(ResultTable(columns), "50 % of $1", "tab:x}y", {"factor": "real-time factor"})
+    assert r"\begin{tabular}{lrr}" in text
+    assert r"\caption{50 \% of \$1}" in text
+    assert r"\label{tab:xy}" in text
+    assert r"engine & real-time factor & loss \\" in text
+    assert r"a\_b \& c & $1.235 \cdot 10^{6}$ & $-0.25$ \\" in text
+    assert r"\textbackslash{}input\{x\} & -- & $\infty$ \\" in text
 
 
 def test_spreads_are_medians_with_their_interval():
-    told = latex_text(ResultTable({"rtf": [spread([2.0, 2.0])]}))
-    assert "2 [2, 2] (2 processes)" in told
+    text = latex_text(ResultTable({"rtf": [spread([2.0, 2.0])]}))
+    assert "2 [2, 2] (2 processes)" in text
 
 
 @pytest.mark.parametrize("form", ["csv", "tex"])
 def test_the_tables_of_a_study(form):
-    told = study_tables(study(), form)
-    assert set(told) == {f"runs.{form}", f"differences.{form}"}
-    assert all(name in told[f"runs.{form}"] for name in ("first", "second"))
+    tables = study_tables(study(), form)
+    assert set(tables) == {f"runs.{form}", f"differences.{form}"}
+    assert all(name in tables[f"runs.{form}"] for name in ("first", "second"))
     with pytest.raises(ValueError, match="form"):
         study_tables(study(), "docx")
 

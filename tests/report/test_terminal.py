@@ -51,13 +51,13 @@ def a_study(crashed: bool = False) -> Study:
         for name, rate in RATES.items()
     }
     floors = {
-        name: measure_floor(one, [one, dataclasses.replace(one, provenance={**one.provenance, "perturb": 1e-15})])
-        for name, one in runs.items()
+        name: measure_floor(run, [run, dataclasses.replace(run, provenance={**run.provenance, "perturb": 1e-15})])
+        for name, run in runs.items()
     }
     diffs = tuple(diff(a, b, floor=list(floors.values())) for a, b in itertools.combinations(runs.values(), 2))
     if crashed:
         runs["dart"] = failed_run(WORLD, "dart", EngineError("dart", "the process was ended by signal 11 (SIGSEGV)"))
-    outcomes = {name: tuple(evaluate(one)) for name, one in runs.items()}
+    outcomes = {name: tuple(evaluate(run)) for name, run in runs.items()}
     return Study(WORLD, None, runs, {}, floors, outcomes, diffs)
 
 
@@ -90,16 +90,18 @@ def test_a_diff_lists_the_worst_bodies_first_and_counts_the_rest():
     a = run(many)
     b = run(many, lambda body, t: column(1e-3 * int(body[-2:]) * t, 0, 0), engine="second")
     found = diff(a, b)
-    text = shown(lambda screen: [screen.print(one) for one in differences.diff_tables(found)])
+    text = shown(lambda screen: [screen.print(table) for table in differences.diff_tables(found)])
     assert text.index("ball_19") < text.index("ball_18")
     assert f"and {20 - differences.SHOWN_BODIES} more" in text
 
 
 def test_changes_of_a_world():
-    one = worlds.spheres(2)
-    heavy = dataclasses.replace(one.bodies[1].inertial, mass=11.0)
-    other = dataclasses.replace(one, bodies=(one.bodies[0], dataclasses.replace(one.bodies[1], inertial=heavy)))
-    text = shown(lambda screen: screen.print(differences.changes(diff_worlds(one, other))), 120)
+    spheres = worlds.spheres(2)
+    heavy = dataclasses.replace(spheres.bodies[1].inertial, mass=11.0)
+    other = dataclasses.replace(
+        spheres, bodies=(spheres.bodies[0], dataclasses.replace(spheres.bodies[1], inertial=heavy))
+    )
+    text = shown(lambda screen: screen.print(differences.changes(diff_worlds(spheres, other))), 120)
     assert "bodies.ball_0.inertial.mass" in text
     assert "10.0" in text
     assert "11.0" in text
@@ -226,9 +228,14 @@ def test_a_level_is_called_after_what_it_checks():
 def test_no_word_of_the_engines_features_is_broken(width):
     """A table of twelve engines left nine columns for each: "joint.h / inge"."""
     data = matrix.engine_data()
-    made = [one for one in engine_tables([], data, width) if str(one.title).startswith(("Supported", "Capab"))]
-    out = shown(lambda screen: [screen.print(one) for one in made], width)
-    names = {*(feature.value for feature in Feature), *(one.value for one in Capability), *data, *["by", "API"]}
+    made = [table for table in engine_tables([], data, width) if str(table.title).startswith(("Supported", "Capab"))]
+    out = shown(lambda screen: [screen.print(table) for table in made], width)
+    names = {
+        *(feature.value for feature in Feature),
+        *(capability.value for capability in Capability),
+        *data,
+        *["by", "API"],
+    }
     assert names | {"approximate", "yes", "no"} <= set(out.split())
     rows = [line for line in out.splitlines() if line.startswith(" ") and not line.startswith(" ─")]
     assert all(line[1] != " " for line in rows if line.strip()), "a cell goes on in another line"

@@ -50,34 +50,35 @@ def main() -> int:
     parser.add_argument(
         "--write", action="store_true", help="write docs/records/corpora.md and docs/records/corpora.json.gz"
     )
-    told = parser.parse_args()
-    folder = told.into.resolve()
+    options = parser.parse_args()
+    folder = options.into.resolve()
     if folder.is_relative_to(ROOT):
         parser.error("--into must lie outside of the project")
     folder.mkdir(parents=True, exist_ok=True)
-    if told.fetch:
+    if options.fetch:
         fetch(folder)
     every = models(folder)
     results = folder / "results"
     print(f"{kept.restore(every, results)} answers of docs/records/corpora.json.gz")
-    asked = [
+    requested = [
         model
         for model in every
-        if (not told.only or model.language in told.only.split(",")) and told.within in f"{model.package} {model.name}"
+        if (not options.only or model.language in options.only.split(","))
+        and options.within in f"{model.package} {model.name}"
     ]
-    if told.run:
+    if options.run:
         run(
-            asked,
+            requested,
             results,
-            told.stages.split(","),
-            told.workers,
-            told.seconds,
-            told.again,
-            tuple(filter(None, told.engines.split(","))),
+            options.stages.split(","),
+            options.workers,
+            options.seconds,
+            options.again,
+            tuple(filter(None, options.engines.split(","))),
         )
-    if told.refusals:
-        told.refusals.write_text(refusals.listed(asked, results), encoding="utf-8")
-    if told.write:
+    if options.refusals:
+        options.refusals.write_text(refusals.listed(requested, results), encoding="utf-8")
+    if options.write:
         page.write(every, results)
         kept.keep(every, results)
     return 0

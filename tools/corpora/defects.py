@@ -85,9 +85,9 @@ def _sdf_mass(inertial: Any) -> list[str]:
     if inertial is None:
         return []
     tensor = inertial.find("inertia")
-    told = {} if tensor is None else {element.tag: float(element.text or "") for element in tensor}
-    xx, yy, zz = (told.get(word, 1.0) for word in ("ixx", "iyy", "izz"))
-    xy, xz, yz = (told.get(word, 0.0) for word in ("ixy", "ixz", "iyz"))
+    moments = {} if tensor is None else {element.tag: float(element.text or "") for element in tensor}
+    xx, yy, zz = (moments.get(word, 1.0) for word in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (moments.get(word, 0.0) for word in ("ixy", "ixz", "iyz"))
     low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     kinds = ["what moves has no mass"] if float(inertial.findtext("mass", "1")) <= 0.0 else []
     if low <= 0.0:
@@ -180,7 +180,7 @@ def _masses(links: list[Any], joints: list[Any]) -> list[str]:
     total: Counter[str] = Counter()
     moments: Counter[str] = Counter()
     moved = {group.get(_link(joint, "child"), "") for joint in joints if joint.get("type") in MOVING}
-    own: dict[str, list[str]] = {}
+    by_group: dict[str, list[str]] = {}
     for link in links:
         inertial = link.find("inertial")
         if inertial is None:
@@ -190,24 +190,24 @@ def _masses(links: list[Any], joints: list[Any]) -> list[str]:
         if mass is None or mass.get("value") is None or tensor is None:
             if mass is not None and mass.get("value") is not None:
                 total[group[name]] += float(mass.get("value"))  # type: ignore[assignment]  # a root that has a mass moves
-            own.setdefault(group[name], []).append("an incomplete inertial")
+            by_group.setdefault(group[name], []).append("an incomplete inertial")
             continue
         if any(tensor.get(word) is None for word in ("ixx", "iyy", "izz")):
-            own.setdefault(group[name], []).append("an incomplete inertial")
+            by_group.setdefault(group[name], []).append("an incomplete inertial")
             continue
         xx, yy, zz, xy, xz, yz = (float(tensor.get(word, "0")) for word in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
         low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if float(mass.get("value")) < 0.0 or low < -SLACK * max(high, -low):
-            own.setdefault(group[name], []).append("a mass or a moment below 0")
+            by_group.setdefault(group[name], []).append("a mass or a moment below 0")
         elif high > (low + middle) * (1.0 + SLACK):
-            own.setdefault(group[name], []).append("the triangle inequality")
+            by_group.setdefault(group[name], []).append("the triangle inequality")
         total[group[name]] += float(mass.get("value"))  # type: ignore[assignment]
         moments[group[name]] += abs(high)
     root = next((group[link.get("name")] for link in links if group[link.get("name")] not in moved), "")
-    for name, found in own.items():
+    for name, found in by_group.items():
         if name in moved or total[root]:  # what is fixed to the world needs none
             kinds += found
-    kinds += ["what a joint moves has no mass" for name in moved if not total[name] and name not in own]
+    kinds += ["what a joint moves has no mass" for name in moved if not total[name] and name not in by_group]
     kinds += ["what a joint moves has no moments" for name in moved if total[name] and not moments[name]]
     return kinds
 

@@ -21,9 +21,9 @@ def remark(engine: str, name: str, why: str, early: bool) -> str:
     """What is to be said of a proof that fails, by its engine, file and reason. ``early``: it is of a state of the code that is
     not known, and has not been asked again."""
     known = FINDINGS.get((engine, name.rpartition("/")[2]))
-    told = [known] if known else []
+    remarks = [known] if known else []
     if any(text in why for text in ENGINE_TIME):
-        told.append("a verdict of time or memory: the engine gave no answer that could be compared")
+        remarks.append("a verdict of time or memory: the engine gave no answer that could be compared")
     if early:
-        told.append("of an earlier state of the code, not asked again since")
-    return f" ({'; '.join(told)})" if told else ""
+        remarks.append("of an earlier state of the code, not asked again since")
+    return f" ({'; '.join(remarks)})" if remarks else ""

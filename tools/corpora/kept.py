@@ -55,9 +55,9 @@ def _clipped(value: Any, folder: Path) -> Any:
     """``value`` with short texts, in which no path names this machine."""
     if isinstance(value, str):
         text = value.replace(f"{folder}/", "").replace(f"{KEPT.parents[1]}/", "")
-        for place in (tempfile.gettempdir(), *(str(one) for one in KEPT.parents[2:-1])):
+        for place in (tempfile.gettempdir(), *(str(parent) for parent in KEPT.parents[2:-1])):
             text = re.sub(re.escape(place) + r"/(?:[\w.+@-]+/)*", "…/", text)
         return text[-LONGEST:] if text.startswith("Traceback") else text[:LONGEST]
     if isinstance(value, dict):
-        return {name: _clipped(one, folder) for name, one in value.items()}
-    return [_clipped(one, folder) for one in value] if isinstance(value, list) else value
+        return {name: _clipped(item, folder) for name, item in value.items()}
+    return [_clipped(item, folder) for item in value] if isinstance(value, list) else value

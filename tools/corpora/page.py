@@ -54,13 +54,17 @@ class File:
     def proofs(self) -> dict[str, dict[str, Any]]:
         """What is proven of it, by engine; nothing of a file that is not imported, or no longer."""
         proven = (self.certified or {}).get("proven") if self.is_imported else None
-        return {one["engine"]: one for one in proven or ()}
+        return {entry["engine"]: entry for entry in proven or ()}
 
     @property
     def apart_proofs(self) -> dict[str, dict[str, Any]]:
         """What is proven of it without contact between its own bodies, of engines that refuse it otherwise."""
         proven = (self.apart or {}).get("proven") or () if self.is_imported else ()
-        return {one["engine"]: one for one in proven if self.proofs.get(one["engine"], {"valid": 0})["valid"] is None}
+        return {
+            entry["engine"]: entry
+            for entry in proven
+            if self.proofs.get(entry["engine"], {"valid": 0})["valid"] is None
+        }
 
     def verdict(self, engine: str) -> str:
         """What the proof says in an engine: one of ``VERDICTS``."""
@@ -75,7 +79,7 @@ class File:
     @property
     def audits(self) -> dict[str, dict[str, Any]]:
         """What engines make of the file itself."""
-        return {one["engine"]: one for one in (self.audited or {}).get("audited") or ()}
+        return {answer["engine"]: answer for answer in (self.audited or {}).get("audited") or ()}
 
 
 def write(models: Sequence[Model], results: Path) -> None:
@@ -104,10 +108,12 @@ def write(models: Sequence[Model], results: Path) -> None:
 
 
 def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
-    answers = [one for file in files for one in (file.imported, file.certified, file.apart, file.audited) if one]
-    states = {code for one in answers for code in (one["code"], *one.get("older", ()))}
-    asked = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
-    early = sum(code == RESTORED for answer in answers for code in (answer["code"], *answer.get("older", ())))
+    answers = [
+        answer for file in files for answer in (file.imported, file.certified, file.apart, file.audited) if answer
+    ]
+    states = {code for entry in answers for code in (entry["code"], *entry.get("older", ()))}
+    requested = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
+    early = sum(code == RESTORED for entry in answers for code in (entry["code"], *entry.get("older", ())))
     restored = f"; {early} of them are verdicts of an earlier page, of states not kept" if early else ""
     states.discard(RESTORED)
     yield "# Robot files of other packages"
@@ -117,9 +123,9 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield (
         f"{len(files)} files of {len({file.model.package for file in files})} packages that pip installs. Each is imported; "
         f"what simspec compiles of it is certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
-        f"simspec's other engines are not asked), of which {asked['certified']} "
+        f"simspec's other engines are not asked), of which {requested['certified']} "
         f"of {sum(file.is_imported for file in files)} imported files were asked so far{_left(files)}; and each file itself is "
-        f"[audited](../guide/audit.md), of which {asked['audited']} were. "
+        f"[audited](../guide/audit.md), of which {requested['audited']} were. "
         "Files that were asked are spread over packages and languages. "
         f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
         "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`). They are kept in "
@@ -129,10 +135,18 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield "| language | files | imported | without loss of physics | refused by name | no answer | not read yet |"
     yield "|---|---|---|---|---|---|---|"
     for language in sorted({file.model.language for file in files}):
-        own = [file for file in files if file.model.language == language]
-        kinds = collections.Counter(_kind(file) for file in own)
-        whole = sum(file.is_whole for file in own)
-        cells = (language, len(own), kinds["imported"], whole, kinds["refused"], kinds["failed"], kinds["unread"])
+        in_language = [file for file in files if file.model.language == language]
+        kinds = collections.Counter(_kind(file) for file in in_language)
+        whole = sum(file.is_whole for file in in_language)
+        cells = (
+            language,
+            len(in_language),
+            kinds["imported"],
+            whole,
+            kinds["refused"],
+            kinds["failed"],
+            kinds["unread"],
+        )
         yield f"| {' | '.join(map(str, cells))} |"
 
 
@@ -162,15 +176,15 @@ def aims(files: Sequence[File]) -> Iterator[str]:
     yield "|---|---|---|---|"
     yield _aim("URDF without hard defect is imported", 98.0, sum(file.is_imported for file in sound), len(sound))
     for engine, wanted in AIMS.items():
-        asked = [file for file in sound if file.is_imported and engine in file.proofs]
-        counts = collections.Counter(file.verdict(engine) for file in asked)
-        apart = f"{counts['apart']} of them {APART}, " if counts["apart"] else ""
-        left = sum(file.verdict(engine) == "refused" and file.apart is None for file in asked)
+        requested = [file for file in sound if file.is_imported and engine in file.proofs]
+        counts = collections.Counter(file.verdict(engine) for file in requested)
+        excluded = f"{counts['apart']} of them {APART}, " if counts["apart"] else ""
+        left = sum(file.verdict(engine) == "refused" and file.apart is None for file in requested)
         untried = f" ({left} of these not asked yet {APART})" if left else ""
-        reasons = _features(asked, engine)
-        more = f"{apart}{counts['refused']} not supported and so named{untried}{reasons}, {counts['fails']} failed"
+        reasons = _features(requested, engine)
+        more = f"{excluded}{counts['refused']} not supported and so named{untried}{reasons}, {counts['fails']} failed"
         certified = counts["certified"] + counts["apart"]
-        yield _aim(f"of those that were asked, certified in {engine}", wanted, certified, len(asked), more)
+        yield _aim(f"of those that were asked, certified in {engine}", wanted, certified, len(requested), more)
     loaded = [file for file in files if file.model.language == "mjcf" and _loads(file)]
     yield _aim(
         "MJCF that MuJoCo loads, with bodies, without loss of physics",
@@ -180,16 +194,16 @@ def aims(files: Sequence[File]) -> Iterator[str]:
         f"{sum(file.is_imported for file in loaded)} imported",
     )
     for language, wanted, of in (("sdf", 20, 23), ("usd", 68, 75)):
-        own = [file for file in files if file.model.language == language]
+        in_language = [file for file in files if file.model.language == language]
         ruled = " without hard defect" if language in DEFECTS else ""
-        asked = [file for file in own if not file.defects]
-        repaired = sum(bool((file.imported or {}).get("repaired")) for file in own)
-        more = [f"{repaired} more of all {len(own)} with rules of repair"] if repaired else []
+        requested = [file for file in in_language if not file.defects]
+        repaired = sum(bool((file.imported or {}).get("repaired")) for file in in_language)
+        more = [f"{repaired} more of all {len(in_language)} with rules of repair"] if repaired else []
         if ruled:
-            more.insert(0, f"{len(own) - len(asked)} of {len(own)} have a hard defect")
-        count = sum(file.is_imported for file in asked)
+            more.insert(0, f"{len(in_language) - len(requested)} of {len(in_language)} have a hard defect")
+        count = sum(file.is_imported for file in requested)
         what = f"{language.upper()}{ruled} is imported"
-        yield _aim(what, 100.0 * wanted / of, count, len(asked), ", ".join(more))
+        yield _aim(what, 100.0 * wanted / of, count, len(requested), ", ".join(more))
 
 
 def _features(files: Sequence[File], engine: str) -> str:
@@ -199,8 +213,8 @@ def _features(files: Sequence[File], engine: str) -> str:
         if file.verdict(engine) == "refused":
             why = file.apart_proofs.get(engine, file.proofs[engine])["why"]
             counts.update(re.findall(r"does not support ([\w.]+)", why)[:1])
-    told = ", ".join(f"{name} {count}" for name, count in counts.most_common(4))
-    return f" ({told})" if told else ""
+    listed = ", ".join(f"{name} {count}" for name, count in counts.most_common(4))
+    return f" ({listed})" if listed else ""
 
 
 def _loads(file: File) -> bool:
@@ -217,11 +231,11 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield "## What simspec compiles"
     yield ""
-    told = sum(file.apart is not None for file in files)
+    count = sum(file.apart is not None for file in files)
     yield (
         "What an engine does only approximately, or simspec beside it, is accepted here. Of a file that an engine refuses, the "
         f"same model {APART} (`contact.self_collision: false`, or `--no-self-collision`) is certified in that engine, where "
-        f"that is what it lacks; so far asked of {told} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
+        f"that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
         "had 60 in some earlier verdicts."
     )
     yield ""
@@ -235,15 +249,15 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield "Every proof that fails, none of them in silence: `simspec verify` tells these reasons, and ends with exit code 1."
     yield ""
     for file in files:
-        for asked, answer, among in (
+        for requested, answer, among in (
             ("", file.certified, file.proofs),
             (f", {APART}", file.apart, file.apart_proofs),
         ):
             for engine, proof in among.items():
                 if proof["valid"] is False:
                     name, why = file.model.name, _cell(proof["why"])
-                    told = remark(engine, name, why, (answer or {})["code"] == RESTORED)
-                    yield f"- {engine}, {file.model.package} `{name}`{asked}: {why[:200]}{told}"
+                    text = remark(engine, name, why, (answer or {})["code"] == RESTORED)
+                    yield f"- {engine}, {file.model.package} `{name}`{requested}: {why[:200]}{text}"
         for answer in (file.certified or {}, file.apart or {}) if file.is_imported else ():
             for word in ("late", "died", "crash", "again"):
                 if word in answer:
@@ -273,24 +287,24 @@ def audits(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield "What differs, by the number of files:"
     yield ""
     for engine, counter in causes.items():
-        told = ", ".join(f"{name} {number}" for name, number in counter.most_common(12))
-        yield f"- {engine}: {told or 'nothing'}"
+        listed = ", ".join(f"{name} {number}" for name, number in counter.most_common(12))
+        yield f"- {engine}: {listed or 'nothing'}"
 
 
-def _audit(one: dict[str, Any]) -> str:
-    if not one["loaded"]:
-        return "dies" if one["died"] else "refuses"
-    return "other" if one["silent"] else "same"
+def _audit(audit: dict[str, Any]) -> str:
+    if not audit["loaded"]:
+        return "dies" if audit["died"] else "refuses"
+    return "other" if audit["silent"] else "same"
 
 
 def originals(files: Sequence[File]) -> Iterator[str]:
     measured, unmeasured = [], []
     for file in files:
-        told = (file.imported or {}).get("deviations")
-        if isinstance(told, list):
-            measured.append((max(told), file))
-        elif told is not None:
-            unmeasured.append((told, file))
+        deviations = (file.imported or {}).get("deviations")
+        if isinstance(deviations, list):
+            measured.append((max(deviations), file))
+        elif deviations is not None:
+            unmeasured.append((deviations, file))
     yield ""
     yield "## Imported MJCF against MuJoCo's own compiled model"
     yield ""
@@ -303,14 +317,14 @@ def originals(files: Sequence[File]) -> Iterator[str]:
     yield ""
     for worst, file in sorted(measured, key=lambda entry: -entry[0]):
         if worst > SAME:
-            told = ", ".join(
+            deviations = ", ".join(
                 f"{name} {value:.1e}"
                 for name, value in zip(
                     ("M", "bias", "passive", "place"), (file.imported or {})["deviations"], strict=True
                 )
             )
             lost = "; loses physics, and says so" if not file.is_whole else ""
-            yield f"- {file.model.package} `{file.model.name}`: {told}{lost}"
+            yield f"- {file.model.package} `{file.model.name}`: {deviations}{lost}"
     for text, file in unmeasured:
         yield f"- {file.model.package} `{file.model.name}`: not compared: {_cell(text)[:150]}"
 
@@ -346,7 +360,7 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     for file in files:
         certified = " ".join(MARKS[file.verdict(name)] for name in engines)
         audited = " ".join(_number(file.audits.get(name)) for name in engines)
-        seconds = " ".join(_seconds(one) for one in (file.imported, file.certified, file.audited))
+        seconds = " ".join(_seconds(answer) for answer in (file.imported, file.certified, file.audited))
         cells = (
             file.model.package,
             file.model.name.removeprefix("cmeel.prefix/share/"),
@@ -371,10 +385,10 @@ def _import(file: File) -> str:
     return f"refused: {texts[0][:100] if texts else ''}{more}"
 
 
-def _number(one: dict[str, Any] | None) -> str:
-    if one is None:
+def _number(audit: dict[str, Any] | None) -> str:
+    if audit is None:
         return "–"
-    return str(sum(one["silent"].values())) if one["loaded"] else _audit(one)
+    return str(sum(audit["silent"].values())) if audit["loaded"] else _audit(audit)
 
 
 def _seconds(answer: dict[str, Any] | None) -> str:

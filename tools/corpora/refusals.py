@@ -34,7 +34,7 @@ def why(answer: dict[str, Any]) -> list[str]:
     if "crash" in answer:
         return [f"crash: {answer['crash'].strip().splitlines()[-1][:120]}"]
     if answer.get("imported") is False:
-        return list(dict.fromkeys(reason(one["message"]) for one in answer["problems"]))
+        return list(dict.fromkeys(reason(problem["message"]) for problem in answer["problems"]))
     return []
 
 

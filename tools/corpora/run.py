@@ -127,7 +127,7 @@ def stored(results: Path, stage: str, model: Model) -> dict[str, Any] | None:
 def failed(answer: dict[str, Any]) -> bool:
     """Whether an answer is none, or has a proof that fails."""
     ended = any(word in answer for word in ("late", "died", "crash", "again"))
-    return ended or any(one["valid"] is False for one in answer.get("proven") or ())
+    return ended or any(entry["valid"] is False for entry in answer.get("proven") or ())
 
 
 def needed(results: Path, stage: str, model: Model, again: str, among: Sequence[str] = ()) -> bool:
@@ -159,9 +159,9 @@ def undecided(results: Path, stage: str, model: Model, known: dict[str, Any], am
     never asked."""
     if stage not in ("certify", "apart"):
         return []
-    told = {one["engine"]: one["valid"] for one in known.get("proven") or ()}
+    verdicts = {entry["engine"]: entry["valid"] for entry in known.get("proven") or ()}
     of = installed() if stage == "certify" else refusing(results, model)
-    return [engine for engine in of if told.get(engine) is not True and (not among or engine in among)]
+    return [engine for engine in of if verdicts.get(engine) is not True and (not among or engine in among)]
 
 
 @functools.cache
@@ -175,19 +175,19 @@ def installed() -> tuple[str, ...]:
 def refusing(results: Path, model: Model) -> list[str]:
     """The engines that refuse, by name, what simspec would compile of a file."""
     certified = stored(results, "certify", model) or {}
-    return [one["engine"] for one in certified.get("proven") or () if one["valid"] is None]
+    return [entry["engine"] for entry in certified.get("proven") or () if entry["valid"] is None]
 
 
 def failing(known: dict[str, Any] | None) -> list[str]:
     """The engines whose proof fails by an answer; none where the answer is none for other reasons."""
-    return [one["engine"] for one in (known or {}).get("proven") or () if one["valid"] is False]
+    return [entry["engine"] for entry in (known or {}).get("proven") or () if entry["valid"] is False]
 
 
 def completed(answer: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
     """An answer of some engines, with those of the others as they are known, and of which states of the code these are."""
-    asked = {one["engine"] for one in answer["proven"]}
-    kept = [one for one in known["proven"] if one["engine"] not in asked]
-    proven = sorted([*answer["proven"], *kept], key=lambda one: str(one["engine"]))
+    renewed = {entry["engine"] for entry in answer["proven"]}
+    kept = [entry for entry in known["proven"] if entry["engine"] not in renewed]
+    proven = sorted([*answer["proven"], *kept], key=lambda entry: str(entry["engine"]))
     older = sorted({known["code"], *known.get("older", ())}) if kept else []
     return {**answer, "proven": proven, "older": older}
 
@@ -259,7 +259,7 @@ def _work(
             part = target.with_suffix(".part")
             part.write_text(json.dumps(answer), encoding="utf-8")
             part.replace(target)
-            told = "late" if "late" in answer else "died" if "died" in answer else "crash" if "crash" in answer else ""
-            print(f"{answer.get('seconds', 0.0):7.1f} s {told:5s} {model.package} {model.name}", flush=True)
+            state = "late" if "late" in answer else "died" if "died" in answer else "crash" if "crash" in answer else ""
+            print(f"{answer.get('seconds', 0.0):7.1f} s {state:5s} {model.package} {model.name}", flush=True)
     finally:
         worker.end()

@@ -64,24 +64,31 @@ def importing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[s
 
 def _told(error: SpecError) -> list[dict[str, str]]:
     """Problems as texts, each message once."""
-    told: dict[str, Problem] = {}
+    problems: dict[str, Problem] = {}
     for problem in error.problems:
-        told.setdefault(problem.message, problem)
+        problems.setdefault(problem.message, problem)
     return [
-        {"message": one.message, "found": one.found or "", "hint": one.hint or "", "place": str(one.location or "")}
-        for one in list(told.values())[:MOST]
+        {
+            "message": problem.message,
+            "found": problem.found or "",
+            "hint": problem.hint or "",
+            "place": str(problem.location or ""),
+        }
+        for problem in list(problems.values())[:MOST]
     ]
 
 
 def _repaired(path: Path, options: ImportOptions) -> bool:
     """Whether a refused file is imported with all rules of repair."""
-    importer = next((one for one in importers().values() if path.name.lower().endswith(one.SUFFIXES)), None)
+    importer = next(
+        (importer for importer in importers().values() if path.name.lower().endswith(importer.SUFFIXES)), None
+    )
     rules = tuple(importer.rules()) if importer is not None and hasattr(importer, "rules") else ()
     if not rules:
         return False
-    told = ImportOptions(package_path=options.package_path, base=options.base, repair=rules)
+    given = ImportOptions(package_path=options.package_path, base=options.base, repair=rules)
     try:
-        load(path, options=told, allow_outside=True).resolve()
+        load(path, options=given, allow_outside=True).resolve()
     except SpecError:
         return False
     return True
@@ -128,8 +135,8 @@ def certifying(
         return {"proven": None}
     try:
         spec = load(path, options=options, allow_outside=True)
-        told = list(engines) or kept.engines
-        results = proven(spec.resolve(), told, locate=spec.locate, deadline=ENGINE_DEADLINE, warm=kept.warm)
+        selected = list(engines) or kept.engines
+        results = proven(spec.resolve(), selected, locate=spec.locate, deadline=ENGINE_DEADLINE, warm=kept.warm)
     except UnsupportedError as error:
         return {"proven": [], "why": str(error)[:500]}
     except SpecError as error:
@@ -154,12 +161,14 @@ def auditing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[st
         warm=kept.warm,
     )
     counted = []
-    for one in found.engines:
+    for engine in found.engines:
         quantities: dict[str, int] = {}
-        for finding in one.silent:
+        for finding in engine.silent:
             quantities[finding.quantity] = quantities.get(finding.quantity, 0) + 1
-        why = "" if one.loaded else one.findings[0].why[:300]
-        counted.append({"engine": one.engine, "loaded": one.loaded, "died": one.died, "silent": quantities, "why": why})
+        why = "" if engine.loaded else engine.findings[0].why[:300]
+        counted.append(
+            {"engine": engine.engine, "loaded": engine.loaded, "died": engine.died, "silent": quantities, "why": why}
+        )
     return {"audited": counted, "meaning": found.meaning}
 
 

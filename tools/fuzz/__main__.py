@@ -33,7 +33,7 @@ from seeds import LANGUAGES  # noqa: E402
 def processor_seconds() -> float:
     """Of this process, and of all that it has started."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 @contextlib.contextmanager
@@ -70,7 +70,7 @@ def main() -> int:
         return _many(fuzz, words.first, 60.0 * words.minutes, words.findings)
 
 
-def _many(fuzz: Fuzz, first: int, seconds: float, told: Path | None) -> int:
+def _many(fuzz: Fuzz, first: int, seconds: float, log: Path | None) -> int:
     outcomes: collections.Counter[str] = collections.Counter()
     kinds: collections.Counter[str] = collections.Counter()
     begun, case, wall = processor_seconds(), first, time.monotonic()
@@ -84,8 +84,8 @@ def _many(fuzz: Fuzz, first: int, seconds: float, told: Path | None) -> int:
                 print(
                     f"{fuzz.language} case {case} ({', '.join(finding.changes)}): {finding.outcome}: {kind}", flush=True
                 )
-            if told is not None:
-                with told.open("a") as stream:
+            if log is not None:
+                with log.open("a") as stream:
                     stream.write(json.dumps({"language": fuzz.language, **vars(finding)}) + "\n")
         case += 1
     accepted = outcomes.pop("accepted", 0)

@@ -58,7 +58,7 @@ class Fuzz:
         all_seeds = [*seeds(kind), *self.more]
         seed = chance.choice(all_seeds)
         binary = kind in BINARY and not seed.content.startswith((b"solid", b"#usda", b"ply\nformat ascii"))
-        others = [one.content for one in all_seeds]
+        others = [seed.content for seed in all_seeds]
         content, changes = changed(seed.content, chance, others, BYTES if binary else TEXT)
         name = f"changed{SUFFIX[kind]}"
         files = {**beside(), **seed.beside, name: content}

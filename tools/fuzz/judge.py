@@ -142,13 +142,13 @@ def _watch_python(project: Path, scratch: Path, opened: list[str]) -> None:
     """Note what Python opens of the user's files outside the project; modules and the cache are not the user's."""
     mine = str(project.parent)
     allowed = (str(project) + os.sep, str(scratch))
-    strange = ("/etc/passwd", "/etc/shadow", "/proc/self/environ", "/dev/zero", "/root/secret")
+    unexpected = ("/etc/passwd", "/etc/shadow", "/proc/self/environ", "/dev/zero", "/root/secret")
 
     def watch(event: str, arguments: tuple[Any, ...]) -> None:
         if event != "open" or not isinstance(arguments[0], (str, bytes)):
             return
         path = os.path.realpath(os.fsdecode(arguments[0]))
-        if path in strange or (path.startswith(mine) and not path.startswith(allowed)):
+        if path in unexpected or (path.startswith(mine) and not path.startswith(allowed)):
             opened.append(path)
 
     sys.addaudithook(watch)

@@ -195,7 +195,7 @@ def line_moved(text: bytes, chance: random.Random, others: Sequence[bytes]) -> b
     if chance.random() < 0.5:
         del lines[start : start + len(piece)]
     place = chance.randrange(len(lines) + 1)
-    lines[place:place] = piece if chance.random() < 0.8 else [b"  " + one for one in piece]
+    lines[place:place] = piece if chance.random() < 0.8 else [b"  " + line for line in piece]
     return b"\n".join(lines)
 
 

@@ -122,7 +122,7 @@ def seeds(language: str) -> tuple[Seed, ...]:
         return (
             *(_own("robot.xacro"),) * 4,
             *(_own("chain.xacro"),) * 2,
-            *(Seed(one.content.replace(b"<robot name=", b"<robot " + head, 1), one.beside) for one in exported),
+            *(Seed(entry.content.replace(b"<robot name=", b"<robot " + head, 1), entry.beside) for entry in exported),
         )
     if language == "mjcf":
         more = (_own("more.xml"),) * 4
@@ -132,7 +132,7 @@ def seeds(language: str) -> tuple[Seed, ...]:
     if language == "usd":
         return (*(_own("more.usda"),) * 4, *_exports("usd"))
     if language in ("usdc", "usdz"):
-        return tuple(Seed(_packed(one.content, language)) for one in _exports("usd")[:4])
+        return tuple(Seed(_packed(export.content, language)) for export in _exports("usd")[:4])
     if language == "simspec":
         specs = ROOT / "specs"
         small = [path.read_bytes() for path in sorted(specs.glob("*.yaml")) if path.stat().st_size < 6000]

@@ -88,14 +88,14 @@ def a_study(
     of = a_world() if of is None else of
     runs = {name: a_run(of, name, speed) for name, speed in zip(engines, SPEEDS, strict=False)}
     floors = {
-        name: measure_floor(one, [one, dataclasses.replace(one, provenance={**one.provenance, "perturb": 1e-15})])
-        for name, one in runs.items()
+        name: measure_floor(run, [run, dataclasses.replace(run, provenance={**run.provenance, "perturb": 1e-15})])
+        for name, run in runs.items()
     }
     diffs = tuple(diff(a, b, floor=list(floors.values())) for a, b in itertools.combinations(runs.values(), 2))
     check = Check("L1", "mass", 4, 1e-9, 1e-16 if valid else 1e-3, of.bodies[2].name, "")
     proof = EngineProof("1.0", "0" * 64, (check,))
     certificate = Certificate(of.name, sha256(of), "oracle 1", dict.fromkeys(runs, proof)) if proven else None
-    return Study(of, certificate, runs, {}, floors, {name: tuple(evaluate(one)) for name, one in runs.items()}, diffs)
+    return Study(of, certificate, runs, {}, floors, {name: tuple(evaluate(run)) for name, run in runs.items()}, diffs)
 
 
 def stored(study: Study, folder: Path) -> Path:
@@ -103,8 +103,8 @@ def stored(study: Study, folder: Path) -> Path:
     results = Results(study.world, folder)
     if study.certificate is not None:
         results.certificate(study.certificate)
-    for one in study.runs.values():
-        results.run(one)
+    for recorded in study.runs.values():
+        results.run(recorded)
     for floor in study.floors.values():
         results.floor(floor)
     results.finish(study)

@@ -20,25 +20,25 @@ def speeds(engines: Sequence[str]) -> list[dict[str, Any]]:
         for timestep in TIMESTEPS:
             median = factor * timestep / 0.001
             values = [0.9 * median, median, 1.1 * median]
-            told = {"timestep": timestep, "engine": engine, "quantity": "cpu_factor", "median": median}
-            records.append({**told, "lower": values[0], "upper": values[2], "values": values})
+            common = {"timestep": timestep, "engine": engine, "quantity": "cpu_factor", "median": median}
+            records.append({**common, "lower": values[0], "upper": values[2], "values": values})
     for engine, factor in ((engines[0].upper(), 1.0), ("Third", 3.0)):
-        told = {"elsewhere": True, "engine": engine, "models": "as-published", "quantity": "cpu_factor", "unit": "1"}
-        records += [{**told, "source": "a paper", "timestep": 0.001, "value": factor}]
+        common = {"elsewhere": True, "engine": engine, "models": "as-published", "quantity": "cpu_factor", "unit": "1"}
+        records += [{**common, "source": "a paper", "timestep": 0.001, "value": factor}]
     return records
 
 
 def shares(engines: Sequence[str]) -> list[dict[str, Any]]:
     records: list[dict[str, Any]] = []
     for engine, limit in zip(engines, (0.004, None), strict=True):
-        told = {"engine": engine, "limit": limit, "first_invalid": 0.008 if limit else 0.001, "runs": 40}
-        records.append({**told, "failure": "it fell", "later_valid": [], "fewer_seeds": []})
+        common = {"engine": engine, "limit": limit, "first_invalid": 0.008 if limit else 0.001, "runs": 40}
+        records.append({**common, "failure": "it fell", "later_valid": [], "fewer_seeds": []})
         for timestep in TIMESTEPS:
             share = 1.0 if limit and timestep <= limit else 0.25
             bounds = {"lower": share - 0.2, "upper": min(1.0, share + 0.2)}
             records.append({"engine": engine, "timestep": timestep, "share": share, "runs": 10, **bounds})
-    told = {"elsewhere": True, "engine": "Third", "models": "as-published", "quantity": "largest_valid_timestep"}
-    return [*records, {**told, "unit": "s", "source": "a paper", "timestep": None, "value": 0.003}]
+    common = {"elsewhere": True, "engine": "Third", "models": "as-published", "quantity": "largest_valid_timestep"}
+    return [*records, {**common, "unit": "s", "source": "a paper", "timestep": None, "value": 0.003}]
 
 
 def paces(engines: Sequence[str]) -> list[dict[str, Any]]:
@@ -68,9 +68,9 @@ def study_tables(engines: Sequence[str] = ("first", "second"), name: str = "made
     }
     cell = {"text": engines[0], "classes": ""}
     shown = [
-        {"name": key, "title": f"{name}: {key}", "said": list(said_of(key, own)), "records": own, "note": name}
+        {"name": key, "title": f"{name}: {key}", "said": list(said_of(key, rows)), "records": rows, "note": name}
         | {"head": [cell], "rows": [[cell]]}
-        for key, own in records.items()
+        for key, rows in records.items()
     ]
     plain = {"schema": 2, "study": name, "description": name, "small": False, "figures": name, "bad": [0]}
     plain |= {"said": [f"{name}: proof FAILED", "all else is done"], "sweeps": {name: shown}}

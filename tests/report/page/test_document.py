@@ -62,7 +62,11 @@ def hostile(tmp_path_factory):
 
 def test_the_policy_allows_the_pages_own_program_and_style_alone(usual):
     outline = Outline(usual)
-    (policy,) = [one["content"] for one in outline.of("meta") if one.get("http-equiv") == "Content-Security-Policy"]
+    (policy,) = [
+        attributes["content"]
+        for attributes in outline.of("meta")
+        if attributes.get("http-equiv") == "Content-Security-Policy"
+    ]
     rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
     assert rules["default-src"] == "'none'"
     assert set(rules) == {"default-src", "script-src", "style-src", "base-uri", "form-action"}
@@ -147,7 +151,7 @@ def test_what_moves_and_what_does_not(usual):
     assert (found["bodies"], found["moving"], found["turning"]) == (["floor", "resting", "mover", "arm"], [2, 3], [3])
     assert [shape["kind"] for shape in found["shapes"]] == ["plane", "box", "sphere", "capsule"]
     assert found["ghost"]["bodies"] == [3]
-    assert [one["forces"]["count"] for one in found["runs"]] == [7, 7, 7]
+    assert [run["forces"]["count"] for run in found["runs"]] == [7, 7, 7]
     titles = [plot["title"] for plot in found["plots"]]
     assert len(titles) == 5
     assert titles[0] == "Largest difference of any body's position"
@@ -159,7 +163,7 @@ def test_a_run_that_stopped_being_finite_is_shown_until_then(tmp_path):
     study.runs["second"].arrays["pose"][12:, 2, 0] = np.nan
     folder = samples.stored(study, tmp_path / "sample")
     text = page([load_study(folder)])
-    assert [one["frames"] for one in scene(text)["runs"]] == [21, 12]
+    assert [run["frames"] for run in scene(text)["runs"]] == [21, 12]
     assert "second stays where its records end, at 1.1 s." in text
     assert "NaN" not in json.dumps(scene(text))
 
@@ -191,15 +195,15 @@ def test_too_many_studies_are_refused(tmp_path):
 
 def emptied(study):
     """Runs of one record."""
-    for name, one in study.runs.items():
-        arrays = {key: values[:1] for key, values in one.arrays.items() if not key.startswith("contact.")}
-        study.runs[name] = dataclasses.replace(one, arrays=arrays)
+    for name, run in study.runs.items():
+        arrays = {key: values[:1] for key, values in run.arrays.items() if not key.startswith("contact.")}
+        study.runs[name] = dataclasses.replace(run, arrays=arrays)
 
 
 def lost(study):
     """Nothing that could be drawn, from the first record on."""
-    for one in study.runs.values():
-        one.arrays["pose"][:] = np.nan
+    for run in study.runs.values():
+        run.arrays["pose"][:] = np.nan
 
 
 def thrown(study):
@@ -212,8 +216,8 @@ def endless_shapes(study):
     body = dataclasses.replace(study.world.bodies[2], shapes=(Shape("huge", "sphere", (1e308,)),))
     bodies = (*study.world.bodies[:2], body, study.world.bodies[3])
     of = dataclasses.replace(study.world, bodies=bodies)
-    for name, one in study.runs.items():
-        study.runs[name] = dataclasses.replace(one, world=of, provenance={**one.provenance, "world_sha256": sha256(of)})
+    for name, run in study.runs.items():
+        study.runs[name] = dataclasses.replace(run, world=of, provenance={**run.provenance, "world_sha256": sha256(of)})
 
 
 def torn(study):
@@ -226,14 +230,14 @@ def torn(study):
 def test_a_page_is_made_of_runs_that_went_wrong(tmp_path, spoil):
     study = samples.a_study(engines=("first", "second"), proven=False)
     spoil(study)
-    for one in study.runs.values():
-        one.save(tmp_path / one.engine)
+    for run in study.runs.values():
+        run.save(tmp_path / run.engine)
     with np.errstate(all="ignore"):
         found = scene(page([load_study(tmp_path)]))
     numbers = [*found["low"], *found["high"], *found["view"]["centre"], found["view"]["radius"]]
     assert all(np.isfinite(number) for number in numbers)
     assert all(low < high for low, high in zip(found["low"], found["high"], strict=True))
-    assert [one["frames"] for one in found["runs"]] == {
+    assert [run["frames"] for run in found["runs"]] == {
         "emptied": [1, 1], "lost": [1, 1], "thrown": [21, 3], "endless_shapes": [21, 21], "torn": [21, 21]
     }[spoil.__name__]  # fmt: skip
 
@@ -252,10 +256,10 @@ def test_markup_in_any_text_of_runs_and_certificates_is_text(tmp_path):
     facts = dict.fromkeys(
         ("engine_version", "simspec", "python_version", "platform", "started", "artifacts_sha256"), bad
     )
-    for name, one in list(study.runs.items()):
+    for name, run in list(study.runs.items()):
         engine = f"{name} <script>"
-        provenance = {**one.provenance, **facts, "engine": engine, "settings": {bad: bad}, "warnings": [bad]}
-        study.runs[name] = dataclasses.replace(one, engine=engine, provenance=provenance, failed=bad)
+        provenance = {**run.provenance, **facts, "engine": engine, "settings": {bad: bad}, "warnings": [bad]}
+        study.runs[name] = dataclasses.replace(run, engine=engine, provenance=provenance, failed=bad)
     check = Check(bad, bad, 4, 1e-9, 1.0, bad, bad)
     proof = EngineProof(bad, bad, (check,), {bad: f"approximate: {bad}"}, {bad: bad}, 0.0, (), {bad: bad})
     certificate = Certificate(bad, sha256(study.world), bad, {bad: proof, "first <script>": proof})

@@ -42,8 +42,8 @@ def series(content: bytes, frames: int) -> np.ndarray:
 def test_a_body_is_drawn_where_it_was(data):
     scene, packed = data
     low, high = np.array(scene["low"]), np.array(scene["high"])
-    for one, speed in zip(scene["runs"], samples.SPEEDS, strict=True):
-        values = series(packed[one["motion"]["position"]], 21).reshape(2, 3, 21)[0]
+    for run, speed in zip(scene["runs"], samples.SPEEDS, strict=True):
+        values = series(packed[run["motion"]["position"]], 21).reshape(2, 3, 21)[0]
         placed = (values + 32767) / 65534 * (high - low)[:, None] + low[:, None]
         assert placed == pytest.approx(np.array([speed * TIME, 0 * TIME, 0.1 + 0 * TIME]), abs=2e-5)
 
