@@ -226,8 +226,8 @@ def all_tried(read, write, pid):
 if __name__ == "__main__":
     from simspec.confinement import PROFILES, confine, of_python
 
-    profile, read, write, held = sys.argv[1:]
+    profile, read, write, pid = sys.argv[1:]
     if profile != "none":
         opens = of_python() if "openat" in PROFILES[profile].calls else []
         confine(PROFILES[profile], [*opens, read] if opens else (), [write] if profile == "scratch" else ())
-    sys.stdout.write(json.dumps(all_tried(read, write, int(held))))
+    sys.stdout.write(json.dumps(all_tried(read, write, int(pid))))

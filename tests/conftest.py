@@ -64,7 +64,7 @@ def pytest_collection_finish() -> None:
 
 ALONE = "SIMSPEC_TESTS_ALONE"
 """Names the engine that the tests of this process load, and no other that clashes with it."""
-RUNNER_OWN = {"PYTEST_CURRENT_TEST"}
+OF_PYTEST = {"PYTEST_CURRENT_TEST"}
 """Variables that pytest itself changes from test to test."""
 
 
@@ -72,7 +72,7 @@ def surroundings() -> dict[str, object]:
     """What every test of a process shares: the working folder, the environment, who hears signals."""
     return {
         "folder": os.getcwd(),
-        "environment": {name: value for name, value in os.environ.items() if name not in RUNNER_OWN},
+        "environment": {name: value for name, value in os.environ.items() if name not in OF_PYTEST},
         "signals": {
             name: signal.getsignal(name) for name in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM, signal.SIGPIPE)
         },

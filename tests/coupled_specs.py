@@ -69,13 +69,13 @@ class Draw:
         self.more: Data = {}
         self.kind = list(KINDS)[seed % len(KINDS)]
         laws = (*BOUNCING, *LAWS[::4]) if self.kind == "strike" else LAWS
-        self.law = self.one(laws)
+        self.law = self.choice(laws)
         self.gravity = GRAVITY
         self.duration = 0.6
         self.said: list[str] = []
         """What was drawn, in words."""
 
-    def one(self, choices: Iterable[T]) -> T:
+    def choice(self, choices: Iterable[T]) -> T:
         return self._random.choice(list(choices))
 
     def number(self, low: float, high: float) -> float:
@@ -87,13 +87,13 @@ class Draw:
     def share(self, feasible: Callable[[float], bool] = lambda _: True) -> float:
         """Friction over the least that holds, on the side that is feasible, or on either."""
         sides = [side for side in (FALLS, STANDS) if feasible(side[0]) and feasible(side[1])]
-        return self.number(*self.one(sides or [STANDS]))
+        return self.number(*self.choice(sides or [STANDS]))
 
     def masses(self, count: int) -> list[float]:
         """Of some bodies (kg), with two values alone."""
-        ratio = self.one(RATIOS)
+        ratio = self.choice(RATIOS)
         found = [1.0] * count
-        for heavy in self._random.sample(range(count), self.one(range(1, count))):
+        for heavy in self._random.sample(range(count), self.choice(range(1, count))):
             found[heavy] = ratio
         self.say(f"masses {', '.join(f'{mass:g}' for mass in found)} kg")
         return found
@@ -137,9 +137,9 @@ def stack(draw: Draw) -> None:
     if draw.chance(0.25):
         tube(draw)
         return
-    count = draw.one((2, 3, 3, 4, 5))
+    count = draw.choice((2, 3, 3, 4, 5))
     masses = draw.masses(count)
-    sizes = [(draw.number(0.1, 0.25), draw.number(0.1, 0.25), draw.one((0.03, 0.1, 0.15))) for _ in masses]
+    sizes = [(draw.number(0.1, 0.25), draw.number(0.1, 0.25), draw.choice((0.03, 0.1, 0.15))) for _ in masses]
     places, z = [0.0], 0.0
     for below, above in itertools.pairwise(sizes):
         places.append(places[-1] + draw.number(-0.2, 0.2) * min(below[0], above[0]))
@@ -161,7 +161,7 @@ def tube(draw: Draw) -> None:
     radius, shift, z = 0.1, draw.number(0.03, 0.08), 0.1
     draw.fixed("left", (0.4, 2, 4), -radius - shift - 0.2 + TOUCH, 2.0)
     draw.fixed("right", (0.4, 2, 4), radius + shift + 0.2 - TOUCH, 2.0)
-    for number, mass in enumerate(draw.masses(draw.one((2, 3)))):
+    for number, mass in enumerate(draw.masses(draw.choice((2, 3)))):
         draw.ball(f"ball_{number}", radius, mass, shift if number % 2 else -shift, z)
         z += math.sqrt((2.0 * radius) ** 2 - (2.0 * shift) ** 2) - TOUCH
 
@@ -203,7 +203,7 @@ def _bisect(value: Callable[[float], float], low: float, high: float) -> float:
 def leaner(draw: Draw) -> None:
     """A ladder (two balls), rod (capsule) or plank (box) on a wall, or a plank on a free box."""
     draw.floor()
-    form = draw.one(LEANERS)
+    form = draw.choice(LEANERS)
     length, width = draw.number(0.6, 1.2), draw.number(0.03, 0.06)
     points, friction = LEANERS[form], draw.law.friction
     lowest, highest = (least(points(angle, length, width)) for angle in reversed(ANGLES))
@@ -236,13 +236,13 @@ def leaner(draw: Draw) -> None:
 def pile(draw: Draw) -> None:
     """A ball on two or three others: it stands up to the angle φ from the vertical with tan(φ/2) = μ."""
     draw.floor()
-    friction, radius, count = draw.law.friction, 0.1, draw.one((2, 3))
+    friction, radius, count = draw.law.friction, 0.1, draw.choice((2, 3))
     low, high = (math.tan(angle / 2.0) for angle in PILED)
     share = draw.share(lambda ratio: low < friction / ratio < high or (ratio > 1.0 and friction / ratio > low))
     angle = max(PILED[0], min(PILED[1], 2.0 * math.atan(friction / share)))
     draw.say(f"one on {count} at {math.degrees(angle):.1f}°")
     draw.say_share(friction / math.tan(angle / 2.0))
-    ratio = draw.one(RATIOS[:4])
+    ratio = draw.choice(RATIOS[:4])
     out, up = (2.0 * radius * part(angle) for part in (math.sin, math.cos))
     for number in range(count):
         turn = 2.0 * math.pi * number / count
@@ -281,8 +281,8 @@ def clamp(draw: Draw) -> None:
 def carrier(draw: Draw) -> None:
     """Boxes on a platform that speeds up along x, or turns."""
     draw.duration = 0.8
-    share = draw.number(*draw.one(((0.4, 0.9), (1.1, 1.7))))
-    time, limit = draw.one((0.4, 0.7)), share * draw.law.friction * GRAVITY
+    share = draw.number(*draw.choice(((0.4, 0.9), (1.1, 1.7))))
+    time, limit = draw.choice((0.4, 0.7)), share * draw.law.friction * GRAVITY
     draw.say(f"largest acceleration {share:g} × the limit of friction")
     shapes: list[Data] = [{"box": {"size": [4, 4, 0.2]}}]
     draw.bodies["platform"] = {"kinematic": True, "pose": {"xyz": [0, 0, -0.1]}, "shapes": shapes}
@@ -296,7 +296,7 @@ def carrier(draw: Draw) -> None:
         end = {"xyz": [limit * time * time / 5.7735, 0, -0.1]}
     draw.more["motion"] = {"platform": {"interpolation": "quintic", "points": [{"at": 0}, {"at": time, **end}]}}
     masses, z = draw.masses(2), 0.0
-    for number, mass in enumerate(masses[: draw.one((1, 2))]):
+    for number, mass in enumerate(masses[: draw.choice((1, 2))]):
         draw.box(f"load_{number}", (0.2, 0.2, 0.1), mass, x, z + 0.05)
         z += 0.1
 
@@ -321,7 +321,7 @@ def grasp(draw: Draw) -> None:
         "ball": {"sphere": {"radius": 0.03}},
         "cylinder": {"cylinder": {"radius": 0.03, "length": 0.08}},
     }
-    form, share, rise = draw.one(shapes), draw.share(), draw.number(0.05, 0.12)
+    form, share, rise = draw.choice(shapes), draw.share(), draw.number(0.05, 0.12)
     draw.say_share(share)
     z, mass = 0.03 if form == "ball" else 0.04, draw.number(0.1, 0.5)
     draw.free("held", shapes[form], mass, 0.0, z)
@@ -357,8 +357,8 @@ def grasp(draw: Draw) -> None:
 def strike(draw: Draw) -> None:
     """A ball falls on two, rolls against a row of two, or meets two without gravity; or a tilted box lands on an edge."""
     draw.duration = 0.5
-    radius, form = 0.1, draw.one(("falls", "row", "free", "edge"))
-    ratio, speed = draw.one((1.0, 3.0, 10.0)), draw.number(0.5, 2.0)
+    radius, form = 0.1, draw.choice(("falls", "row", "free", "edge"))
+    ratio, speed = draw.choice((1.0, 3.0, 10.0)), draw.number(0.5, 2.0)
     draw.say(f"{form}, mass {ratio:g} kg, {speed:g} m/s")
     if form != "free":
         draw.floor()

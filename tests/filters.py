@@ -23,7 +23,7 @@ from simspec.world.types import (
 from tests import worlds
 
 SOLID = Inertial(1.0, (0.0, 0.0, 0.1), (0.02, 0.02, 0.02, 0.0, 0.0, 0.0))
-STILL = (0.0,) * 6
+AT_REST = (0.0,) * 6
 
 
 def _link(name: str, parent: str | None, origin: Pose, group: str, *shapes: Shape) -> Body:
@@ -33,7 +33,7 @@ def _link(name: str, parent: str | None, origin: Pose, group: str, *shapes: Shap
 
 
 def _free(name: str, x: float, group: str, *shapes: Shape) -> Body:
-    joint = Joint(f"{name}_joint", "free", position=(x, 2.0, 0.5, 1.0, 0.0, 0.0, 0.0), velocity=STILL)
+    joint = Joint(f"{name}_joint", "free", position=(x, 2.0, 0.5, 1.0, 0.0, 0.0, 0.0), velocity=AT_REST)
     return Body(name, name, SOLID, joint, shapes, group)
 
 
@@ -270,7 +270,7 @@ def _world_json(change: Callable[[dict], None]) -> Callable[[Files], dict[str, b
     return plant
 
 
-def _apart(key: str, change: Callable[[list], None]):
+def _exclusions(key: str, change: Callable[[list], None]):
     return _world_json(lambda content: change(content["apart"][key]))
 
 
@@ -290,13 +290,13 @@ def _in_group(name: str, group: str):
 
 
 OF_WORLD_FILES: Mapping[str, Callable[[Files], dict[str, str]]] = {
-    "group filter dropped": _apart("groups", lambda pairs: pairs.clear()),
+    "group filter dropped": _exclusions("groups", lambda pairs: pairs.clear()),
     "a group has lost a body": _in_group("upper", "default"),
     "a group has one body more": _in_group("hand", "arm"),
-    "exclusion dropped": _apart("bodies", lambda pairs: pairs.remove(["brick", "ground"])),
-    "exclusion in the arm dropped": _apart("bodies", lambda pairs: pairs.remove(["fore", "upper"])),
-    "exclusion too many": _apart("bodies", lambda pairs: pairs.append(["ground", "tool"])),
-    "exclusion too many in the arm": _apart("bodies", lambda pairs: pairs.append(["hand", "upper"])),
+    "exclusion dropped": _exclusions("bodies", lambda pairs: pairs.remove(["brick", "ground"])),
+    "exclusion in the arm dropped": _exclusions("bodies", lambda pairs: pairs.remove(["fore", "upper"])),
+    "exclusion too many": _exclusions("bodies", lambda pairs: pairs.append(["ground", "tool"])),
+    "exclusion too many in the arm": _exclusions("bodies", lambda pairs: pairs.append(["hand", "upper"])),
 }
 """What every engine that reads ``world.json`` is asked."""
 DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-ASKED = "SIMSPEC_SLOW"
+VARIABLE = "SIMSPEC_SLOW"
 """Where this variable is ``all``, they run."""
-EVERYTHING = os.environ.get(ASKED) == "all"
+EVERYTHING = os.environ.get(VARIABLE) == "all"
 WHY = "run by make slow"
 NIGHTLY = (pytest.mark.slow, pytest.mark.skipif(not EVERYTHING, reason=WHY))
 """Marks of such a test."""

@@ -44,10 +44,10 @@ class NewerWords(Words):
             if any(body.get("kinematic") for body in bodies) or not self.chance(0.6):
                 continue
             alone = not any("fixed" in self.kinds(body) for body in bodies)
-            scale = self.one((0, 0.25, -1, 0.5))
+            scale = self.choice((0, 0.25, -1, 0.5))
             for body in bodies:
                 if not alone or self.chance(0.6):
-                    body["gravity_scale"] = scale if not alone else self.one((0, 0.25, -1, 0.7))
+                    body["gravity_scale"] = scale if not alone else self.choice((0, 0.25, -1, 0.7))
 
     def free_bodies(self) -> list[Data]:
         return [
@@ -62,7 +62,7 @@ class NewerWords(Words):
         for body in self.free_bodies():
             if self.chance(0.6):
                 low = self.number(0.0001, 0.001)
-                parts = {"linear": self.one((low, self.number(0.01, 0.1))), "angular": low}
+                parts = {"linear": self.choice((low, self.number(0.01, 0.1))), "angular": low}
                 body["joint"] = {"type": "free", "damping": parts}
                 if self.chance(0.15):
                     body["joint"]["armature"] = {"linear": 0.02, "angular": 0.02}
@@ -72,8 +72,8 @@ class NewerWords(Words):
         joints = [(name, joint) for name, joint, _ in self.joints() if name not in followers]
         if len(joints) < 2 or not self.chance(0.6):
             return
-        chosen = self._random.sample(joints, min(len(joints), self.one((2, 2, 3))))
-        weights = {name: self.one((1.0, -1.0, self.number(0.3, 1.5))) for name, _ in chosen}
+        chosen = self._random.sample(joints, min(len(joints), self.choice((2, 2, 3))))
+        weights = {name: self.choice((1.0, -1.0, self.number(0.3, 1.5))) for name, _ in chosen}
         along: Data = {"joints": weights}
         if self.chance(0.7):
             along |= {"stiffness": self.number(0.1, 2.0), "rest": self.number(-0.2, 0.2)}
@@ -88,10 +88,10 @@ class NewerWords(Words):
         if not self.chance(0.06):
             return
         contact = self.data["contact"] = copy.deepcopy(self.data["contact"])  # palettes are shared
-        between = [self.one(self.materials), self.one(self.materials)]
+        between = [self.choice(self.materials), self.choice(self.materials)]
         pairs = contact.setdefault("pairs", [])
         if not any(sorted(pair["between"]) == sorted(between) for pair in pairs):
-            pairs.append({"between": between, "margin": self.one((0, self.number(0.0005, 0.003)))})
+            pairs.append({"between": between, "margin": self.choice((0, self.number(0.0005, 0.003)))})
 
     def belts(self) -> None:
         if not self.chance(0.06):
@@ -109,7 +109,7 @@ class NewerWords(Words):
             model, slash, joint_name = name.rpartition("/")
             if not slash or name in followers or "array" in self.models[model] or not self.chance(0.6):
                 continue
-            servo: Data = {"joint": joint_name, "gear": self.one((1, 2, -1))}
+            servo: Data = {"joint": joint_name, "gear": self.choice((1, 2, -1))}
             if self.chance(0.7):
                 servo |= {"kp": self.number(0.1, 2.0), "kd": self.number(0.0, 0.01), "command": self.number(-0.2, 0.2)}
             else:
@@ -138,7 +138,7 @@ class NewerWords(Words):
         for force in self.data.get("forces", ()):
             there = [frame for frame, body in at if body == force["body"]]
             if there and self.chance(0.7):
-                force["body"] = self.one(there)
+                force["body"] = self.choice(there)
 
     def ball_limits(self) -> None:
         if not self.chance(0.12):

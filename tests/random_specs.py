@@ -51,12 +51,12 @@ class Draw:
         self._light = random.Random(f"simspec random world {seed}, light")  # leaves the others' draws as they were
         self.seed = seed
         self.bodies: Data = {}
-        self.palette = self.one(PALETTES[:6] if seed % 4 else PALETTES)
+        self.palette = self.choice(PALETTES[:6] if seed % 4 else PALETTES)
         self.materials = list(self.palette["materials"])
         self.groups: set[str] = set()
         self.models: Data = {}
 
-    def one(self, choices: Any) -> Any:
+    def choice(self, choices: Any) -> Any:
         return self._random.choice(list(choices))
 
     def chance(self, share: float) -> bool:
@@ -85,9 +85,9 @@ class Draw:
     # --- parts ----------------------------------------------------------------------------------------------------
 
     def shape(self, reach: float = 0.15, density: bool = False) -> Data:
-        kind = self.one(("sphere", "box", "box", "cylinder", "capsule"))
+        kind = self.choice(("sphere", "box", "box", "cylinder", "capsule"))
         if self.seed % 10 == 9:  # PyBullet has none: the others are seen with them
-            kind = self.one((kind, "ellipsoid"))
+            kind = self.choice((kind, "ellipsoid"))
         size: Callable[[], float] = lambda: self.number(0.02, 0.15)  # noqa: E731
         sizes = {
             "sphere": lambda: {"radius": size()},
@@ -98,7 +98,7 @@ class Draw:
         }
         found: Data = {kind: sizes[kind](), "pose": self.pose(reach)}
         if self.chance(0.8) or len(self.materials) > 1:
-            found["material"] = self.one(self.materials)
+            found["material"] = self.choice(self.materials)
         if density:
             found["density"] = self.number(300.0, 3000.0)
         elif self.chance(0.15):
@@ -127,7 +127,7 @@ class Draw:
 
     def matter(self, shapes: int) -> Data:
         """Shapes, and where the mass comes from."""
-        way = self.one(("own", "own", "density", "mass")) if shapes else "own"
+        way = self.choice(("own", "own", "density", "mass")) if shapes else "own"
         found: Data = {"shapes": [self.shape(density=way == "density") for _ in range(shapes)]} if shapes else {}
         if way == "own":
             return {**found, **self.mass()}
@@ -141,7 +141,7 @@ class Draw:
         found: Data = {"type": kind, "origin": self.pose(0.3)}
         if kind in ("hinge", "slide"):
             reach = 1.5 if kind == "hinge" else 0.3
-            found["axis"] = self.one(([0, 0, 1], [0, 1, 0], [1, 0, 0], self.vector(1.0)))
+            found["axis"] = self.choice(([0, 0, 1], [0, 1, 0], [1, 0, 0], self.vector(1.0)))
             position = self.number(-reach / 2, reach / 2)
             found["position"], found["velocity"] = position, self.number(-0.5, 0.5)
             limits: Data = {}
@@ -171,7 +171,7 @@ class Draw:
 
     def group(self, body: Data) -> None:
         if self.chance(0.3):
-            body["collision_group"] = self.one(("alpha", "beta"))
+            body["collision_group"] = self.choice(("alpha", "beta"))
             self.groups.add(body["collision_group"])
 
     # --- bodies ---------------------------------------------------------------------------------------------------
@@ -179,13 +179,17 @@ class Draw:
     def ground(self) -> None:
         if self.chance(0.1):
             return
-        material = {"material": self.one(self.materials)}
+        material = {"material": self.choice(self.materials)}
         if self.chance(0.5):
             shapes = [{"plane": {}, **material}]
         else:
             shapes = [{"box": {"size": [8, 8, 0.4]}, "pose": {"xyz": [0, 0, -0.2]}, **material}]
         if self.chance(0.4):
-            post = {"box": {"size": [0.2, 0.2, 1]}, "pose": {"xyz": [3, 3, 0.5]}, "material": self.one(self.materials)}
+            post = {
+                "box": {"size": [0.2, 0.2, 1]},
+                "pose": {"xyz": [3, 3, 0.5]},
+                "material": self.choice(self.materials),
+            }
             shapes.append(post)
         self.bodies["ground"] = {"fixed": True, "shapes": shapes}
         self.group(self.bodies["ground"])
@@ -208,9 +212,9 @@ class Draw:
         place = {"xyz": [1.5 * number, -3, 1.5], **self.turn()}
         for k, name in enumerate(names):
             body = self.matter(self.count(0, 2))
-            kind = self.one(("hinge", "hinge", "slide", "ball", "fixed"))
+            kind = self.choice(("hinge", "hinge", "slide", "ball", "fixed"))
             if k == 0:
-                root = self.one(("fixed", "free", "hinge", "slide", "ball"))
+                root = self.choice(("fixed", "free", "hinge", "slide", "ball"))
                 if root == "fixed":
                     body.update(fixed=True, pose=place)
                 elif root == "free":
@@ -273,7 +277,7 @@ class Draw:
         found = dict(self.palette)
         if self.groups:
             ignored = sorted(self.groups | {"default"})
-            found["groups"] = {name: {"ignores": [self.one(ignored)]} for name in sorted(self.groups)}
+            found["groups"] = {name: {"ignores": [self.choice(ignored)]} for name in sorted(self.groups)}
         names = [name for name, body in self.bodies.items() if "array" not in body]
         for name, model in self.models.items():
             names += [f"{name}/{body}" for body in model["bodies"] if "array" not in model]
@@ -330,14 +334,14 @@ def spec(seed: int) -> Data:
         draw.tree(number)
     contact = draw.contact()
     control = draw.control()
-    timestep = draw.one((0.0005, 0.001, 0.001, 0.002))
+    timestep = draw.choice((0.0005, 0.001, 0.001, 0.002))
     found: Data = {
         "simspec": 1,
         "name": f"random-{seed}",
         "physics": {
             "timestep": timestep,
             "duration": 0.2,
-            "gravity": draw.one(([0, 0, -9.81], [0.5, -0.3, -9.0], [0, 0, 0])),
+            "gravity": draw.choice(([0, 0, -9.81], [0.5, -0.3, -9.0], [0, 0, 0])),
         },
         "contact": contact,
         "bodies": draw.bodies,

@@ -60,7 +60,7 @@ class Words:
     def chance(self, share: float) -> bool:
         return self._random.random() < share
 
-    def one(self, choices: Any) -> Any:
+    def choice(self, choices: Any) -> Any:
         return self._random.choice(list(choices))
 
     def number(self, low: float, high: float) -> float:
@@ -103,7 +103,7 @@ class Words:
                 found.append((full, joint, self.root_of(name)))
         return found
 
-    def still(self, root: str) -> None:
+    def take_velocities(self, root: str) -> None:
         """Take the initial velocities of a tree."""
         for name, body in self.named():
             if self.root_of(name) == root:
@@ -121,16 +121,16 @@ class Words:
                 if "plane" in shape or "ellipsoid" in shape or not self.chance(0.4):
                     continue
                 kind = next(key for key in ("sphere", "box", "cylinder", "capsule") if key in shape)
-                solid, millimetres = self.one(SOLIDS), self.chance(0.3)
+                solid, millimetres = self.choice(SOLIDS), self.chance(0.3)
                 path = f"meshes/{solid}{'_mm' if millimetres else ''}.obj"
                 self.files[path] = _mesh_file(SOLIDS[solid], 1000.0 if millimetres else 1.0)
                 mesh: Data = {"file": path}
                 if millimetres:
                     mesh["unit"] = "mm"
                 if self.chance(0.4):
-                    mesh["scale"] = self.one((1.5, [1, -1, 1], [-1, 1, 0.7], 0.6))
+                    mesh["scale"] = self.choice((1.5, [1, -1, 1], [-1, 1, 0.7], 0.6))
                 if self.chance(0.3):
-                    mesh["up"] = self.one("xyz")
+                    mesh["up"] = self.choice("xyz")
                 if self.chance(0.3):
                     mesh["mass_from"] = "hull"
                 if self.chance(0.2) and len(SOLIDS[solid]) > 5:
@@ -168,7 +168,7 @@ class Words:
         if len(joints) < 2 or not self.chance(0.35):
             return {}
         (name, joint, _), (leader, led, _) = self._random.sample(joints, 2)
-        ratio = self.one((-1.0, 1.0, self.number(0.3, 2.0), -self.number(0.2, 0.9)))
+        ratio = self.choice((-1.0, 1.0, self.number(0.3, 2.0), -self.number(0.2, 0.9)))
         offset = joint.pop("position", 0.0) - ratio * led.get("position", 0.0)
         joint.pop("velocity", None)
         return {"mirror": {"follow": {"joint": name, "leader": leader, "ratio": ratio, "offset": offset}}}
@@ -178,10 +178,10 @@ class Words:
         moving = [name for name, body in self.named() if not body.get("fixed") and name != "ground"]
         if not moving or len(roots) < 2 or not self.chance(0.25):
             return {}
-        first = self.one(moving)
-        second = self.one([name for name in roots if name != first])
+        first = self.choice(moving)
+        second = self.choice([name for name in roots if name != first])
         for name in (first, second):
-            self.still(roots[name])
+            self.take_velocities(roots[name])
         if self.chance(0.5):
             return {"glue": {"weld": {"bodies": [first, second]}}}
         return {"pin": {"connect": {"bodies": [first, second], "at": self.vector(0.2)}}}
@@ -197,7 +197,7 @@ class Words:
         loose = [name for name in loose if f"'{name}'" not in joined]
         if not loose or not self.chance(0.25):
             return
-        name = self.one(loose)
+        name = self.choice(loose)
         self.bodies[name]["kinematic"] = True
         if self.chance(0.8):
             at, points = 0.0, []
@@ -210,8 +210,10 @@ class Words:
                 if self.chance(0.5):
                     point["rpy"] = self.vector(0.4)
                 points.append(point)
-                at = round(at + self.one((0.03, 0.06, 0.1)), 3)
-            self.data["motion"] = {name: {"points": points, "interpolation": self.one(("linear", "cubic", "quintic"))}}
+                at = round(at + self.choice((0.03, 0.06, 0.1)), 3)
+            self.data["motion"] = {
+                name: {"points": points, "interpolation": self.choice(("linear", "cubic", "quintic"))}
+            }
 
     def forces(self) -> None:
         free = [
@@ -225,7 +227,7 @@ class Words:
             return
         listed = []
         for _ in range(self._random.randint(1, 3)):
-            force: Data = {"body": self.one(free)}
+            force: Data = {"body": self.choice(free)}
             if self.chance(0.7):
                 force["force"] = self.vector(10.0)
             if "force" not in force or self.chance(0.4):
@@ -266,7 +268,7 @@ class Words:
     def every(self) -> None:
         for law in self.data.get("control", {}).values():
             if law["law"] != "native" and self.chance(0.3):
-                law["every"] = self.one((2, 5)) * self.data["physics"]["timestep"]
+                law["every"] = self.choice((2, 5)) * self.data["physics"]["timestep"]
 
     def states(self) -> None:
         for model in self.models.values():
@@ -285,7 +287,7 @@ class Words:
             }
             model["states"] = {"home": {}, "ready": {"positions": ready}}
             if self.chance(0.7):
-                model["state"] = self.one(("home", "ready"))
+                model["state"] = self.choice(("home", "ready"))
 
     def files_of_models(self) -> None:
         """Put models into files of their own; self_collision is a word of such files."""

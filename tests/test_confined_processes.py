@@ -34,14 +34,14 @@ spec.loader.exec_module(attempts)
 def done(read, write, held):
     tried = attempts.all_tried(read, write, held)
     return sorted(name for some in tried.values() for name, came in some.items() if came == "done")
-def told(*places):
+def problem_of(*places):
     return " ".join(name.replace(" ", "_") for name in done(*places, os.getppid()))
 def prepare():
     global HERE
     HERE = os.getcwd()
 def main():
     sys.stdin.buffer.read()
-    sys.stdout.write(json.dumps({{"error": told(READ, HERE), "found": "", "missing": False}}))
+    sys.stdout.write(json.dumps({{"error": problem_of(READ, HERE), "found": "", "missing": False}}))
 """
 SEEN = DONE["files"] - {"mapped file"}
 """What a reader of files may do; its standard input is a pipe."""
@@ -68,7 +68,7 @@ import xacro
 from simspec.imports.xacro import child
 child.sys = type("Without", (), {{"addaudithook": lambda hook: None, "stdin": sys.stdin, "stdout": sys.stdout,
     "argv": sys.argv, "setrecursionlimit": lambda most: None}})
-child.XacroProgram.run = lambda self, text, beyond: told({str(project)!r}, {str(project)!r}) + f";{{beyond}}"
+child.XacroProgram.run = lambda self, text, beyond: problem_of({str(project)!r}, {str(project)!r}) + f";{{beyond}}"
 with open("now", "w+b") as now:
     now.write(bytes(16))
     now.flush()
@@ -88,7 +88,7 @@ def test_the_reader_of_meshes(project):
     program = f"""{PLANTED}
 from simspec.meshes import child
 def read(content, beside):
-    raise child.RefusedError(told({str(project)!r}, {str(project)!r}))
+    raise child.RefusedError(problem_of({str(project)!r}, {str(project)!r}))
 child.READERS[".stl"] = read
 sys.argv[1:] = []
 child.main()

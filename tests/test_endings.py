@@ -18,7 +18,7 @@ import pytest
 from simspec import files, processes
 from simspec.engines.kit import keeper, process
 from simspec.errors import EngineError
-from tests.own_cache import own_cache
+from tests.caches import cache_home
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 
@@ -37,7 +37,7 @@ SIGNALS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129, "SIGKILL": -9}
 def place(tmp_path):
     """A folder with a long-running spec, and the folder for temporary files."""
     (tmp_path / "tmp").mkdir()
-    own_cache(tmp_path)
+    cache_home(tmp_path)
     (tmp_path / "long.yaml").write_text(SPEC)
     return tmp_path
 
@@ -271,7 +271,7 @@ def test_a_folder_that_cannot_be_marked_does_not_stay(place, monkeypatch, call):
     assert left(place) == []
 
 
-TOLD = """
+SIGNALLED = """
 import os, signal, sys
 from simspec.processes import Ended, in_order, run_until_signalled
 from simspec.errors import Problem, SpecError
@@ -325,7 +325,7 @@ sys.exit(run_until_signalled(lambda: in_order(run)))
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_a_signal_is_what_a_command_ended_by_whatever_came_of_it(place, how, then, name):
     """What is imported or called may make another exception of an end, or none at all."""
-    script = TOLD.format(name=name, how=how, then=then)
+    script = SIGNALLED.format(name=name, how=how, then=then)
     done = subprocess.run(
         [sys.executable, "-c", script],
         env={**os.environ, "TMPDIR": str(place / "tmp")},

@@ -13,7 +13,7 @@ MANY = 2**20
 
 
 @pytest.mark.parametrize(
-    ("program", "told", "answered"),
+    ("program", "input_", "answered"),
     [
         ("import sys; sys.stdout.write(sys.stdin.read()[::-1])", b"abc", (b"cba", "")),
         ("pass", b"a" * MANY, (b"", "")),
@@ -21,9 +21,9 @@ MANY = 2**20
         ("import os, sys; sys.stdin.read(); os.close(1); os._exit(3)", b"", (b"", "")),
     ],
 )
-def test_a_process_that_ends(program, told, answered):
+def test_a_process_that_ends(program, input_, answered):
     process = begun(program)
-    assert exchange(process, told, 60.0, MANY) == answered
+    assert exchange(process, input_, 60.0, MANY) == answered
     assert process.returncode is not None
 
 

@@ -144,7 +144,7 @@ def test_proofs_of_something_else_are_stale_and_go_and_the_others_stay(tmp_path,
 # --- one engine after the other -------------------------------------------------------------------------------------------
 
 
-def one_by_one(folder, *verified: str, **words) -> list[generated.Certified]:
+def in_turn(folder, *verified: str, **words) -> list[generated.Certified]:
     """What ``simspec verify --engine NAME`` does with a folder, for one engine after the other."""
     certified = []
     for name in verified:
@@ -164,7 +164,7 @@ def together(folder, **words) -> bytes:
 @pytest.mark.parametrize("worst", [1e-15, 1.0])
 def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, worst):
     """Also where a proof is not valid: what it says is kept, and it is said."""
-    certified = one_by_one(tmp_path / "one", *order, worst=worst)
+    certified = in_turn(tmp_path / "one", *order, worst=worst)
     assert [list(written.stored.kept) for written in certified] == [[], *[[name] for name in order[:-1]]]
     assert [written.stored.dropped for written in certified] == [{}] * len(order)
     assert certified[-1].stored.lines() == [
@@ -176,10 +176,10 @@ def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, wo
 
 def test_the_seconds_of_a_proof_that_says_the_same_stay(tmp_path):
     before = together(tmp_path)
-    (certified,) = one_by_one(tmp_path, "second", seconds=9.0)
+    (certified,) = in_turn(tmp_path, "second", seconds=9.0)
     assert not certified.changed
     assert (tmp_path / CERTIFICATE_FILE).read_bytes() == before
-    (certified,) = one_by_one(tmp_path, "second", seconds=9.0, worst=2e-15)
+    (certified,) = in_turn(tmp_path, "second", seconds=9.0, worst=2e-15)
     assert certified.changed
     assert {name: engine.seconds for name, engine in read_certificate(tmp_path).engines.items()} == {
         "first": 1,
@@ -235,8 +235,8 @@ def test_a_proof_that_does_not_hold_any_more_is_not_kept(tmp_path, defect, compi
 
 def test_what_was_asked_for_decides(tmp_path):
     """An engine that failed before, and says so, is none of another one's business."""
-    one_by_one(tmp_path, "first", worst=1.0)
-    one_by_one(tmp_path, "second")
+    in_turn(tmp_path, "first", worst=1.0)
+    in_turn(tmp_path, "second")
     assert check(built(engines=("second",)), tmp_path, True) == []
     for entry, named in ((built(engines=("second",)), False), (built(engines=("first",)), True), (built(), False)):
         assert ["first: L1 mass" in line for line in check(entry, tmp_path, named)] == [True]
@@ -315,7 +315,7 @@ def checks_of(plain: dict) -> list[dict]:
     return plain["engines"]["first"]["checks"]
 
 
-def one_check(plain):
+def check_dropped(plain):
     plain["engines"]["first"]["checks"] = checks_of(plain)[:1]
 
 
@@ -342,7 +342,7 @@ def doubled(plain):
 
 
 EDITS = {
-    "one check": (one_check, "first: L"),
+    "one check": (check_dropped, "first: L"),
     "worst beyond the tolerance": (change_of("L1", "mass", worst=1e9), "first: L1 mass"),
     "a wider tolerance": (change_of("L1", "mass", worst=1e9, tolerance=1e10), "a tolerance of 1e"),
     "worst in kind": (change_of("L1", "mass", worst=None), "first: L1 mass"),

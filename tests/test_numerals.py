@@ -23,7 +23,7 @@ from simspec.numerals import NumeralError, number, numbers, whole
 from simspec.resolve.tables import _number as table_number
 from tests.modules import PACKAGE, offences
 
-ONES = [
+FOREIGN_NUMERALS = [
     "\u0661",
     "\uff11",
     "\u0967",
@@ -39,7 +39,7 @@ ONES = [
 NOT_FINITE = ["inf", "-Infinity", "nan", "NaN"]
 
 
-@pytest.mark.parametrize("text", ONES + NOT_FINITE)
+@pytest.mark.parametrize("text", FOREIGN_NUMERALS + NOT_FINITE)
 def test_what_python_reads_besides_is_no_number(text):
     float(text)
     for read in (number, numbers, whole, lambda text: numbers(f"0 {text}"), finite_numbers):
@@ -181,7 +181,7 @@ def test_nor_does_a_mesh_or_a_grid(tmp_path, name, text):
         read(path)
 
 
-@pytest.mark.parametrize("text", [*ONES, *NOT_FINITE])
+@pytest.mark.parametrize("text", [*FOREIGN_NUMERALS, *NOT_FINITE])
 def test_nor_values_with_units_plain_scalars_and_tables(text):
     with pytest.raises(UnitError):
         parse(text, "mass")

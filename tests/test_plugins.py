@@ -20,7 +20,7 @@ from simspec.errors import EngineError
 from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 
-OWN = list(engines())
+INSTALLED = list(engines())
 
 
 def an_engine(**more):
@@ -76,7 +76,7 @@ def offer(monkeypatch):
 )
 def test_a_broken_engine_is_told_and_ignored(offer, value, why):
     offer("odd", value)
-    assert list(engines()) == OWN
+    assert list(engines()) == INSTALLED
     assert why in engines().broken()["odd"]
     with pytest.raises(EngineError, match="cannot be used"):
         find_engine("odd")
@@ -94,5 +94,5 @@ def test_nobody_takes_the_name_of_simspec_s_own(offer):
 
 def test_a_sound_engine_is_used(offer):
     offer("odd", an_engine())
-    assert list(engines()) == sorted([*OWN, "odd"])
+    assert list(engines()) == sorted([*INSTALLED, "odd"])
     assert not engines().broken()

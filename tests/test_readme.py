@@ -27,7 +27,7 @@ import readme  # noqa: E402 - a script beside the package
 
 FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
 """The command of the first comparison."""
-TOLD = """
+PRINTED_COUNTS = """
 from simspec.report.certificate import certificate_notes
 counts = {name: sum(check.count for check in proof.checks) for name, proof in certificate.engines.items()}
 import json
@@ -120,19 +120,19 @@ def test_the_first_comparison_has_the_engines_that_its_command_takes(place, monk
 def test_the_python_of_the_readme_runs_and_proves_what_the_first_comparison_says(place):
     code = re.search(r"## From Python\n\n```python\n(.*?)```", README, re.DOTALL)
     assert code
-    command = [sys.executable, "-c", code.group(1) + TOLD]
+    command = [sys.executable, "-c", code.group(1) + PRINTED_COUNTS]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     *printed, last = done.stdout.splitlines()
     assert printed
     sections, (counts, notes) = first_comparison(), json.loads(last)
-    shown = dict(zip(sections["Model:"][0].split()[2:], told_counts(sections["Model:"]), strict=True))
+    shown = dict(zip(sections["Model:"][0].split()[2:], counts_of(sections["Model:"]), strict=True))
     assert counts.items() <= shown.items(), "python tools/readme.py README.md"
     # the floor of the motion is a figure of the machine; other engines have notes of their own
     assert {line for line in words("\n".join(notes)) if not line.startswith("motion:")} <= set(sections["Model:"])
 
 
-def told_counts(lines: list[str]) -> list[int]:
+def counts_of(lines: list[str]) -> list[int]:
     """The numbers of comparisons by engine."""
     return [
         int(word.replace(",", "")) for line in lines if line.startswith("comparisons ") for word in line.split()[1:]

@@ -10,8 +10,8 @@ import simspec
 from simspec import cli, selection
 from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
+from tests.caches import cache_home
 from tests.installed import INSTALLED, LEFT_OUT
-from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -51,7 +51,7 @@ WRONG = BALL.replace("mujoco: {", "mujoco: {settings: {nothing: 1}, ")
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home(tmp_path))
 
     def write(text):
         (tmp_path / "ball.yaml").write_text(text)

@@ -17,7 +17,7 @@ TIMES = re.compile(r"[\d.,]+ ×|about .*|\d+ verified now")
 """What is another each time: speeds, and the proofs that this test leaves out."""
 
 
-def told(text: str) -> list[str]:
+def stable_lines(text: str) -> list[str]:
     """The lines of an output without what is another each time, and without the widths of columns."""
     return [re.sub(r"[\s─]+", " ", TIMES.sub("", line)).strip() for line in text.splitlines()]
 
@@ -35,8 +35,8 @@ def test_the_page_s_commands_print_what_it_says(tmp_path, monkeypatch, capsys):
         assert name == "simspec"
         done = CliRunner().invoke(cli.app, words if "--dry-run" in words else [*words, "--no-verify"])
         assert done.exit_code == 0, done.output
-        lines = [line for line in told(done.stdout) if line and not line.startswith("proof:")]
-        assert lines == [line for line in told(text)[1:] if line and not line.startswith("proof:")]
+        lines = [line for line in stable_lines(done.stdout) if line and not line.startswith("proof:")]
+        assert lines == [line for line in stable_lines(text)[1:] if line and not line.startswith("proof:")]
     code = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert code is not None
     exec(compile(code[1], "docs/guide/sweeps.md", "exec"), {})

@@ -36,15 +36,15 @@ def interpreter(tmp_path, monkeypatch):
     def of(version: str, code: int = 0) -> str:
         path = tmp_path / f"python-{version}"
         answer = f'{{"version": "{version}"}}' if version else ""
-        path.write_text(f"#!/bin/sh\necho asked >> '{tmp_path / 'asked'}'\necho '{answer}'\nexit {code}\n")
+        path.write_text(f"#!/bin/sh\necho asked >> '{tmp_path / 'queries'}'\necho '{answer}'\nexit {code}\n")
         path.chmod(0o755)
         return str(path)
 
     return of
 
 
-def asked(tmp_path) -> int:
-    path = tmp_path / "asked"
+def queries(tmp_path) -> int:
+    path = tmp_path / "queries"
     return len(path.read_text().splitlines()) if path.exists() else 0
 
 
@@ -60,7 +60,7 @@ def test_the_version_of_the_other_interpreter_counts_and_is_asked_once(interpret
     ):
         with pytest.raises(UnsupportedError, match=r"has it from version 2 on, and 1\.5 is at work"):
             work()
-    assert asked(tmp_path) == 1
+    assert queries(tmp_path) == 1
     pythons = {NAME: interpreter("2.1")}
     assert list(compile_world(WORLD, [NAME], pythons=pythons)) == [NAME]
     assert compile_world(WORLD, [NAME])[NAME].sha256
@@ -100,4 +100,4 @@ def test_without_bounds_nobody_is_asked(interpreter, tmp_path, monkeypatch):
     python = interpreter("1.5")
     monkeypatch.setattr(engine, "SUPPORT", without_bounds())
     assert list(compile_world(WORLD, [NAME], pythons={NAME: python})) == [NAME]
-    assert asked(tmp_path) == 0
+    assert queries(tmp_path) == 0

@@ -134,7 +134,7 @@ def places_of(spec: Mapping[str, Any], engine: str, warm: WarmProcesses) -> Plac
     return {name: run.arrays["pose"][:, names.index(name), :3] for name in moving}
 
 
-def apart(places: Places, other: Places, reference: Places) -> tuple[float, str, float]:
+def largest_distance(places: Places, other: Places, reference: Places) -> tuple[float, str, float]:
     """Of the body whose ends are furthest apart, in tolerances of the reference: these, its name, and the distance (m)."""
     found = []
     for name, trace in reference.items():
@@ -165,7 +165,8 @@ def references(spec: Mapping[str, Any], timestep: float, warm: WarmProcesses) ->
 def reference(fine: Mapping[str, Places]) -> tuple[set[str], Places, str]:
     """The two references that agree best, and one of them; or why there is none."""
     pairs = sorted(
-        (apart(fine[first], fine[other], fine[first]), first, other) for first, other in itertools.combinations(fine, 2)
+        (largest_distance(fine[first], fine[other], fine[first]), first, other)
+        for first, other in itertools.combinations(fine, 2)
     )
     if not pairs:
         return set(), {}, f"only {', '.join(fine) or 'no engine'} as reference"
@@ -208,7 +209,7 @@ def judge(seed: int, engines: Sequence[str], warm: WarmProcesses) -> list[Judged
                 sizes[figure.probe] = max(sizes.get(figure.probe, 0.0), figure.width)
         judged.declared = [f"{probe} {size:.3g}" for probe, size in sizes.items()]
         if right:
-            judged.worst, judged.body, judged.off = apart(places, right, right)
+            judged.worst, judged.body, judged.off = largest_distance(places, right, right)
         failures = [f"{check.level} {check.name}: {check.detail}" for check in proof.checks if not check.passed]
         if failures:
             judged.verdict, judged.why = "not valid", failures[0]
@@ -226,7 +227,8 @@ def judge(seed: int, engines: Sequence[str], warm: WarmProcesses) -> list[Judged
 def by_timestep(engine: str, places: Places, right: Places, agreeing: set[str], coarse: Mapping[str, Places]) -> bool:
     """Whether another engine that is right is off at the world's own timestep too, and ends where this one does."""
     return any(
-        apart(coarse[other], right, right)[0] > 1.0 and apart(places, coarse[other], right)[0] <= 1.0
+        largest_distance(coarse[other], right, right)[0] > 1.0
+        and largest_distance(places, coarse[other], right)[0] <= 1.0
         for other in agreeing & set(coarse)
         if other != engine
     )
@@ -279,14 +281,14 @@ def page(rows: Sequence[Judged], date: str) -> str:
     for verdict in ("uncovered", "not valid", "failed", "timestep"):
         some = [row for row in rows if row.verdict == verdict]
         lines += ["", f"## {verdict.capitalize()}", ""]
-        lines += [told(row) for row in some] or ["None."]
+        lines += [line_of(row) for row in some] or ["None."]
     whole = {row.seed: row for row in rows if row.verdict == "not comparable"}
     lines += ["", "## Not comparable", ""]
     lines += [f"- {seed}, {row.kind}: {row.why}; {row.drawn}" for seed, row in whole.items()] or ["None."]
     return "\n".join(lines) + "\n"
 
 
-def told(row: Judged) -> str:
+def line_of(row: Judged) -> str:
     off = "" if row.off is None else f"{row.body} {1e3 * row.off:.1f} mm off ({row.worst:.1f} tolerances)"
     why = row.why.partition(" Remove ")[0]  # a folder of this machine follows
     why = why if len(why) < WORDS else f"{why[:WORDS]}…"
@@ -327,7 +329,7 @@ def main() -> int:
             print(f"{seed} {rows[0].kind}, {rows[0].drawn}; {time.monotonic() - began:.0f} s", flush=True)
             for row in rows:
                 if row.verdict not in ("right", "refused"):
-                    print(f"    {row.verdict}: {told(row)[2:200]}", flush=True)
+                    print(f"    {row.verdict}: {line_of(row)[2:200]}", flush=True)
     print(f"valid and wrong, covered by nothing: {uncovered}")
     return 1 if uncovered else 0
 

@@ -34,7 +34,7 @@ PAIRS = {
 """Spec, engines, overrides, windows."""
 
 
-def asked(name: str) -> dict[str, Any]:
+def explanation_of(name: str) -> dict[str, Any]:
     """What ``simspec explain`` finds of a case."""
     if name in CASES:
         case = CASES[name]
@@ -110,7 +110,7 @@ def main() -> None:
     words = parser.parse_args()
     known: dict[str, Any] = json.loads(gzip.decompress(DATA.read_bytes())) if DATA.exists() else {}
     for name in [] if words.page else words.only or [*CASES, *PAIRS]:
-        known[name] = asked(name)
+        known[name] = explanation_of(name)
         print(name, *known[name]["verdict"], sep="\n  ", flush=True)
         DATA.write_bytes(gzip.compress((json.dumps(known, indent=1, sort_keys=True) + "\n").encode(), mtime=0))
     text = put(PAGE.read_text(encoding="utf-8"), "planted differences", planted(known))

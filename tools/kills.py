@@ -101,7 +101,7 @@ class Sandbox:
             stderr=subprocess.PIPE,
         )
 
-    def own(self) -> None:
+    def place_files(self) -> None:
         """Put the user's files where they belong."""
         for name in MINE:
             path = self.place / name
@@ -173,7 +173,7 @@ def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> 
         usual = time.monotonic() - before
         interrupted = 0
         for turn in range(count):
-            box.own()
+            box.place_files()
             process, how = box.start(words, 2 + turn), SIGNALS[turn % len(SIGNALS)]
             try:
                 process.wait(dice.uniform(0.0, 1.1 * usual))
@@ -184,7 +184,7 @@ def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> 
             where = f"{name}, kill {turn + 1} ({how.name})"
             found += [f"{where}: left running: {entry}" for entry in box.left_running()]
             found += [f"{where}: lost: {entry}" for entry in box.lost()]
-            found += [f"{where}: not whole: {one}" for one in box.broken()]
+            found += [f"{where}: not whole: {problem}" for problem in box.broken()]
             again = box.start(words, 2 + turn)
             said = again.communicate(timeout=DEADLINE)[1]
             if again.returncode != 0:
@@ -192,7 +192,7 @@ def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> 
                     f"{where}: the next call ended with {again.returncode}: {said.decode(errors='replace')[-500:]}"
                 )
             found += [f"{where}: stray: {entry}" for entry in box.stray()]
-            found += [f"{where}: lost by the next call: {one}" for one in box.lost()]
+            found += [f"{where}: lost by the next call: {problem}" for problem in box.lost()]
             found += [f"{where}: not whole after the next call: {entry}" for entry in box.broken()]
         print(
             f"{name}: {count} times, {interrupted} of them killed before their end, {len(found)} complaints", flush=True

@@ -45,7 +45,7 @@ from simspec.world.types import Body, Contact, EngineOptions, Material, Physics,
 
 SHAPE = "compliance-shape"
 COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: run.PROBES[SHAPE]}
-ONE_PAIR: Mapping[str, Probe] = {
+SINGLE_PAIR: Mapping[str, Probe] = {
     name: probe for name, probe in run.PROBES.items() if name not in (*COUPLED, "torsional", "rolling")
 }
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
@@ -107,7 +107,7 @@ class Result:
               alone let all pass, though the defect moves a figure by more than the probe's tolerance. blind: all pass, though
               bodies move otherwise. inert: they do not, to the last bit. refused: by the engine
     seen      names of figures that fail; ``blind``: coupled probes in which bodies move otherwise and all passes
-    one_pair  the probes of one pair that see what no coupled probe does, or else that level L1 does
+    single_pair  the probes of one pair that see what no coupled probe does, or else that level L1 does
     why       the declared deviations that hide it; why it is refused
     """
 
@@ -119,7 +119,7 @@ class Result:
     verdict: str = ""
     seen: list[str] = field(default_factory=list)
     blind: list[str] = field(default_factory=list)
-    one_pair: list[str] = field(default_factory=list)
+    single_pair: list[str] = field(default_factory=list)
     why: str = ""
     date: str = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).date().isoformat())
 
@@ -137,7 +137,7 @@ def altered(trial: Trial, probe: str, defect: Defect) -> Trial:
             body = dataclasses.replace(body, shapes=shapes)
         return body
 
-    return Trial(tuple(map(body_of, trial.bodies)), trial.phases, () if defect.apart else trial.meets)
+    return Trial(tuple(map(body_of, trial.bodies)), trial.phases, () if defect.no_contact else trial.meets)
 
 
 def job(engine: str, judged: Mapping[str, Any], cone: str, defect: Defect, probe: Probe) -> Job | None:
@@ -250,8 +250,8 @@ def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]
     jointed = find_engine(engine).SUPPORT[Feature.JOINT_SLIDE].level is not Level.UNSUPPORTED
     probes = {name: probe for name, probe in COUPLED.items() if jointed or name != "squeeze"}
     everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], probes)
-    before = {one.job.key: one for one in everything if one.job.defect in UNCHANGED}
-    if all(isinstance(one.found, UnsupportedError) for one in before.values()):
+    before = {first_try.job.key: first_try for first_try in everything if first_try.job.defect in UNCHANGED}
+    if all(isinstance(first_try.found, UnsupportedError) for first_try in before.values()):
         return []
     label = " ".join(f"{name}: {value}" for name, value in settings.items())
     about = (engine, str(find_engine(engine).version()), label, cone)
@@ -266,13 +266,13 @@ def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]
             mine[defect.name] = Result(*about, defect.name)
             judge(mine[defect.name], engine, attempts, before)
     left = [defect for defect in DEFECTS if defect.name in mine and mine[defect.name].verdict in ("hidden", "blind")]
-    for attempt in tried(engine, settings, cone, left, ONE_PAIR):
-        mine[attempt.job.defect.name].one_pair += attempt.fails
+    for attempt in tried(engine, settings, cone, left, SINGLE_PAIR):
+        mine[attempt.job.defect.name].single_pair += attempt.fails
     for defect in left:
-        if not mine[defect.name].one_pair and any(
+        if not mine[defect.name].single_pair and any(
             reads(attempt.job) for attempt in everything if attempt.job.defect is defect
         ):
-            mine[defect.name].one_pair.append("masses that are read back (L1)")
+            mine[defect.name].single_pair.append("masses that are read back (L1)")
     return [*failing, *mine.values()]
 
 

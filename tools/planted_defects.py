@@ -60,7 +60,7 @@ class Defect:
     settings: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
     heavier: Mapping[str, str] = field(default_factory=dict)
     slick: Mapping[str, str] = field(default_factory=dict)
-    apart: bool = False
+    no_contact: bool = False
     probes: tuple[str, ...] = ()
 
 
@@ -126,7 +126,7 @@ DEFECTS = [
     Defect("mass × 1.05", heavier=ROLES, probes=tuple(ROLES)),
     Defect(
         "moving bodies pass through",
-        apart=True,
+        no_contact=True,
         probes=("pile", "strike", "row", "stack", "stack-slides", "cross", "carrier"),
     ),
     Defect("carried body without friction", slick=CARRIED, probes=tuple(CARRIED)),

@@ -56,7 +56,7 @@ Why they do, where it is no declared deviation:
 
 def missed(row: Row) -> bool:
     """Whether no probe at all sees what acts."""
-    return row["verdict"] in ("hidden", "blind") and not row["one_pair"]
+    return row["verdict"] in ("hidden", "blind") and not row["single_pair"]
 
 
 def write(rows: Sequence[Row]) -> None:
@@ -140,7 +140,7 @@ def _cell(row: Row) -> str:
     text = ", ".join(row["seen"]) or f"*{row['verdict']}*"
     if row["verdict"] not in ("hidden", "blind"):
         return text
-    behind = ", ".join(row["one_pair"]) or "**missed**"
+    behind = ", ".join(row["single_pair"]) or "**missed**"
     return f"{text} {row['why']}; {behind}" if row["why"] else f"{text}; {behind}"
 
 

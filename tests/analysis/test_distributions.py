@@ -101,7 +101,7 @@ def test_sign_flips_have_the_p_of_the_sums():
     assert sign_flip_test(np.array([1.0, -2.0, 4.0])).p == 0.75
     two = sign_flip_test(np.array([[1.0, 0.0], [2.0, 0.0], [4.0, 100.0]]))
     assert two.statistic == pytest.approx(100.0 / 3.0)
-    many = sign_flip_test(np.ones(30))
+    many = sign_flip_test(np.full(30, 1.0))
     assert (many.exact, many.p) == (False, 1e-4)
 
 

@@ -49,23 +49,23 @@ def call(path, *more) -> int:
 
 
 @pytest.mark.parametrize(
-    "own",
+    "engines_block",
     [
         "",
         "engines:\n  dart: {settings: {}}   # mine\n",
-        f"engines: {{{ENGINE}: {{accepted: [contact.friction.impact]}}}}\n",
+        f"engines: {{{ENGINE}: {{accept: [contact.friction.impact]}}}}\n",
         f"engines:\n  # why\n  {ENGINE}:\n    accept:\n      - contact.friction.impact  # measured by me\n",
     ],
     ids=["none", "another engine's", "flow", "block"],
 )
-def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, own):
+def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, engines_block):
     path = tmp_path / "slider.yaml"
-    path.write_text(SCENE + own + TAIL)
+    path.write_text(SCENE + engines_block + TAIL)
     assert call(path) == 0
     said = capsys.readouterr().out
     after = path.read_text()
     assert after.startswith(SCENE)
-    if own:
+    if engines_block:
         assert after.endswith(TAIL)
     else:  # there was none: it comes at the end
         assert after.startswith(SCENE + TAIL)
@@ -74,13 +74,13 @@ def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, ow
     compile_world(world, [ENGINE], spec.locate)
     accepted = world.options(ENGINE).accept
     assert NEEDED in accepted
-    assert ("contact.friction.impact" in accepted) == ("impact" in own)
+    assert ("contact.friction.impact" in accepted) == ("impact" in engines_block)
     line = next(line for line in after.splitlines() if NEEDED in line)
     assert "  # " in line
     assert len(line) < 140
     assert f"engines.{ENGINE}.accept: {NEEDED}" in said
     for comment in ("# mine", "# why", "# measured by me"):
-        assert (comment in after) == (comment in own)
+        assert (comment in after) == (comment in engines_block)
     # a second time there is nothing to do, and not a byte changes
     assert call(path) == 0
     assert "no entries missing" in capsys.readouterr().out

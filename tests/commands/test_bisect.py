@@ -25,31 +25,31 @@ WORDS = ("box-on-box", "--engine", "mujoco", "--figure", "displacement", "--no-v
 
 
 @pytest.fixture
-def asked(tmp_path, monkeypatch):
+def calls(tmp_path, monkeypatch):
     """The index has ``RELEASED``; a version's figure is in ``DEPTH``, and no engine is started. What was installed, and what
     was measured."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    requested: dict[str, list[str]] = {"installed": [], "measured": []}
+    calls: dict[str, list[str]] = {"installed": [], "measured": []}
     monkeypatch.setattr(released, "_listed", lambda engine, package: RELEASED if package == "mujoco" else [])
 
     def installed(label, yes):
-        requested["installed"].append(label.label)
+        calls["installed"].append(label.label)
         return "/environment/python"
 
     def measure(self, version):
         self.provide(f"{self.engine}@{version}")
-        requested["measured"].append(version)
+        calls["measured"].append(version)
         if version not in DEPTH:
             raise EngineError(f"mujoco@{version}", "fails")
         return Reading(version, DEPTH[version], "m", 3e-8, 4.5e-8)
 
     monkeypatch.setattr(command, "installed_version", installed)
     monkeypatch.setattr(command.Versions, "__call__", measure)
-    return requested
+    return calls
 
 
-def test_the_version_is_named_with_both_values(asked, capsys):
+def test_the_version_is_named_with_both_values(calls, capsys):
     assert cli.main(["bisect", *WORDS, *ENDS]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "mujoco 3.4.0 changed expectation 1 displacement"
@@ -58,11 +58,11 @@ def test_the_version_is_named_with_both_values(asked, capsys):
     assert lines[3].strip() == "change -0.1077 mm (-50.0%)"
     assert lines[-1] == "look further: simspec explain box-on-box --engine mujoco@3.3.7 --engine mujoco@3.4.0"
     assert all(len(line) <= 80 for line in lines[:-1])
-    assert asked["measured"] == ["3.3.6", "3.5.0", "3.3.7", "3.4.0"]
-    assert set(asked["installed"]) == {f"mujoco@{version}" for version in RELEASED}
+    assert calls["measured"] == ["3.3.6", "3.5.0", "3.3.7", "3.4.0"]
+    assert set(calls["installed"]) == {f"mujoco@{version}" for version in RELEASED}
 
 
-def test_json_has_everything(asked, capsys):
+def test_json_has_everything(calls, capsys):
     assert cli.main(["bisect", *WORDS, *ENDS, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert (content["changed_in"], content["found"], content["exit_code"]) == ("3.4.0", True, 0)
@@ -77,7 +77,7 @@ def test_json_has_everything(asked, capsys):
     assert list(content["measured"]) == content["versions"] == RELEASED
 
 
-def test_no_change_is_exit_code_1(asked, capsys):
+def test_no_change_is_exit_code_1(calls, capsys):
     assert cli.main(["bisect", *WORDS, "--from", "3.4.0", "--to", "3.5.0"]) == 1
     out = capsys.readouterr().out
     assert out.startswith("expectation 1 displacement does not change from mujoco 3.4.0 to 3.5.0\n")
@@ -85,7 +85,7 @@ def test_no_change_is_exit_code_1(asked, capsys):
     assert "look further" not in out
 
 
-def test_versions_may_be_given_without_the_index(asked, monkeypatch, capsys):
+def test_versions_may_be_given_without_the_index(calls, monkeypatch, capsys):
     def never(engine, package):
         raise AssertionError("the index is not needed")
 
@@ -123,14 +123,14 @@ WITHOUT = ("bisect", *WORDS)
         (("bisect", "box-on-ramp", *WORDS[1:], "--figure", "rough_box.z", *ENDS), 2, "accept it by name"),
     ],
 )
-def test_bad_input_is_named_and_nothing_is_written(asked, capsys, tmp_path, words, code, message):
+def test_bad_input_is_named_and_nothing_is_written(calls, capsys, tmp_path, words, code, message):
     assert cli.main(list(words)) == code
     assert message in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []
-    assert asked == {"installed": [], "measured": []}
+    assert calls == {"installed": [], "measured": []}
 
 
-def test_what_an_end_does_not_support_is_accepted_by_name(asked, capsys):
+def test_what_an_end_does_not_support_is_accepted_by_name(calls, capsys):
     words = ["bisect", "box-on-ramp", "--engine", "mujoco", "--figure", "rough_box.z", "--no-verify", *ENDS]
     assert cli.main([*words, "--accept", "shape.box", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)

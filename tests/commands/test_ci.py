@@ -91,7 +91,7 @@ def test_the_step_summary_is_added_to(folder, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("verify", "fall.yaml", "--github"), "GITHUB_STEP_SUMMARY is not set"),
         (("verify", "--self-test", "--annotations"), "require SPEC"),
@@ -102,9 +102,9 @@ def test_the_step_summary_is_added_to(folder, monkeypatch, capsys):
         ((*RUN, "--baseline", "b.json", "--no-repeats"), "--no-repeats does not measure"),
     ],
 )
-def test_what_cannot_be_is_refused_before_any_work(folder, capsys, words, told):
+def test_what_cannot_be_is_refused_before_any_work(folder, capsys, words, message):
     assert call(*words) == EXIT_WRONG
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert (folder / "fall.yaml").read_text() == FALL
     assert sorted(path.name for path in folder.iterdir()) == ["fall.yaml"]
 

@@ -42,7 +42,7 @@ def answer(capsys, *words: str, code: int = 0):
     return json.loads(capsys.readouterr().out)["engines"]
 
 
-def asked(place) -> list[str]:
+def pip_calls(place) -> list[str]:
     log = place.parents[2] / "log"
     return [line for line in log.read_text().splitlines() if line.startswith("-I -m")] if log.exists() else []
 
@@ -53,12 +53,12 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
     assert venv == f"{sys.executable} -I -m venv {place}"
     assert pip.startswith(f"{place}/bin/python -I -m pip install 'mujoco==3.17.*' numpy 'pin")
     assert not made.exists()  # nothing is run unasked
-    assert asked(made) == []
+    assert pip_calls(made) == []
     assert interpreters(None) == {}
 
     row = answer(capsys, "install", "mujoco@3.17", "--yes")["mujoco@3.17"]
     assert (row["state"], row["version"], row["problem"]) == ("installed", "3.17.4", None)
-    assert [words.split()[2] for words in asked(made)] == ["venv", "pip"]
+    assert [words.split()[2] for words in pip_calls(made)] == ["venv", "pip"]
     assert interpreters(None) == {"mujoco@3.17": str(place / "bin" / "python")}
     assert interpreters(["mujoco@3.17=/other"]) == {"mujoco@3.17": "/other"}
     assert cli.main(["engines", "--json"]) == 0
@@ -67,7 +67,7 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
 
     again = answer(capsys, "install", "mujoco@3.17", "--yes")["mujoco@3.17"]
     assert (again["state"], again["commands"]) == ("installed", [])
-    assert len(asked(made)) == 2
+    assert len(pip_calls(made)) == 2
 
 
 def test_the_project_file_comes_before_what_simspec_made(made, capsys, tmp_path):
@@ -108,7 +108,7 @@ def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
     row = answer(capsys, "install", "mujoco@3.17", "--yes", code=3)["mujoco@3.17"]
     assert "simspec did not make it" in row["problem"]
     assert (place / "mine").exists()
-    assert asked(made) == []
+    assert pip_calls(made) == []
 
 
 def test_an_engine_that_goes_with_no_other_gets_one_too_and_its_name_finds_it(made, capsys):

@@ -83,9 +83,9 @@ def test_it_is_refused_with_its_place_and_nothing_is_written(command, name, proj
 
 
 @pytest.mark.parametrize(
-    ("said", "told"), [("repair: [unheard-of]", "no rule of repair"), ("arguments: {a: b}", "no argument is called")]
+    ("said", "message"), [("repair: [unheard-of]", "no rule of repair"), ("arguments: {a: b}", "no argument is called")]
 )
-def test_what_a_scenario_says_wrongly_of_a_file_has_its_place(said, told, project, capsys):
+def test_what_a_scenario_says_wrongly_of_a_file_has_its_place(said, message, project, capsys):
     link = f'<link name="a">{MASS}</link>'
     (project / "good.xacro").write_text(XACRO.format(link))
     text = f"simspec: 1\nname: cell\nmodels:\n  r:\n    use: good.xacro\n    import: {{{said}}}\n"
@@ -93,4 +93,4 @@ def test_what_a_scenario_says_wrongly_of_a_file_has_its_place(said, told, projec
     assert cli.main(["check", "cell.yaml"]) == 2
     error = capsys.readouterr().err
     assert "cell.yaml:6:" in error
-    assert told in error
+    assert message in error

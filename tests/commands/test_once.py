@@ -10,8 +10,8 @@ import pytest
 from simspec import cli, compiler
 from simspec.dialects.kit.contract import Dialect, dialects
 from simspec.dynamics.oracle import Oracle
+from tests.caches import cache_home
 from tests.installed import INSTALLED, LEFT_OUT
-from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -60,7 +60,7 @@ def steps(tmp_path, monkeypatch):
     count(Dialect, "read", lambda self, folder: ("read", folder.name))
     count(Oracle, "__init__", lambda self, world: of(world, "oracle"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home(tmp_path))
     (tmp_path / "ball.yaml").write_text(SPEC)
     return counts
 

@@ -16,24 +16,24 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, SpecError
 from simspec.selection import named
 from tests.runner.synthetic import column, free_body, run, world
 
-ONE = world(free_body("ball"))
+BALL = world(free_body("ball"))
 
 
-def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
-    """A study of two engines whose runs lie ``apart`` from each other."""
+def of(distance: float, noise: float, tolerance: float, engines: int = 2) -> Study:
+    """A study of two engines whose runs lie ``distance`` from each other."""
     runs = {
-        name: run(ONE, lambda body, t, name=name: column(0 * t + apart * (name == "second"), 0, 0), engine=name)
+        name: run(BALL, lambda body, t, name=name: column(0 * t + distance * (name == "second"), 0, 0), engine=name)
         for name in ("first", "second")[:engines]
     }
     flat = {name: np.zeros(run.arrays["pose"].shape[:2]) for name, run in runs.items()}
     floors = {name: Floor(name, run.time, flat[name] + noise, flat[name], True, 1e-15) for name, run in runs.items()}
     pairs = [tuple(runs.values())] if engines == 2 else []
     diffs = tuple(diff(a, b, tolerance=tolerance, floor=list(floors.values())) for a, b in pairs)
-    return Study(ONE, None, runs, {}, floors, {}, diffs)
+    return Study(BALL, None, runs, {}, floors, {}, diffs)
 
 
 @pytest.mark.parametrize(
-    ("apart", "noise", "asked", "code", "said"),
+    ("distance", "noise", "demanded", "code", "said"),
     [
         (2e-3, 1e-6, True, EXIT_FAILED, ""),
         (2e-3, 1e-6, False, EXIT_OK, ""),
@@ -41,14 +41,16 @@ def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
         (1e-4, 5e-3, True, EXIT_FAILED, "inconclusive"),
         (1e-4, 5e-3, False, EXIT_OK, ""),
     ],
-    ids=["out", "out, not asked", "within", "inconclusive", "inconclusive, not asked"],
+    ids=["out", "out, not demanded", "within", "inconclusive", "inconclusive, not demanded"],
 )
 @pytest.mark.parametrize("as_json", [False, True])
-def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart, noise, asked, code, said, as_json):
-    monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
+def test_fail_on_diff_acts_on_what_was_told(
+    monkeypatch, tmp_path, capsys, distance, noise, demanded, code, said, as_json
+):
+    monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(distance, noise, tolerance))
     found = run_command.run_world(
-        RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if asked else None, as_json=as_json),
-        ONE,
+        RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if demanded else None, as_json=as_json),
+        BALL,
         named(["first", "second"]),
         tmp_path / "run",
     )
@@ -67,7 +69,7 @@ def test_the_option_reaches_the_comparison(monkeypatch, tmp_path, capsys, option
 def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
     with pytest.raises(SpecError, match="requires two engines"):
         run_command.run_world(
-            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3), ONE, named(["first"]), tmp_path / "run"
+            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3), BALL, named(["first"]), tmp_path / "run"
         )
     assert not (tmp_path / "run").exists()
     assert diff_code([]) == EXIT_FAILED

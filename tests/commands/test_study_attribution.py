@@ -44,14 +44,14 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def told(*words, code=0):
+def explained(*words, code=0):
     result = CliRunner().invoke(app, ["study", "study.yaml", "--no-verify", *words, "--json"])
     assert result.exit_code == code, result.output
     return json.loads(result.stdout)
 
 
 def test_what_is_given_differently_is_named_with_its_share_and_who_is_absent(folder):
-    data = told()
+    data = explained()
     assert data["said"][0].startswith("without mujoco@9.9: is version ")
     gaps, causes = data["sweeps"]["ball"]
     assert (gaps["name"], causes["name"]) == ("attribution", "attribution.causes")
@@ -69,7 +69,7 @@ def test_what_is_given_differently_is_named_with_its_share_and_who_is_absent(fol
 def test_what_cannot_be_asked_is_told(folder, monkeypatch):
     """A run of the first engine that failed leaves nothing to begin windows with."""
     monkeypatch.setattr(find_engine("mujoco"), "version", classmethod(lambda cls: None))
-    data = told()
+    data = explained()
     assert [line.split(":")[0] for line in data["said"][:2]] == ["without mujoco", "without mujoco@9.9"]
     [gaps, _] = data["sweeps"]["ball"]
     assert gaps["records"] == []

@@ -90,7 +90,7 @@ def test_a_run_that_was_not_timed_is_no_answer_to_what_it_costs(place):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("--set", "sweep.over={}"), "over is empty"),
         (("--set", "sweep.over={physics.timestp: [1 ms]}"), "timestep"),
@@ -103,10 +103,10 @@ def test_a_run_that_was_not_timed_is_no_answer_to_what_it_costs(place):
         (("--jobs", "0"), "--jobs"),
     ],
 )
-def test_what_is_refused_before_anything_is_done(place, words, told):
+def test_what_is_refused_before_anything_is_done(place, words, message):
     (place / "mine").mkdir()
     (place / "mine" / "notes.txt").write_text("mine")
-    assert told in call(*words, code=2)
+    assert message in call(*words, code=2)
     assert sorted(os.listdir(place)) == ["fall.yaml", "mine"]
     assert (place / "mine" / "notes.txt").read_text() == "mine"
 

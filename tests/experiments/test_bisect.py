@@ -28,10 +28,10 @@ class Measured:
     """Figures by version; those that are not there fail. ``asked``: the versions, in order."""
 
     def __init__(self, values: dict[str, float], noise: float = 1e-6):
-        self.values, self.noise, self.asked = values, noise, []
+        self.values, self.noise, self.queried = values, noise, []
 
     def __call__(self, version: str) -> Reading:
-        self.asked.append(version)
+        self.queried.append(version)
         if version not in self.values:
             raise EngineError(f"engine@{version}", "cannot be installed: no wheel")
         return reading(version, self.values[version], self.noise)
@@ -60,9 +60,9 @@ def test_the_change_is_found_between_neighbours_that_were_measured(history):
     assert (done.before.version, done.after.version) == (versions[last], versions[first])
     assert list(done.between) == versions[last + 1 : first]
     assert set(done.between) <= set(done.not_measured)
-    assert len(measure.asked) == len(set(measure.asked)), "nothing is measured twice"
+    assert len(measure.queried) == len(set(measure.queried)), "nothing is measured twice"
     if not broken:
-        assert len(measure.asked) <= 2 + math.ceil(math.log2(len(versions)))
+        assert len(measure.queried) <= 2 + math.ceil(math.log2(len(versions)))
     assert done.notes == ()
 
 
@@ -70,7 +70,7 @@ def test_no_change_is_told_after_the_ends():
     measure = Measured({"1": 1.0, "2": 9.0, "3": 1.0 + 2.9e-6})
     done = search(FIGURE, ["1", "2", "3"], measure)
     assert not done.found
-    assert measure.asked == ["1", "3"]
+    assert measure.queried == ["1", "3"]
     assert search(FIGURE, ["1", "3"], Measured({"1": 1.0, "3": 1.0 + 3.1e-6})).found
 
 

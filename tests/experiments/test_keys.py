@@ -62,23 +62,23 @@ def _set(path, value):
 
 
 masses = st.floats(0.5, 50, allow_nan=False)
-RUNS_DEPEND_ON = st.one_of(
-    st.builds(lambda v: _set(("bodies", "rod", "mass"), v), masses),
-    st.builds(lambda v: _set(("bodies", "ball", "mass"), v + 1), masses),
-    st.builds(lambda v: _set(("bodies", "ball", "pose", "xyz"), [1, v, 1]), masses),
-    st.builds(lambda n, v: _set(("bodies", f"new_{n}"), {"fixed": v}), names, st.just(True)),
-    st.builds(lambda v: _set(("bodies", "rod", "joint", "damping"), v), masses),
-    st.builds(lambda v: _set(("physics", "gravity", 2), -v), masses),
-    st.builds(lambda v: _set(("physics", "duration"), f"{20 * v + 20} ms"), wholes),
-    st.builds(lambda v: _set(("record", "every"), f"{v} ms"), st.sampled_from([1, 2, 5, 20])),
-    st.builds(lambda v: _set(("record", "channels"), v), st.sampled_from([["pose"], ["pose", "energy"]])),
-    st.builds(lambda v: _set(("engines", "mujoco", "settings", "iterations"), v + 50), wholes),
-    st.builds(lambda v: _set(("engines", "mujoco", "settings", "impratio"), v), masses),
-    st.builds(lambda v: _set(("engines", "mujoco", "accept"), [v]), st.just("joint.limits.position")),
-    st.builds(
+RUNS_DEPEND_ON = (
+    st.builds(lambda v: _set(("bodies", "rod", "mass"), v), masses)
+    | st.builds(lambda v: _set(("bodies", "ball", "mass"), v + 1), masses)
+    | st.builds(lambda v: _set(("bodies", "ball", "pose", "xyz"), [1, v, 1]), masses)
+    | st.builds(lambda n, v: _set(("bodies", f"new_{n}"), {"fixed": v}), names, st.just(True))
+    | st.builds(lambda v: _set(("bodies", "rod", "joint", "damping"), v), masses)
+    | st.builds(lambda v: _set(("physics", "gravity", 2), -v), masses)
+    | st.builds(lambda v: _set(("physics", "duration"), f"{20 * v + 20} ms"), wholes)
+    | st.builds(lambda v: _set(("record", "every"), f"{v} ms"), st.sampled_from([1, 2, 5, 20]))
+    | st.builds(lambda v: _set(("record", "channels"), v), st.sampled_from([["pose"], ["pose", "energy"]]))
+    | st.builds(lambda v: _set(("engines", "mujoco", "settings", "iterations"), v + 50), wholes)
+    | st.builds(lambda v: _set(("engines", "mujoco", "settings", "impratio"), v), masses)
+    | st.builds(lambda v: _set(("engines", "mujoco", "accept"), [v]), st.just("joint.limits.position"))
+    | st.builds(
         lambda v: _set(("engines", "mujoco", "at_timestep"), [{"above": "2 ms", "settings": {"iterations": v}}]), wholes
-    ),
-    st.builds(lambda v: _set(("contact", "materials"), {"m": {"friction": v}}), masses),
+    )
+    | st.builds(lambda v: _set(("contact", "materials"), {"m": {"friction": v}}), masses)
 )
 
 

@@ -138,7 +138,7 @@ def test_a_damaged_run_is_named_moved_aside_and_to_be_done_again(store, damage):
         assert set(refresh(store, repair=True).rows) == set(KEYS[:3])
 
 
-STRANGE = {
+UNEXPECTED = {
     "seconds": lambda plain: plain["circumstances"].update(seconds={"step": "long"}),
     "no seconds": lambda plain: plain["circumstances"].update(seconds=[]),
     "steps": lambda plain: plain["result"]["provenance"].update(steps="many"),
@@ -149,7 +149,7 @@ STRANGE = {
 }
 
 
-@pytest.mark.parametrize("change", STRANGE.values(), ids=STRANGE)
+@pytest.mark.parametrize("change", UNEXPECTED.values(), ids=UNEXPECTED)
 def test_facts_that_were_made_up_with_hashes_that_fit_are_no_run(store, change):
     path = store.path / place_of(KEYS[0]) / RUN_FILE
     plain = json.loads(path.read_text())

@@ -29,7 +29,7 @@ from simspec.experiments.timing import (
 from simspec.runner.run import Case
 from tests.experiments.swept import spec
 
-ONE = Machine("A processor", "x86_64", 4, 8, "performance", 16 * 2**30, "Linux 6.1", "CPython 3.11.9")
+MACHINE = Machine("A processor", "x86_64", 4, 8, "performance", 16 * 2**30, "Linux 6.1", "CPython 3.11.9")
 
 
 def test_this_machine_is_described_whole():
@@ -54,7 +54,7 @@ def test_this_machine_is_described_whole():
     ],
 )
 def test_machines_are_told_apart_by_their_hardware(other, given):
-    assert ONE.differences(dataclasses.replace(ONE, **other)) == ([] if given is None else [given])
+    assert MACHINE.differences(dataclasses.replace(MACHINE, **other)) == ([] if given is None else [given])
 
 
 def test_other_work_is_what_is_not_our_own():

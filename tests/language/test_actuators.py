@@ -235,7 +235,7 @@ def test_a_joint_has_one_controller():
     assert any("has a controller already" in message for _, message in problems(data))
 
 
-def beside(actuator, trajectory):
+def with_trajectory(actuator, trajectory):
     data = scenario({"a": actuator})
     data["control"]["other"] = {"joints": ["arm/rail"], "kp": 1, "kd": 1}
     return {**data, "trajectory": trajectory}
@@ -262,7 +262,7 @@ WAYS = {
 def test_a_trajectory_moves_other_joints_beside_actuators(way, law):
     """What an actuator holds stays what it is at all times, and the trajectory what it is without the actuator."""
     actuator = {**SERVO, "command": 0.3} if law == "position" else {"joint": "elbow", "law": "effort", "command": 0.3}
-    data = beside(actuator, WAYS[way])
+    data = with_trajectory(actuator, WAYS[way])
     both = Spec.from_data(data).resolve().trajectory
     data["control"].pop("robot")
     alone = Spec.from_data(data).resolve().trajectory
@@ -280,7 +280,7 @@ def test_a_trajectory_moves_other_joints_beside_actuators(way, law):
 def test_a_trajectory_does_not_move_what_an_actuator_acts_on():
     wrong = {"points": [{"at": 0, "positions": {"arm/rail": 0.1, "arm/elbow": 0.2}}]}
     message = "arm/elbow moves here, and an actuator with a constant command acts on it"
-    assert problems(beside(SERVO, wrong)) == [("trajectory", message)]
+    assert problems(with_trajectory(SERVO, wrong)) == [("trajectory", message)]
 
 
 def test_too_many_are_refused_before_they_are_copied():

@@ -40,7 +40,7 @@ def written(folder, control):
     return path
 
 
-def one(text):
+def controller_line(text):
     """A controller on one line."""
     return f"  robot: {{{text}}}"
 
@@ -125,7 +125,7 @@ BAD = {
 def test_one_problem_and_all_about_it(tmp_path, case):
     text, below, message, found, allowed, hint = BAD[case]
     with pytest.raises(SpecError) as caught:
-        load(written(tmp_path, one(text))).resolve()
+        load(written(tmp_path, controller_line(text))).resolve()
     (problem,) = caught.value.problems
     assert problem.path == ".".join(filter(None, ("control.robot", below)))
     assert re.search(message, problem.message), problem.message
@@ -183,7 +183,7 @@ def test_more_controllers_than_anyone_has(tmp_path):
 
 def test_values_that_are_no_data_are_reported_once(tmp_path):
     with pytest.raises(SpecError) as caught:
-        load(written(tmp_path, one("joints: [elbow, .nan], kp: {elbow: .nan}, kd: !!float 3")))
+        load(written(tmp_path, controller_line("joints: [elbow, .nan], kp: {elbow: .nan}, kd: !!float 3")))
     assert len(caught.value.problems) == len({problem.location for problem in caught.value.problems}) == 3
 
 
@@ -253,7 +253,7 @@ def test_a_controller_that_is_made_in_python_is_that_of_its_yaml(tmp_path):
 
 
 def test_every_is_held_in_steps(tmp_path):
-    path = written(tmp_path, one(f"joints: [elbow], {PD}, every: 5 ms"))
+    path = written(tmp_path, controller_line(f"joints: [elbow], {PD}, every: 5 ms"))
     assert load(path).resolve().controllers[0].every_steps == 5
     assert load(path, sets=["control.robot.every=1 ms"]).resolve().controllers[0].every_steps == 0
     (controller,) = load(path, sets=["physics.timestep=2.5 ms"]).resolve().controllers
@@ -261,7 +261,7 @@ def test_every_is_held_in_steps(tmp_path):
 
 
 def test_an_override_changes_one_gain(tmp_path):
-    path = written(tmp_path, one("joints: [elbow, wrist], kp: {elbow: 3, wrist: 4}, kd: 1"))
+    path = written(tmp_path, controller_line("joints: [elbow, wrist], kp: {elbow: 3, wrist: 4}, kd: 1"))
     sets = ["control.robot.kp.wrist=5 N m/rad", "control.robot.kd=2", "control.robot.discretisation=implicit"]
     (found,) = load(path, sets=sets).resolve().controllers
     assert (found.kp, found.kd, found.discretisation) == ((3.0, 5.0), (2.0, 2.0), "implicit")
@@ -270,7 +270,9 @@ def test_an_override_changes_one_gain(tmp_path):
 
 
 def test_the_canonical_layout_keeps_a_controller(tmp_path):
-    path = written(tmp_path, one("kd:   1, kp: {wrist: 4, 'el*': 3}, joints: [elbow, wrist], law: pd") + "   # soft")
+    path = written(
+        tmp_path, controller_line("kd:   1, kp: {wrist: 4, 'el*': 3}, joints: [elbow, wrist], law: pd") + "   # soft"
+    )
     text = path.read_text(encoding="utf-8")
     text = "expect: []\n" + text.replace("simspec: 1\n", "") + "simspec: 1\n"
     before = Spec.from_data(load(path).source.document.data).resolve()

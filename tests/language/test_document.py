@@ -31,7 +31,7 @@ def test_scalars_of_yaml_1_2(text, value):
     assert type(found) is type(value)
 
 
-@given(st.one_of(st.integers(-(10**30), 10**30), st.floats(allow_nan=False, allow_infinity=False), st.booleans()))
+@given(st.integers(-(10**30), 10**30) | st.floats(allow_nan=False, allow_infinity=False) | st.booleans())
 def test_scalars_agree_with_an_independent_reader(value):
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     assert scalar(text) == YAML(typ="safe", pure=True).load(text)
@@ -127,9 +127,7 @@ def test_missing_file_and_folder(tmp_path):
             read(path)
 
 
-_SCALARS = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False, allow_infinity=False), st.text()
-)
+_SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 
 
 _KEYS = st.text(max_size=50)  # YAML allows no key of more than 1,024 characters beside its value

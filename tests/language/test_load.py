@@ -321,7 +321,7 @@ def test_a_spec_of_python_objects_is_the_spec_of_its_yaml(tmp_path):
 
 def test_plain_data_may_leave_out_the_version_and_hold_arrays_of_numpy():
     numpy = pytest.importorskip("numpy")
-    data = {"name": "x", "bodies": {"a": {"mass": numpy.float32(2), "inertia": {"principal": numpy.ones(3)}}}}
+    data = {"name": "x", "bodies": {"a": {"mass": numpy.float32(2), "inertia": {"principal": numpy.full(3, 1.0)}}}}
     assert Spec.from_data(data).resolve().bodies[0].inertial.mass == 2.0
 
 

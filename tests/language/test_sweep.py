@@ -27,7 +27,7 @@ sweep:
 LINES = SPEC.count("\n")
 
 
-def told(tmp_path, sweep):
+def problems_of(tmp_path, sweep):
     """The problems of a sweep: (line below `sweep:`, column, message, path)."""
     path = tmp_path / "rod.yaml"
     path.write_text(SPEC + "".join(f"  {line}\n" for line in sweep.splitlines()), encoding="utf-8")
@@ -183,7 +183,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_refused_and_where(name, tmp_path):
     sweep, place, message = REFUSED[name]
-    problems = told(tmp_path, sweep)
+    problems = problems_of(tmp_path, sweep)
     assert any(problem[:2] == place and message in problem[2] for problem in problems), problems
 
 
@@ -193,7 +193,7 @@ def test_one_mistake_is_one_problem(tmp_path):
     for name in REFUSED.keys() - several:
         folder = tmp_path / str(abs(hash(name)))
         folder.mkdir()
-        assert len(told(folder, REFUSED[name][0])) == 1, (name, told(folder, REFUSED[name][0]))
+        assert len(problems_of(folder, REFUSED[name][0])) == 1, (name, problems_of(folder, REFUSED[name][0]))
 
 
 def test_a_file_of_a_model_has_no_sweep():

@@ -52,7 +52,7 @@ def test_a_second_list_is_seen():
 JOINT_LISTS = frozenset(frozenset(words) for name, words in vars(vocabulary).items() if name.endswith("_JOINTS"))
 
 
-def joint_kinds_asked(tree: ast.AST) -> list[int]:
+def joint_kind_queries(tree: ast.AST) -> list[int]:
     """Lines that ask for a joint's kind by a list of words that the vocabulary has."""
     lines: list[int] = []
     for node in ast.walk(tree):
@@ -65,13 +65,13 @@ def joint_kinds_asked(tree: ast.AST) -> list[int]:
 
 
 def test_kinds_of_joints_are_asked_for_by_what_they_have():
-    assert not offences(joint_kinds_asked)
+    assert not offences(joint_kind_queries)
 
 
 def test_a_list_of_joint_kinds_is_seen():
     assert (
         len(
-            joint_kinds_asked(
+            joint_kind_queries(
                 ast.parse("""
 kind in ("hinge", "slide")
 kind not in ["fixed", "slide", "hinge"]

@@ -14,7 +14,7 @@ from simspec.proof.contact.scope import MEASURED, declared, unmeasured
 from simspec.proof.judge import judge, judge_proof
 from simspec.proof.verify import verify
 from tests import worlds
-from tests.own_cache import own_cache
+from tests.caches import cache_home
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -26,7 +26,7 @@ PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 def sealed(tmp_path_factory):
     world = worlds.table(PAIRS)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", own_cache(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", cache_home(tmp_path_factory.mktemp("cache")))
         return world, verify(world, [ENGINE])
 
 

@@ -15,8 +15,8 @@ from simspec.proof.contact.oblique import impact_begins, impact_ends
 from simspec.proof.contact.probe import GRAVITY, Motion, project
 from simspec.support.features import Feature
 from tests import worlds
+from tests.caches import cache_home
 from tests.declared import with_the_cone
-from tests.own_cache import own_cache
 from tests.proof.contact_probing import law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -30,7 +30,7 @@ MODES = {name: () for name in with_the_cone(Feature.RESTITUTION) if name != "muj
 
 @pytest.fixture(autouse=True)
 def few_probes(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home(tmp_path))
     monkeypatch.setattr(run, "PROBES", {"oblique": PROBE})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
 

@@ -28,10 +28,10 @@ from simspec.proof.verify import verify
 from simspec.support.features import Feature
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
+from tests.caches import cache_home
 from tests.declared import with_the_cone
 from tests.installed import JOINTED
 from tests.nightly import NIGHTLY
-from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -63,7 +63,7 @@ PROBES = (
 
 @pytest.fixture(autouse=True)
 def empty_cache(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home(tmp_path))
 
 
 sampled = run._sampled

@@ -13,8 +13,8 @@ from simspec.engines.kit.registry import engines
 from simspec.proof.judge import judge
 from simspec.proof.verify import verify
 from simspec.selection import supporting
+from tests.caches import cache_home
 from tests.nightly import BOTH
-from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -38,7 +38,7 @@ def test_it_is_certified_in_every_engine_that_claims_it(path, tmp_path, monkeypa
     whole = os.environ.get(ALL) == "all"
     if path.stem not in QUICK and not whole:
         pytest.skip("certified by make certify")
-    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home(tmp_path))
     spec = simspec.load(path)
     world = spec.resolve()
     here = [

@@ -53,7 +53,7 @@ def test_defects_without_effect_are_inert(engine):
 
 def row(verdict, pairs=(), **fields):
     entry = {"engine": "dart", "version": "1", "setting": "", "cone": "elliptic", "defect": "d", "date": "2026-01-01"}
-    return {**entry, "verdict": verdict, "seen": [], "blind": [], "one_pair": list(pairs), "why": "", **fields}
+    return {**entry, "verdict": verdict, "seen": [], "blind": [], "single_pair": list(pairs), "why": "", **fields}
 
 
 def test_the_table_is_between_its_marks_and_counts_missed_defects():

@@ -172,7 +172,7 @@ def test_the_worst_ten_are_annotated_and_the_rest_is_counted():
 
 
 @pytest.mark.parametrize(
-    ("file", "environment", "told"),
+    ("file", "environment", "expected"),
     [
         ("specs/arm.yaml", {}, "specs/arm.yaml"),
         ("{here}/specs/arm.yaml", {}, "specs/arm.yaml"),
@@ -180,11 +180,11 @@ def test_the_worst_ten_are_annotated_and_the_rest_is_counted():
         ("/elsewhere/arm.yaml", {"GITHUB_WORKSPACE": "{above}"}, "/elsewhere/arm.yaml"),
     ],
 )
-def test_files_are_named_from_the_root_of_the_repository(tmp_path, monkeypatch, file, environment, told):
+def test_files_are_named_from_the_root_of_the_repository(tmp_path, monkeypatch, file, environment, expected):
     monkeypatch.chdir(tmp_path)
     words = {"here": tmp_path, "above": tmp_path.parent, "name": tmp_path.name}
     environment = {name: value.format(**words) for name, value in environment.items()}
-    assert file_of(Location(file.format(**words), 1, 1), environment) == told.format(**words)
+    assert file_of(Location(file.format(**words), 1, 1), environment) == expected.format(**words)
 
 
 def test_a_summary_says_the_verdict_first_and_has_a_largest_size():

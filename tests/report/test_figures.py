@@ -55,7 +55,8 @@ def test_speed_over_the_timestep(monkeypatch):
 def test_speed_over_time_with_contacts(monkeypatch):
     time = {"first": np.arange(3.0)}
     above, below = lines(
-        monkeypatch, lambda: figures.speed_over_time(time, {"first": np.ones(3)}, {"first": np.array([0.0, 1.0, 2.0])})
+        monkeypatch,
+        lambda: figures.speed_over_time(time, {"first": np.full(3, 1.0)}, {"first": np.array([0.0, 1.0, 2.0])}),
     )
     assert above["first"][:, 1].tolist() == [1.0, 1.0, 1.0]
     assert below["first"][:, 1].tolist() == [0.0, 1.0, 2.0]

@@ -53,7 +53,7 @@ sweeps:
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def sheets(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     (folder / "drop.yaml").write_text(SPEC)
     (folder / "study.yaml").write_text(STUDY)
@@ -69,10 +69,10 @@ def texts(sheet):
     return [[cell["text"] for cell in row] for row in sheet["rows"]]
 
 
-def test_consistency_is_the_drift_of_free_fall(told):
+def test_consistency_is_the_drift_of_free_fall(sheets):
     """The high ball falls freely: two timesteps differ by ½ g t Δdt, first order, and by it divided by √2 in the mean of both
     balls, of which one stays where it is."""
-    records = told["whole"]["consistency"]["records"]
+    records = sheets["whole"]["consistency"]["records"]
     assert {(record["coarse"], record["fine"]) for record in records} == {(0.004, 0.002), (0.002, 0.001)}
     at_the_end = [record for record in records if record["time"] == pytest.approx(0.2)]
     assert len(at_the_end) == 4
@@ -85,8 +85,8 @@ def test_consistency_is_the_drift_of_free_fall(told):
     assert all(entry["order"] is None for entry in at_the_end if entry["coarse"] == 0.002)
 
 
-def test_conservation_is_told_of_what_nothing_acts_on(told):
-    records = {(record["timestep"], record["engine"]): record for record in told["whole"]["conservation"]["records"]}
+def test_conservation_is_told_of_what_nothing_acts_on(sheets):
+    records = {(record["timestep"], record["engine"]): record for record in sheets["whole"]["conservation"]["records"]}
     assert len(records) == 6
     for (timestep, _), entry in records.items():
         assert entry["linear"] == pytest.approx(0.0, abs=1e-9)
@@ -94,30 +94,30 @@ def test_conservation_is_told_of_what_nothing_acts_on(told):
         assert any("not every step is recorded" in note for note in entry["notes"]) == (timestep < 0.004)
 
 
-def test_penetration_is_that_of_the_ball_that_rests(told):
-    records = told["whole"]["penetration"]["records"]
+def test_penetration_is_that_of_the_ball_that_rests(sheets):
+    records = sheets["whole"]["penetration"]["records"]
     assert [record["runs"] for record in records] == [6] * 6
     for entry in records:
         assert entry["pair"] == ["floor", "low"]
         assert 0.0 < entry["mean"] <= entry["deepest"] < 5e-3
 
 
-def test_distributions_pair_runs_by_seed(told):
-    tests = told["whole"]["distributions.tests"]["records"]
+def test_distributions_pair_runs_by_seed(sheets):
+    tests = sheets["whole"]["distributions.tests"]["records"]
     assert [test["pairs"] for test in tests] == [6] * 3
     for test in tests:
         assert test["paired"]["smallest"] == pytest.approx(2 / 2**6)
         assert test["paired"]["can_reject"]
         assert test["seeds_in_one_only"] == test["left_out"] == []
-    summary = told["whole"]["distributions.summary"]["records"][0]
+    summary = sheets["whole"]["distributions.summary"]["records"][0]
     assert summary["seeds"] == [0, 1, 2, 3, 4, 5]
     # 2 − ½ g t² of the high one, and 0.1 of the low one that rests, moved by up to a thousandth
     assert summary["mean_height"][0] == pytest.approx((2.0 - 0.5 * 9.81 * 0.2**2 + 0.1) / 2, abs=2e-3)
     assert len(set(summary["mean_height"])) == 6
 
 
-def test_a_second_pass_is_moved_by_the_first_gap(told):
-    (record,) = told["chaos"]["divergence"]["records"]
+def test_a_second_pass_is_moved_by_the_first_gap(sheets):
+    (record,) = sheets["chaos"]["divergence"]["records"]
     assert record["noise_measured"]
     assert record["second_measured"]
     assert record["gap"] > 1e-9
@@ -126,18 +126,18 @@ def test_a_second_pass_is_moved_by_the_first_gap(told):
     assert record["second_horizon"] is None or record["second_horizon"] > record["gap_time"] > 0.0
 
 
-def test_one_run_each_cannot_be_told_apart_and_says_so(told):
-    (row,) = texts(told["bare"]["distributions.tests"])
+def test_one_run_each_cannot_be_told_apart_and_says_so(sheets):
+    (row,) = texts(sheets["bare"]["distributions.tests"])
     assert row[2] == "1"
     assert row[5].startswith("cannot reject: with so few runs p is at least 1")
     assert "not compared: deepest_penetration" in row[4]
-    assert not told["bare"]["distributions.tests"]["records"][0]["paired"]["can_reject"]
+    assert not sheets["bare"]["distributions.tests"]["records"][0]["paired"]["can_reject"]
 
 
-def test_what_was_not_recorded_is_said(told):
+def test_what_was_not_recorded_is_said(sheets):
     for name in ("conservation", "penetration"):
-        rows = texts(told["bare"][name])
+        rows = texts(sheets["bare"][name])
         assert len(rows) == 2
         assert all("did not record contacts" in " ".join(row) for row in rows)
-    rows = texts(told["bare"]["consistency"])
+    rows = texts(sheets["bare"]["consistency"])
     assert all("fewer than two timesteps" in row[2] for row in rows)

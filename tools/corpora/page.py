@@ -24,7 +24,7 @@ AIMS = {"mujoco": 98.0, "pybullet": 95.0, "dart": 95.0}
 MARKS = {"certified": "yes", "apart": "without", "fails": "**no**", "refused": "–", "not asked": "·"}
 RESTORED = "restored from docs/records/corpora.md"
 """In place of a state of the code: a verdict from this page, of which no more was kept."""
-APART = "without contact between its own bodies"
+NO_SELF_COLLISION = "without contact between its own bodies"
 MOST = 40
 """Reasons of refusals that are listed."""
 
@@ -37,7 +37,7 @@ class File:
     model: Model
     imported: dict[str, Any] | None
     certified: dict[str, Any] | None
-    apart: dict[str, Any] | None
+    no_self_collision: dict[str, Any] | None
     audited: dict[str, Any] | None
     defects: tuple[str, ...] = ()
 
@@ -57,9 +57,9 @@ class File:
         return {entry["engine"]: entry for entry in proven or ()}
 
     @property
-    def apart_proofs(self) -> dict[str, dict[str, Any]]:
+    def proofs_without_self_collision(self) -> dict[str, dict[str, Any]]:
         """What is proven of it without contact between its own bodies, of engines that refuse it otherwise."""
-        proven = (self.apart or {}).get("proven") or () if self.is_imported else ()
+        proven = (self.no_self_collision or {}).get("proven") or () if self.is_imported else ()
         return {
             entry["engine"]: entry
             for entry in proven
@@ -72,7 +72,7 @@ class File:
             return "not asked"
         valid = self.proofs[engine]["valid"]
         if valid is None:
-            valid = self.apart_proofs.get(engine, {"valid": None})["valid"]
+            valid = self.proofs_without_self_collision.get(engine, {"valid": None})["valid"]
             return {True: "apart", False: "fails", None: "refused"}[valid]
         return "certified" if valid else "fails"
 
@@ -109,7 +109,10 @@ def write(models: Sequence[Model], results: Path) -> None:
 
 def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     answers = [
-        answer for file in files for answer in (file.imported, file.certified, file.apart, file.audited) if answer
+        answer
+        for file in files
+        for answer in (file.imported, file.certified, file.no_self_collision, file.audited)
+        if answer
     ]
     states = {code for entry in answers for code in (entry["code"], *entry.get("older", ()))}
     requested = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
@@ -178,9 +181,9 @@ def aims(files: Sequence[File]) -> Iterator[str]:
     for engine, wanted in AIMS.items():
         requested = [file for file in sound if file.is_imported and engine in file.proofs]
         counts = collections.Counter(file.verdict(engine) for file in requested)
-        excluded = f"{counts['apart']} of them {APART}, " if counts["apart"] else ""
-        left = sum(file.verdict(engine) == "refused" and file.apart is None for file in requested)
-        untried = f" ({left} of these not asked yet {APART})" if left else ""
+        excluded = f"{counts['no_self_collision']} of them {NO_SELF_COLLISION}, " if counts["apart"] else ""
+        left = sum(file.verdict(engine) == "refused" and file.no_self_collision is None for file in requested)
+        untried = f" ({left} of these not asked yet {NO_SELF_COLLISION})" if left else ""
         reasons = _features(requested, engine)
         more = f"{excluded}{counts['refused']} not supported and so named{untried}{reasons}, {counts['fails']} failed"
         certified = counts["certified"] + counts["apart"]
@@ -211,7 +214,7 @@ def _features(files: Sequence[File], engine: str) -> str:
     counts: collections.Counter[str] = collections.Counter()
     for file in files:
         if file.verdict(engine) == "refused":
-            why = file.apart_proofs.get(engine, file.proofs[engine])["why"]
+            why = file.proofs_without_self_collision.get(engine, file.proofs[engine])["why"]
             counts.update(re.findall(r"does not support ([\w.]+)", why)[:1])
     listed = ", ".join(f"{name} {count}" for name, count in counts.most_common(4))
     return f" ({listed})" if listed else ""
@@ -231,15 +234,15 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield "## What simspec compiles"
     yield ""
-    count = sum(file.apart is not None for file in files)
+    count = sum(file.no_self_collision is not None for file in files)
     yield (
         "What an engine does only approximately, or simspec beside it, is accepted here. Of a file that an engine refuses, the "
-        f"same model {APART} (`contact.self_collision: false`, or `--no-self-collision`) is certified in that engine, where "
-        f"that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
+        f"same model {NO_SELF_COLLISION} (`contact.self_collision: false`, or `--no-self-collision`) is certified in "
+        f"that engine, where that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
         "had 60 in some earlier verdicts."
     )
     yield ""
-    yield f"| engine | certified | certified {APART} | fails its proof | not supported, by name | not asked yet |"
+    yield f"| engine | certified | certified {NO_SELF_COLLISION} | fails its proof | not supported, by name | not asked yet |"
     yield "|---|---|---|---|---|---|"
     for engine in engines:
         counts = collections.Counter(file.verdict(engine) for file in files if file.is_imported)
@@ -251,14 +254,14 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     for file in files:
         for requested, answer, among in (
             ("", file.certified, file.proofs),
-            (f", {APART}", file.apart, file.apart_proofs),
+            (f", {NO_SELF_COLLISION}", file.no_self_collision, file.proofs_without_self_collision),
         ):
             for engine, proof in among.items():
                 if proof["valid"] is False:
                     name, why = file.model.name, _cell(proof["why"])
                     text = remark(engine, name, why, (answer or {})["code"] == RESTORED)
                     yield f"- {engine}, {file.model.package} `{name}`{requested}: {why[:200]}{text}"
-        for answer in (file.certified or {}, file.apart or {}) if file.is_imported else ():
+        for answer in (file.certified or {}, file.no_self_collision or {}) if file.is_imported else ():
             for word in ("late", "died", "crash", "again"):
                 if word in answer:
                     yield f"- {file.model.package} `{file.model.name}`: {_ended(word, answer)}"
@@ -349,8 +352,8 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield (
         "`hard defect`: of URDF and SDF, by the rules above. `certified` and `audit` have one entry for each engine, in the "
-        f"order {names}: yes, without ({APART}), **no**, – (not supported, by name; the engine does not read the language), "
-        "· (not asked yet); "
+        f"order {names}: yes, without ({NO_SELF_COLLISION}), **no**, – (not supported, by name; the engine does not read the "
+        "language), · (not asked yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
         "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."
     )

@@ -48,7 +48,7 @@ class Worker:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._answers = -1
-        self._asked = 0
+        self._answered = 0
 
     def ask(self, stage: str, model: Model, engines: Sequence[str]) -> dict[str, Any]:
         """The answer of a stage for a file, in ``engines`` (none: in all); ``late`` or ``died`` where there is none."""
@@ -62,12 +62,12 @@ class Worker:
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
         line = self._line(begun + DEADLINES[stage] + (FIRST if fresh else 0.0))
-        self._asked += 1
+        self._answered += 1
         if line is None or not line.endswith(b"\n"):
             self.end()
             took = round(time.monotonic() - begun, 2)
             return {"late": took} if line is None else {"died": process.returncode, "seconds": took}
-        if self._asked >= RENEWED:
+        if self._answered >= RENEWED:
             self.end()
         answer: dict[str, Any] = json.loads(line)
         return answer
@@ -84,7 +84,7 @@ class Worker:
             start_new_session=True,
         )
         os.close(theirs)
-        self._asked = 0
+        self._answered = 0
         return self._process
 
     def _line(self, ends: float) -> bytes | None:

@@ -52,7 +52,7 @@ def importing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[s
         spec = load(path, options=options, allow_outside=True)
         world = spec.resolve()
     except SpecError as error:
-        answer: dict[str, Any] = {"imported": False, "problems": _told(error)}
+        answer: dict[str, Any] = {"imported": False, "problems": _as_texts(error)}
         answer["repaired"] = _repaired(path, options)
     else:
         answer = {"imported": True, "bodies": len(world.bodies), **_losses(spec.source.imported)}
@@ -62,7 +62,7 @@ def importing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[s
     return answer
 
 
-def _told(error: SpecError) -> list[dict[str, str]]:
+def _as_texts(error: SpecError) -> list[dict[str, str]]:
     """Problems as texts, each message once."""
     problems: dict[str, Problem] = {}
     for problem in error.problems:
@@ -126,11 +126,11 @@ def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict
 
 
 def certifying(
-    file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = (), apart: bool = False
+    file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = (), no_self_collision: bool = False
 ) -> dict[str, Any]:
     """What the proof says in ``engines`` (none: in every one) of what simspec compiles of a file; nothing of a file that is
     refused. ``apart``: of the same model without contact between its own bodies."""
-    path, options = Path(file), dataclasses.replace(options_of(folders), self_collision=not apart)
+    path, options = Path(file), dataclasses.replace(options_of(folders), self_collision=not no_self_collision)
     if not is_foreign(path.name):
         return {"proven": None}
     try:
@@ -175,6 +175,6 @@ def auditing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[st
 STAGES: dict[str, Callable[[str, Sequence[str], Kept, Sequence[str]], dict[str, Any]]] = {
     "import": importing,
     "certify": certifying,
-    "apart": functools.partial(certifying, apart=True),
+    "apart": functools.partial(certifying, no_self_collision=True),
     "audit": auditing,
 }

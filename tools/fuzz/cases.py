@@ -13,7 +13,7 @@ from pathlib import Path
 
 from judge import Watch, judged
 from mutations import BYTES, OUTSIDE, TEXT, changed
-from seeds import LARGEST, MESHES, SUFFIX, Seed, beside, seeds
+from seeds import LARGEST, MESHES, SUFFIX, Seed, companions, seeds
 from warm import Forked
 
 KINDS = {"usd": ("usd", "usd", "usd", "usdc", "usdz"), "meshes": MESHES}
@@ -61,7 +61,7 @@ class Fuzz:
         others = [seed.content for seed in all_seeds]
         content, changes = changed(seed.content, chance, others, BYTES if binary else TEXT)
         name = f"changed{SUFFIX[kind]}"
-        files = {**beside(), **seed.beside, name: content}
+        files = {**companions(), **seed.companions, name: content}
         if chance.random() < 0.1 and not binary:  # what the file names is changed instead, or too
             other = chance.choice(sorted(files))
             files[other], named = changed(files[other], chance, others, BYTES if other.endswith(".stl") else TEXT)
@@ -84,7 +84,7 @@ class Fuzz:
             target.write_bytes(content.replace(OUTSIDE, str(outside).encode()))
         (project / "pyproject.toml").touch()
         (outside / "package.xml").write_text("<package/>")
-        for end, content in beside().items():
+        for end, content in companions().items():
             suffix = end.removeprefix("part")
             (outside / f"secret{suffix}").write_bytes(content)
             (project / f"link{suffix}").symlink_to(f"../outside/secret{suffix}")
@@ -101,7 +101,7 @@ class Fuzz:
         project, _, _ = self.place(0)
         kind = KINDS.get(self.language, (self.language,))[0]
         seed = seeds(kind)[0]
-        for where, content in {**beside(), **seed.beside, f"changed{SUFFIX[kind]}": seed.content}.items():
+        for where, content in {**companions(), **seed.companions, f"changed{SUFFIX[kind]}": seed.content}.items():
             (project / where).parent.mkdir(parents=True, exist_ok=True)
             (project / where).write_bytes(content)
         name = "mesh.yaml" if self.language == "meshes" else f"changed{SUFFIX[kind]}"

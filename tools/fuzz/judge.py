@@ -166,7 +166,7 @@ def _imported(file: Path) -> dict[str, Any]:
         world = spec.resolve()
         spec.warnings(world)
     except SpecError as error:
-        return {"outcome": f"refused: {error.problems[0].message[:60]}", "wrong": _told(error)}
+        return {"outcome": f"refused: {error.problems[0].message[:60]}", "wrong": _problem_lines(error)}
     wrong += _not_finite(world)
     if is_foreign(file.name):
         try:
@@ -193,7 +193,7 @@ def _written(imported: Any, file: Path) -> Path:
     return out
 
 
-def _told(error: Any) -> list[str]:
+def _problem_lines(error: Any) -> list[str]:
     """What is wrong with an error."""
     wrong = []
     text = str(error)

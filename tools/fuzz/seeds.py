@@ -55,7 +55,7 @@ class Seed:
     """A file, and those beside it."""
 
     content: bytes
-    beside: dict[str, bytes] = field(default_factory=dict)
+    companions: dict[str, bytes] = field(default_factory=dict)
 
 
 def box_of(kind: str) -> bytes:
@@ -77,13 +77,13 @@ def _exported(mesh: Any, kind: str) -> bytes:
 
 
 @functools.cache
-def beside() -> dict[str, bytes]:
+def companions() -> dict[str, bytes]:
     """What stands beside every changed file, so that names of files mean something."""
     written = {path.name: path.read_bytes() for path in sorted(FILES.glob("part.*"))}
     return {**written, **{f"part.{kind}": box_of(kind) for kind in ("stl", "obj", "dae")}}
 
 
-def _own(name: str) -> Seed:
+def _seed_of(name: str) -> Seed:
     return Seed((FILES / name).read_bytes())
 
 
@@ -115,22 +115,25 @@ def seeds(language: str) -> tuple[Seed, ...]:
     from tests.imports.urdf.robots import SPECIMEN, two_links
 
     if language == "urdf":
-        return (Seed(SPECIMEN.encode()), Seed(two_links().encode()), _own("part.urdf"), *_exports("urdf"))
+        return (Seed(SPECIMEN.encode()), Seed(two_links().encode()), _seed_of("part.urdf"), *_exports("urdf"))
     if language == "xacro":
         exported = _exports("urdf")[:3]
         head = b'xmlns:xacro="http://www.ros.org/wiki/xacro" name='
         return (
-            *(_own("robot.xacro"),) * 4,
-            *(_own("chain.xacro"),) * 2,
-            *(Seed(entry.content.replace(b"<robot name=", b"<robot " + head, 1), entry.beside) for entry in exported),
+            *(_seed_of("robot.xacro"),) * 4,
+            *(_seed_of("chain.xacro"),) * 2,
+            *(
+                Seed(entry.content.replace(b"<robot name=", b"<robot " + head, 1), entry.companions)
+                for entry in exported
+            ),
         )
     if language == "mjcf":
-        more = (_own("more.xml"),) * 4
+        more = (_seed_of("more.xml"),) * 4
         return (Seed(ARM.encode()), Seed(SCENE.encode()), *more, *_exports("mjcf"))
     if language == "sdf":
-        return (*(_own("more.sdf"),) * 4, _own("part.sdf"), *_exports("sdf"))
+        return (*(_seed_of("more.sdf"),) * 4, _seed_of("part.sdf"), *_exports("sdf"))
     if language == "usd":
-        return (*(_own("more.usda"),) * 4, *_exports("usd"))
+        return (*(_seed_of("more.usda"),) * 4, *_exports("usd"))
     if language in ("usdc", "usdz"):
         return tuple(Seed(_packed(export.content, language)) for export in _exports("usd")[:4])
     if language == "simspec":
@@ -140,7 +143,7 @@ def seeds(language: str) -> tuple[Seed, ...]:
             path for folder in ("models", "meshes") for path in sorted((specs / folder).iterdir()) if path.is_file()
         ]
         used = {str(path.relative_to(specs)): path.read_bytes() for path in named}
-        return (*(Seed(content, used) for content in small), *(_own("more.yaml"),) * 4)
+        return (*(Seed(content, used) for content in small), *(_seed_of("more.yaml"),) * 4)
     return (Seed(box_of(language)), Seed(_tetrahedron(language)))
 
 

@@ -74,7 +74,7 @@ def a_run(of: World, engine: str, speed: float) -> Run:
         [0 * angle, 0 * angle, 0.5 + 0 * angle, np.cos(angle / 2), 0 * angle, np.sin(angle / 2), 0 * angle], axis=1
     )
     made.arrays["q"][:, -1] = angle
-    arrays = {**made.arrays, "control.target": angle[:, None] + 0.1, "control.effort": np.ones((len(angle), 1))}
+    arrays = {**made.arrays, "control.target": angle[:, None] + 0.1, "control.effort": np.full((len(angle), 1), 1.0)}
     control = {"joints": ["elbow"], "clipped": [0], "error": [0.1]}
     return dataclasses.replace(made, arrays=arrays, provenance={**made.provenance, "control": control})
 

@@ -9,7 +9,7 @@ from simspec.outputs.cache import cache_folder
 COMPILED = "compiled"
 
 
-def own_cache(place: Path) -> str:
+def cache_home(place: Path) -> str:
     """A folder for XDG_CACHE_HOME in ``place``; what is compiled in it stands where this process has it."""
     whole = cache_folder(COMPILED)
     assert whole is not None
