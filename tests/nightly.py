@@ -46,7 +46,7 @@ ENGINES = {
     "proof/test_verify.py::test_every_planted_defect_is_caught": BOTH,
     "test_stacking.py::test_slippery_fingers_fail_and_the_report_says_how": MUJOCO,
     "test_stacking.py::test_the_same_run_twice_gives_the_same_bits": MUJOCO,
-    "test_stacking.py::test_what_is_lifted_and_shaken_does_not_slip": MUJOCO,
+    "test_stacking.py::test_a_lifted_and_shaken_cylinder_does_not_slip": MUJOCO,
 }
 """Of these each commit runs the cases of some engines, and those of no engine."""
 CASES = {
@@ -71,7 +71,7 @@ WHOLE = (
     "commands/test_sweep.py::test_killed_at_random_moments_it_loses_and_repeats_nothing",
     "comparison/test_long.py::test_no_array_of_all_rows_is_ever_in_memory",
     "engines/dart/test_copies.py::test_seven_cylinders_stand_under_the_elliptic_cone",
-    "experiments/test_dask.py::test_an_engine_that_no_worker_has_is_an_error_before_any_run_and_a_scheduler_that_goes_is_one",
+    "experiments/test_dask.py::test_an_engine_without_a_worker_and_a_lost_scheduler_are_errors",
     "proof/test_chaos.py::test_growing_errors_are_chaos_and_a_narrow_range_is_not",
     "proof/test_contact_scenes.py::test_a_tower_of_cylinders_needs_a_sound_detector",
     "test_ci_example.py::test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change",

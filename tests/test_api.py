@@ -36,7 +36,7 @@ def test_every_public_name_is_there_and_documented(name):
     assert name in dir(simspec)
 
 
-def test_what_is_not_there_says_so():
+def test_an_unknown_attribute_is_an_error():
     with pytest.raises(AttributeError, match="no attribute 'simulate'"):
         _ = simspec.simulate  # type: ignore[attr-defined]
 
@@ -50,7 +50,7 @@ def test_importing_simspec_imports_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
-def test_what_a_notebook_shows_is_short():
+def test_notebook_representations_are_short():
     import simspec
     from simspec.proof.certificate import Certificate, EngineProof
     from tests.runner.synthetic import free_body, run, world

@@ -10,7 +10,7 @@ from simspec.outputs.writing import Artifacts
 FILES = {"model.xml": "<größe/>\n", "meshes/part.stl": bytes(range(256)), "empty": ""}
 
 
-def test_what_is_written_is_read_with_the_same_hash(tmp_path):
+def test_written_artifacts_are_read_with_the_same_hash(tmp_path):
     artifacts = Artifacts(FILES)
     artifacts.write(tmp_path / "folder")
     again = Artifacts.read(tmp_path / "folder")
@@ -33,7 +33,7 @@ def test_the_hash_depends_on_names_and_contents_and_not_on_the_order():
     assert len(hashes) == 1 + len(others)
 
 
-def test_what_is_next_to_each_other_is_told_apart():
+def test_neighbouring_names_and_contents_are_distinguished():
     assert Artifacts({"a": "bc"}).sha256 != Artifacts({"ab": "c"}).sha256
 
 

@@ -117,14 +117,14 @@ def simspec():
         server.stdin.close()
 
 
-def test_the_memory_of_a_command_is_its_own(simspec, tmp_path):
+def test_the_measured_memory_is_that_of_the_command(simspec, tmp_path):
     large = b"x" * 200_000_000
     done, used = simspec(tmp_path, "check", "there-is-none.yaml")
     assert done.returncode == 2
     assert 5_000 < used < 160_000 < len(large) / 1024
 
 
-def test_what_takes_too_much_is_measured(simspec, tmp_path):
+def test_excessive_time_and_memory_are_measured(simspec, tmp_path):
     """The limits are those of the one command: its time, its memory."""
     done, used = simspec(tmp_path, "check", "there-is-none.yaml", python="x = b'x' * 600_000_000")
     assert used > MEMORY
@@ -146,7 +146,7 @@ def test_a_bad_spec_is_refused_in_bounded_work(simspec, tmp_path, kind):
 
 @pytest.mark.parametrize("command", [("check",), ("fmt",), ("fmt", "--check"), ("compile",)])
 @pytest.mark.parametrize("target", ["fifo", "/dev/zero", "folder", "large.yaml"])
-def test_what_is_no_spec_is_refused_without_waiting(simspec, tmp_path, command, target):
+def test_files_that_are_not_specs_are_refused_without_waiting(simspec, tmp_path, command, target):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "folder").mkdir()
     with open(tmp_path / "large.yaml", "wb") as file:

@@ -81,7 +81,7 @@ def test_the_job_keeps_what_its_steps_write_and_names_every_action_by_version():
     assert WORKFLOW["permissions"] == {"contents": "read"}
 
 
-def test_the_install_step_asks_for_what_there_is(clone):
+def test_the_install_step_names_existing_extras(clone):
     done = clone.step(INSTALL)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "does not provide the extra" not in done.stderr

@@ -285,7 +285,7 @@ def test_fmt(folder):
     simspec("fmt", "--check", "ugly.yaml")
 
 
-def test_fmt_writes_nothing_when_one_file_is_no_spec(folder):
+def test_fmt_writes_nothing_if_a_file_is_not_a_spec(folder):
     (folder / "ugly.yaml").write_text(FALL.replace("{timestep: 1 ms, ", "{  timestep:   1 ms,"))
     (folder / "broken.yaml").write_text("a: [1\n")
     before = (folder / "ugly.yaml").read_text()
@@ -327,7 +327,7 @@ def test_compile_writes_every_engine_and_is_stable(folder):
     assert files == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
 
 
-def test_compile_one_engine_keeps_the_others_of_the_same_world(folder):
+def test_compiling_a_single_engine_keeps_the_others_of_the_same_world(folder):
     simspec("compile", "fall.yaml")
     simspec("compile", "fall.yaml", "--engine", "mujoco")
     assert (folder / "generated" / "fall" / "dart").is_dir()
@@ -335,7 +335,7 @@ def test_compile_one_engine_keeps_the_others_of_the_same_world(folder):
     assert not (folder / "generated" / "fall" / "dart").exists()
 
 
-def test_check_lists_what_is_missing_stale_or_strange(folder):
+def test_check_lists_missing_stale_and_unexpected_files(folder):
     missing = data("compile", "fall.yaml", "--check", code=1)["stale"]
     assert any(line.startswith("missing: generated/fall/world.json") for line in missing)
     simspec("compile", "fall.yaml")
@@ -359,12 +359,12 @@ def test_compile_without_a_spec_takes_the_folder(folder):
     assert (folder / "generated" / "fall" / "world.json").is_file()
 
 
-def test_nothing_is_written_when_one_spec_is_wrong(folder):
+def test_nothing_is_written_if_a_spec_is_wrong(folder):
     simspec("compile", "fall.yaml", "wrong.yaml", code=2)
     assert not (folder / "generated").exists()
 
 
-def test_two_specs_of_one_name_would_share_a_folder(folder):
+def test_two_specs_of_the_same_name_are_refused(folder):
     (folder / "again.yaml").write_text(FALL.replace("principal: [0.01,", "principal: [0.011,"))
     assert "would write to one folder" in simspec("compile", "fall.yaml", "again.yaml", code=2).stderr
 

@@ -165,7 +165,7 @@ def answered(program, number, architecture, arguments):
                 return constant
 
 
-def test_what_the_kernel_offers():
+def test_this_kernel_supports_confinement():
     assert walls().landlock >= 1
     assert walls() == Walls(walls().landlock, True)
 

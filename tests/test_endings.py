@@ -133,7 +133,7 @@ def test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remov
     assert left(place) == []
 
 
-def test_a_stopped_driver_s_engine_keeps_its_own_deadline(begin, place):
+def test_the_engine_of_a_stopped_driver_keeps_its_deadline(begin, place):
     driver = begin("run", "long.yaml", "--engine", "mujoco", "--no-verify", "--deadline", "1")
     assert until(lambda: len(marked(place)) == 3)
     driver.send_signal(signal.SIGSTOP)
@@ -161,7 +161,7 @@ time.sleep(60)
 
 
 @pytest.mark.parametrize("how", ["deadline", "ends", "crashes"])
-def test_what_an_engine_started_ends_with_it(place, monkeypatch, how):
+def test_processes_that_an_engine_started_end_with_it(place, monkeypatch, how):
     """Children, children in sessions of their own, and orphans: when it is killed, when it ends, and when it crashes."""
     ends = {"deadline": "time.sleep(60)", "ends": "os._exit(0)", "crashes": "os.abort()"}[how]
     (place / "worker.py").write_text(
@@ -208,7 +208,7 @@ def test_side_by_side_ends_what_the_others_wait_for(place, monkeypatch):
         process.call("mujoco", place, [], deadline=0.1)
 
 
-def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatch):
+def test_only_abandoned_folders_of_this_user_are_removed(place, monkeypatch):
     monkeypatch.setattr(files.tempfile, "tempdir", str(place / "tmp"))
     with files.scratch_folder("alive") as alive:
         others = [place / "tmp" / name for name in ("simspec-mine", "simspec-link", "simspec-file", "simspec-odd")]
@@ -323,7 +323,7 @@ sys.exit(run_until_signalled(lambda: in_order(run)))
     ],
 )
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
-def test_a_signal_is_what_a_command_ended_by_whatever_came_of_it(place, how, then, name):
+def test_a_signal_decides_the_exit_code_after_any_other_error(place, how, then, name):
     """What is imported or called may make another exception of an end, or none at all."""
     script = SIGNALLED.format(name=name, how=how, then=then)
     done = subprocess.run(
@@ -338,7 +338,7 @@ def test_a_signal_is_what_a_command_ended_by_whatever_came_of_it(place, how, the
     assert left(place) == []
 
 
-def test_a_full_device_is_one_line(place):
+def test_a_full_device_is_a_single_line(place):
     for words in (("--help",), ("--version",), ("check", "bouncing-ball", "--json"), ("check", "--help")):
         with open("/dev/full", "w") as full:
             done = subprocess.run(
@@ -349,7 +349,7 @@ def test_a_full_device_is_one_line(place):
         assert done.stderr.count("\n") == 1
 
 
-def test_a_bug_is_one_line_and_its_traceback_is_kept(place, monkeypatch, capsys):
+def test_a_bug_is_a_single_line_and_its_traceback_is_kept(place, monkeypatch, capsys):
     from simspec import cli
 
     def broken(arguments):

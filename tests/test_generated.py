@@ -81,7 +81,7 @@ def proof(build: Built, worst: float = 1e-15, seconds: float = 1.0, version: str
     return Certificate(build.world.name, sha256(build.world), "pinocchio 4", engines)
 
 
-def test_engine_versions_that_differ_from_the_installed_ones_are_named(tmp_path, monkeypatch):
+def test_engine_versions_that_differ_from_installed_versions_are_named(tmp_path, monkeypatch):
     folder = tmp_path / "spheres"
     scenario = built(engines=("mujoco", "drake"))
     generated.write(scenario, folder)
@@ -162,7 +162,7 @@ def together(folder, **words) -> bytes:
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("first", "second", "first")])
 @pytest.mark.parametrize("worst", [1e-15, 1.0])
-def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, worst):
+def test_engines_in_turn_give_the_same_file_as_together(tmp_path, order, worst):
     """Also where a proof is not valid: what it says is kept, and it is said."""
     certified = in_turn(tmp_path / "one", *order, worst=worst)
     assert [list(written.stored.kept) for written in certified] == [[], *[[name] for name in order[:-1]]]
@@ -233,7 +233,7 @@ def test_a_proof_that_does_not_hold_any_more_is_not_kept(tmp_path, defect, compi
     assert path.read_text() == proof(build).to_json()
 
 
-def test_what_was_asked_for_decides(tmp_path):
+def test_the_requested_engines_decide_the_verdict(tmp_path):
     """An engine that failed before, and says so, is none of another one's business."""
     in_turn(tmp_path, "first", worst=1.0)
     in_turn(tmp_path, "second")
@@ -400,7 +400,7 @@ def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
 
 @pytest.mark.parametrize("kind", ["fifo", "link", "folder"])
 @pytest.mark.parametrize("name", [CERTIFICATE_FILE, "world.json", "second/sidecar.json"])
-def test_what_is_no_regular_file_is_not_read(tmp_path, kind, name):
+def test_only_regular_files_are_read(tmp_path, kind, name):
     """A sidecar that is a link would have its target's content written into the repository."""
     secret = tmp_path / "secret"
     secret.write_text(json.dumps({"schema": SIDECAR_SCHEMA, "world": sha256(WORLD), "secret": 1}))

@@ -205,7 +205,7 @@ def imported_parts(tree: ast.AST) -> set[str]:
     return found
 
 
-def test_data_goes_one_way():
+def test_data_flows_in_a_single_direction():
     unordered = {part(path) for path in MODULES if name_of(path) not in ENTRANCES} - set(ORDER)
     assert not unordered, "these parts have no place in ORDER"
     backwards = []
@@ -403,7 +403,7 @@ def writes(tree: ast.AST) -> list[tuple[int, str]]:
     return found
 
 
-def test_one_part_writes_files():
+def test_only_the_outputs_package_writes_files():
     others = [path for path in MODULES if not {part(path), name_of(path)} & WRITERS.keys()]
     assert not offences(writes, others)
 
@@ -477,13 +477,13 @@ def words_as_written(tree: ast.AST) -> set[str]:
     }
 
 
-def test_what_prints_and_what_is_named_is_seen():
+def test_the_checks_find_prints_and_names():
     tree = ast.parse("def f():\n    print(1)\n    x.print(2)\n    tempfile.mkdtemp(mkstemp)\n")
     assert prints(tree) == [2]
     assert {"mkdtemp", "mkstemp"} <= words_as_written(tree)
 
 
-def test_what_writes_is_seen():
+def test_the_check_finds_code_that_writes():
     text = """
 import os, shutil
 shutil.rmtree(x); os.replace(a, b); path.write_text("x"); open(p, "w"); p.open("xb"); open(p, mode="a"); x.unlink()

@@ -23,7 +23,7 @@ registry.engines()._loaded["ghost"] = Ghost
 '''
 
 
-def test_what_make_setup_installs_is_demanded_and_what_is_named():
+def test_engines_of_make_setup_and_named_engines_are_required():
     class Rare(engines()["drake"]):
         NAME, EXTRA = "rare", "rare"
 

@@ -88,7 +88,7 @@ def wrong(path: str, text: str) -> list[str]:
     return found
 
 
-def test_every_interpreter_is_started_by_one_of_two_forms():
+def test_every_interpreter_is_started_in_either_isolated_form():
     assert not [line for path in MODULES for line in wrong(name_of(path), path.read_text(encoding="utf-8"))]
 
 

@@ -12,7 +12,7 @@ from tests import nightly
 @pytest.mark.parametrize(
     "listed", [tuple(nightly.ENGINES), tuple(nightly.CASES), nightly.WHOLE], ids=["engines", "cases", "whole"]
 )
-def test_what_is_listed_is_there(listed):
+def test_listed_tests_exist(listed):
     suites = "".join(
         path.read_text(encoding="utf-8") for path in (nightly.ROOT.parent / "simspec/testing").glob("*.py")
     )

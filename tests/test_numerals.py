@@ -40,7 +40,7 @@ NOT_FINITE = ["inf", "-Infinity", "nan", "NaN"]
 
 
 @pytest.mark.parametrize("text", FOREIGN_NUMERALS + NOT_FINITE)
-def test_what_python_reads_besides_is_no_number(text):
+def test_numerals_beyond_ascii_decimals_are_rejected(text):
     float(text)
     for read in (number, numbers, whole, lambda text: numbers(f"0 {text}"), finite_numbers):
         with pytest.raises(ValueError, match=r"number|finite|it has"):
@@ -65,14 +65,14 @@ def test_the_refusal_says_why(text, why):
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_what_a_double_is_written_as_is_read_back(value):
+def test_a_written_double_is_read_back_exactly(value):
     assert number(repr(value)) == value
     assert numbers(f" {value!r}\t{value!r}\n", 2) == (value, value)
     assert finite_numbers(repr(value)) == (value,)
 
 
 @given(st.text(max_size=8))
-def test_what_is_read_is_what_python_reads(text):
+def test_numbers_are_read_as_in_python(text):
     """Nothing is read otherwise: this reader takes less, and the same."""
     try:
         value = number(text)
@@ -299,7 +299,7 @@ def reads_text(tree: ast.AST) -> list[int]:
     return found
 
 
-def test_numbers_of_texts_are_read_in_one_place():
+def test_numbers_in_texts_are_read_by_a_single_module():
     readers = [path for part in READERS for path in sorted((PACKAGE / part).rglob("*.py"))]
     assert not set(offences(reads_text, readers)) - set(ALLOWED), "use simspec.numerals"
 

@@ -74,7 +74,7 @@ def offer(monkeypatch):
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),
     ],
 )
-def test_a_broken_engine_is_told_and_ignored(offer, value, why):
+def test_a_broken_engine_is_reported_and_ignored(offer, value, why):
     offer("odd", value)
     assert list(engines()) == INSTALLED
     assert why in engines().broken()["odd"]
@@ -86,7 +86,7 @@ def test_a_broken_engine_is_told_and_ignored(offer, value, why):
     assert CliRunner().invoke(cli.app, ["check", "bouncing-ball"]).exit_code == 0
 
 
-def test_nobody_takes_the_name_of_simspec_s_own(offer):
+def test_a_plugin_cannot_replace_an_engine_of_simspec(offer):
     offer("mujoco", an_engine(NAME="mujoco"))
     assert find_engine("mujoco").__module__ == "simspec.engines.mujoco.engine"
     assert any("the name is already used" in why for why in engines().broken().values())

@@ -7,7 +7,7 @@ import time
 from simspec.processes import counted, processor_clock
 
 
-def test_alone_it_is_the_systems_own_clock():
+def test_without_engines_it_is_the_clock_of_the_system():
     assert processor_clock() is time.process_time
 
 

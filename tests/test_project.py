@@ -119,7 +119,7 @@ def test_all_problems_come_at_once(folder):
     ]
 
 
-def test_what_is_not_toml_has_its_line(folder):
+def test_invalid_toml_is_reported_with_its_line(folder):
     (problem,) = problems(folder, "package-paths = []\ndefault-engines = [,]\n")
     assert problem.location is not None
     assert problem.location.line == 2
@@ -138,7 +138,7 @@ def test_what_is_not_toml_has_its_line(folder):
     ],
     ids=["large", "long-line", "deep", "binary", "many", "dotted"],
 )
-def test_what_is_out_of_bounds_is_refused(folder, content, words):
+def test_values_out_of_bounds_are_refused(folder, content, words):
     assert words in "\n".join(map(str, problems(folder, content)))
 
 
@@ -162,7 +162,7 @@ def test_a_link_that_leads_nowhere_is_no_missing_file(tmp_path):
         load_project(tmp_path)
 
 
-def test_the_file_of_a_stranger_is_refused(folder, monkeypatch):
+def test_the_file_of_another_user_is_refused(folder, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: 4321)
     true = os.lstat
     below = folder / "a"

@@ -121,7 +121,7 @@ def test_they_are_proven_and_run_in_every_engine(seed, tool):
     assert all(refused.values()), "a refusal has its cause"
 
 
-def test_what_fails_is_told_with_its_place(tool, monkeypatch):
+def test_failures_are_reported_with_their_place(tool, monkeypatch):
     verify = tool.verify
 
     def broken(world, engines, **more):

@@ -154,7 +154,7 @@ def test_commands_of_a_page_see_nothing_of_the_user_s_and_say_why_they_fail(plac
         readme.simspec(["check", "nowhere.yaml"], place)
 
 
-def test_the_reader_is_told_how_to_reach_the_command():
+def test_the_readme_says_how_to_run_the_command():
     """``make setup`` makes an environment, and a shell that does not know of it finds no simspec."""
     steps = re.search(r"```\n(make setup .*?)```", README, re.DOTALL)
     assert steps

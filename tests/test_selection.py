@@ -66,7 +66,7 @@ def answer(capsys, *words, code=0):
     return json.loads(capsys.readouterr().out)
 
 
-def test_what_is_refused_is_listed_with_its_place_and_the_others_go_on(place, capsys):
+def test_refusing_engines_are_listed_with_the_place_and_the_others_continue(place, capsys):
     place(BALL)
     (compiled,) = answer(capsys, "compile", "ball.yaml")["compiled"]
     proven = answer(capsys, "verify", "ball.yaml")
@@ -81,7 +81,7 @@ def test_what_is_refused_is_listed_with_its_place_and_the_others_go_on(place, ca
     assert run["exit_code"] == 0
 
 
-def test_tables_have_one_row_for_each_engine_that_is_left_out(place, capsys):
+def test_tables_have_a_row_for_each_engine_that_is_left_out(place, capsys):
     place(BALL)
     assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
     said = capsys.readouterr().out
@@ -110,7 +110,7 @@ def test_run_compares_at_least_two(place, capsys):
     assert list(answer(capsys, "verify", "ball.yaml")["certificate"]["engines"]) == ["mujoco"]
 
 
-def test_what_is_wrong_whatever_the_engine_is_an_error(place, capsys):
+def test_a_mistake_for_all_engines_is_an_error(place, capsys):
     place(WRONG)
     for words in (("compile",), ("verify",), ("run", "--all-engines")):
         found = answer(capsys, words[0], "ball.yaml", *words[1:], code=2)
@@ -130,7 +130,7 @@ def test_where_no_engine_supports_a_world_all_say_why():
     assert selection.named(["drake"]).for_world(ball).engines == ("drake",)
 
 
-def test_what_can_be_accepted_is_told(place, capsys):
+def test_acceptable_features_are_reported(place, capsys):
     place(BALL.replace("  mujoco: {accept: [material.restitution]}\n", ""))
     assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
     said = capsys.readouterr().out
@@ -144,7 +144,7 @@ def test_what_can_be_accepted_is_told(place, capsys):
     assert set(INSTALLED) - {"drake"} <= found <= set(engines()) - {"drake", "webots"}
 
 
-def test_what_is_not_installed_is_listed_too(place, capsys, monkeypatch):
+def test_engines_that_are_not_installed_are_listed_too(place, capsys, monkeypatch):
     place(BALL)
     monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
     run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify")

@@ -82,7 +82,7 @@ def placement(engine: str):
 
 
 @pytest.mark.parametrize("engine", [pytest.param(name, marks=SLOW.get(name, ())) for name in ENGINES])
-def test_one_pick_and_place(engine):
+def test_a_single_pick_and_place(engine):
     """Within 1 cm, in fact within 2 mm, and nothing else is moved."""
     world = part("trajectory.until=13s")
     found = placement(engine)
@@ -116,7 +116,7 @@ def test_slippery_fingers_fail_and_the_report_says_how(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_is_lifted_and_shaken_does_not_slip(engine):
+def test_a_lifted_and_shaken_cylinder_does_not_slip(engine):
     # 1 s of the 3.5 s for which it is held in the end
     world = simspec.load(SPECS / "gripper-lift.yaml", sets=["physics.duration=9.5 s"]).resolve()
     found = run(world, engine)

@@ -48,7 +48,7 @@ def queries(tmp_path) -> int:
     return len(path.read_text().splitlines()) if path.exists() else 0
 
 
-def test_the_version_of_the_other_interpreter_counts_and_is_asked_once(interpreter, tmp_path):
+def test_the_version_of_the_other_interpreter_counts_and_is_queried_once(interpreter, tmp_path):
     pythons = {NAME: interpreter("1.5")}
     assert version_at_work(NAME, pythons) == "1.5"
     chosen = selection.Selection((NAME,), False, {}, pythons=pythons)
@@ -95,7 +95,7 @@ def test_an_interpreter_that_is_not_there_is_an_error(interpreter, tmp_path):
     assert "cannot be started" in str(kept.runs[NAME].failed)
 
 
-def test_without_bounds_nobody_is_asked(interpreter, tmp_path, monkeypatch):
+def test_without_bounds_no_interpreter_is_started(interpreter, tmp_path, monkeypatch):
     engine = find_engine(NAME)
     python = interpreter("1.5")
     monkeypatch.setattr(engine, "SUPPORT", without_bounds())

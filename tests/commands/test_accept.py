@@ -58,7 +58,7 @@ def call(path, *more) -> int:
     ],
     ids=["none", "another engine's", "flow", "block"],
 )
-def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, engines_block):
+def test_required_accept_entries_are_written_and_other_text_is_unchanged(tmp_path, capsys, engines_block):
     path = tmp_path / "slider.yaml"
     path.write_text(SCENE + engines_block + TAIL)
     assert call(path) == 0
@@ -87,7 +87,7 @@ def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, en
     assert path.read_text() == after
 
 
-def test_machines_are_told_what_was_added(tmp_path, capsys):
+def test_json_output_lists_the_added_entries(tmp_path, capsys):
     path = tmp_path / "slider.yaml"
     path.write_text(SCENE)
     assert call(path, "--json") == 0
@@ -148,7 +148,7 @@ def _dialect(name):
     return engines()[name].DIALECT if name in engines() else name
 
 
-def test_short_reasons_are_one_line_that_fits_a_comment():
+def test_short_reasons_fit_in_a_comment_on_a_single_line():
     assert DECLARED
     for _, _, short in DECLARED:
         assert 20 <= len(short) <= 100, short
@@ -183,7 +183,7 @@ def test_anchors_of_the_page_are_unique():
     assert len(found) == len(set(found)) > 50
 
 
-def test_a_certificate_is_told_in_short_by_what_its_engine_declares():
+def test_a_certificate_names_approximations_by_their_short_reasons():
     how = support(find_engine("mujoco"))[Feature.IMPACT_FRICTION]
     name = Feature.IMPACT_FRICTION.value
     assert matrix.short_reason("mujoco", name, f"approximate: {how.how}") == how.short

@@ -80,7 +80,7 @@ def test_a_model_whose_bodies_pass_through_each_other(robot, capsys):
     assert "an option of the import" in written
 
 
-def test_a_placed_model_keeps_apart_its_own_bodies_alone(robot, tmp_path):
+def test_a_placed_model_excludes_contact_between_its_bodies_only(robot, tmp_path):
     text = f"""simspec: 1
 name: two
 contact: {{materials: {{steel: {{friction: 0.5}}}}}}

@@ -130,7 +130,7 @@ def test_bad_input_is_named_and_nothing_is_written(calls, capsys, tmp_path, word
     assert calls == {"installed": [], "measured": []}
 
 
-def test_what_an_end_does_not_support_is_accepted_by_name(calls, capsys):
+def test_unsupported_features_of_the_end_versions_are_accepted_by_name(calls, capsys):
     words = ["bisect", "box-on-ramp", "--engine", "mujoco", "--figure", "rough_box.z", "--no-verify", *ENDS]
     assert cli.main([*words, "--accept", "shape.box", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)

@@ -44,7 +44,7 @@ def call(*words: object) -> int:
         return int(end.code or 0)
 
 
-def test_verify_and_run_write_what_is_asked_for(folder, capsys):
+def test_verify_and_run_write_the_requested_reports(folder, capsys):
     reports = ("--junit", "out.xml", "--summary", "out.md", "--annotations")
     assert call("verify", "fall.yaml", "-e", "mujoco", *reports) == EXIT_OK
     suite = etree.parse("out.xml").getroot()[0]
@@ -102,7 +102,7 @@ def test_the_step_summary_is_added_to(folder, monkeypatch, capsys):
         ((*RUN, "--baseline", "b.json", "--no-repeats"), "--no-repeats does not measure"),
     ],
 )
-def test_what_cannot_be_is_refused_before_any_work(folder, capsys, words, message):
+def test_impossible_options_are_refused_before_any_work(folder, capsys, words, message):
     assert call(*words) == EXIT_WRONG
     assert message in capsys.readouterr().err
     assert (folder / "fall.yaml").read_text() == FALL

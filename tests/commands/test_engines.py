@@ -141,7 +141,9 @@ def test_a_part_that_cannot_be_made_or_loaded(toys, capsys, text, more, said):
     assert row["install"] == "apt-get install libtoys-dev gcc"
 
 
-def test_a_library_without_compiler_is_half_an_engine_and_an_old_one_another(toys, tmp_path, monkeypatch):
+def test_a_library_without_a_compiler_is_a_partial_installation_and_an_old_library_a_wrong_version(
+    toys, tmp_path, monkeypatch
+):
     engine = toys("int x;\n")
     assert diagnose(engine).state is State.WHOLE
     engine.NEEDS = dataclasses.replace(engine.NEEDS, library="toys >= 2")
@@ -188,7 +190,7 @@ def test_a_ball_that_falls_otherwise_is_seen(monkeypatch, capsys):
     assert "a speed that is 0.001 (relative) off g t" in row["problems"][0]
 
 
-def test_an_interpreter_without_the_engine_is_told(tmp_path, monkeypatch, capsys):
+def test_an_interpreter_without_the_engine_is_reported(tmp_path, monkeypatch, capsys):
     python = program(tmp_path / "python", "#!/bin/sh\nexit 3\n")
     (tmp_path / "simspec.toml").write_text(f'[engines."mujoco@3"]\npython = "{python}"\n')
     monkeypatch.chdir(tmp_path)
@@ -200,7 +202,7 @@ def test_an_interpreter_without_the_engine_is_told(tmp_path, monkeypatch, capsys
     assert "gave no version, exit code 3" in row["problems"][0]
 
 
-def test_a_word_that_is_no_engine_is_told(capsys):
+def test_an_unknown_engine_name_is_reported(capsys):
     assert cli.main(["engines", "doctor", "no-such-engine"]) == 3
     assert "no such engine" in capsys.readouterr().err
 
@@ -223,7 +225,7 @@ PIP = "python -I -m pip install simspec-physics[toy]"
 APT = ["apt-get update --quiet", "apt-get install --yes --no-install-recommends libtoys-dev gcc"]
 
 
-def test_the_words_are_printed_and_run_only_where_that_is_asked(packages, commands, capsys):
+def test_install_commands_are_printed_and_run_only_on_request(packages, commands, capsys):
     [command] = answer(capsys, "install", "toy")["toy"]["commands"]
     assert command == {
         "words": f"{sys.executable} -I -m pip install 'simspec-physics[toy]'",
@@ -260,13 +262,13 @@ def test_debians_packages_are_roots_matter(toys, commands, capsys, monkeypatch):
     assert commands() == APT
 
 
-def test_what_is_installed_is_left_alone(packages, commands, capsys):
+def test_installed_engines_are_not_installed_again(packages, commands, capsys):
     packages(toy_core="1.2", toy_oracle="3.1")
     assert answer(capsys, "install", "toy", "--yes")["toy"]["state"] == "installed"
     assert commands() == []
 
 
-def test_what_this_python_cannot_have_is_exit_3(commands, capsys, monkeypatch):
+def test_an_engine_without_a_release_for_this_python_ends_with_exit_code_3(commands, capsys, monkeypatch):
     monkeypatch.setattr(Drake, "version", classmethod(lambda cls: None))
     monkeypatch.setattr(environments, "why_not", lambda engine, environment: "cannot be installed on Python 3.99")
     row = answer(capsys, "install", "drake", "--yes", code=3)["drake"]
@@ -280,7 +282,7 @@ def test_names_or_all(words, capsys):
     assert "one or more engines, or --all" in capsys.readouterr().err
 
 
-def test_make_asks_for_every_engine_and_ci_for_those_that_are_not_too_large():
+def test_make_installs_every_engine_and_ci_those_below_the_size_limit():
     root = Path(__file__).parents[2]
     make = (root / "Makefile").read_text()
     assert "ENGINES ?= --all\n" in make

@@ -79,7 +79,7 @@ def test_the_project_file_comes_before_what_simspec_made(made, capsys, tmp_path)
     assert interpreters(None) == {"mujoco@3.17": "/mine/python"}
 
 
-def test_what_broke_off_is_not_used_and_is_made_anew(made, capsys, tmp_path):
+def test_an_incomplete_environment_is_not_used_and_is_made_again(made, capsys, tmp_path):
     (tmp_path / "code").write_text("7")
     row = answer(capsys, "install", "mujoco@3.17", "--yes", code=3)["mujoco@3.17"]
     assert row["problem"].endswith("ended with code 7")
@@ -90,7 +90,7 @@ def test_what_broke_off_is_not_used_and_is_made_anew(made, capsys, tmp_path):
     assert not (made / "mujoco@3.17" / "left").exists()
 
 
-def test_another_version_than_the_label_says_is_told(made, capsys, tmp_path):
+def test_a_version_that_differs_from_the_label_is_reported(made, capsys, tmp_path):
     (tmp_path / "version").write_text("3.1.7")
     row = answer(capsys, "install", "mujoco@3.17", "--yes", code=3)["mujoco@3.17"]
     assert (row["state"], row["version"]) == ("not installed", "3.1.7")
@@ -111,7 +111,7 @@ def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
     assert pip_calls(made) == []
 
 
-def test_an_engine_that_goes_with_no_other_gets_one_too_and_its_name_finds_it(made, capsys):
+def test_an_engine_in_conflict_with_others_gets_a_separate_environment_that_its_name_finds(made, capsys):
     row = answer(capsys, "install", "mjx", "--yes")["mjx"]
     assert (row["state"], row["version"], row["problem"]) == ("installed", "3.17.4", None)
     assert "'mujoco-mjx==3.17.*' numpy 'pin" in row["commands"][1]["words"]
@@ -140,13 +140,13 @@ def test_an_environment_of_another_user_is_not_started(made, capsys, monkeypatch
         ("drake@1.40", "drake==1.40.*"),
     ],
 )
-def test_what_pip_is_asked_for(label, wanted):
+def test_pip_receives_the_version_of_the_label(label, wanted):
     engine = parse(label)
     assert requirement(find_engine(engine.name), engine.version) == wanted
 
 
 @pytest.mark.parametrize(("label", "why"), [("ode@0.16", "comes with the machine"), ("mujoco@3-x", "is not a version")])
-def test_what_can_have_no_environment(label, why, capsys, made):
+def test_labels_without_an_installable_version_get_no_environment(label, why, capsys, made):
     with pytest.raises(EngineError, match=why):
         making(parse(label))
     assert why in answer(capsys, "install", label, "--yes", code=3)[label]["problem"]

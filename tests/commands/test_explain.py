@@ -72,7 +72,7 @@ def test_the_second_side_may_be_given_by_its_values(tmp_path, monkeypatch, capsy
         (("fall", "slow", "--with", "name=x"), "runs have their own"),
     ],
 )
-def test_what_cannot_be_explained_is_a_located_error(runs, monkeypatch, capsys, words, message):
+def test_an_impossible_explanation_is_a_located_error(runs, monkeypatch, capsys, words, message):
     monkeypatch.chdir(runs)
     code, out, err = explain(capsys, *words)
     assert (code, out) == (EXIT_WRONG, "")
@@ -152,7 +152,7 @@ def test_a_proof_that_fails_comes_first(capsys):
     assert lines[1].startswith("Gravity")
 
 
-def test_a_proof_is_made_where_it_is_asked_for(tmp_path, monkeypatch, capsys):
+def test_a_proof_is_made_on_request(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
     words = ("fall.yaml", "--engine", "mujoco", "--with", "bodies.box.velocity.linear=[2,0,0]")
@@ -163,7 +163,7 @@ def test_a_proof_is_made_where_it_is_asked_for(tmp_path, monkeypatch, capsys):
     assert "(proven here)" in out
 
 
-def test_the_initial_state_is_the_run_s_own(runs):
+def test_the_initial_state_is_that_of_the_run(runs):
     moved = run(world(FALL), "mujoco", perturb=1e-3)
     assert side_of_run(moved).start is not None
     assert side_of_run(run(world(FALL), "mujoco")).start is None

@@ -85,7 +85,7 @@ def test_it_is_refused_with_its_place_and_nothing_is_written(command, name, proj
 @pytest.mark.parametrize(
     ("said", "message"), [("repair: [unheard-of]", "no rule of repair"), ("arguments: {a: b}", "no argument is called")]
 )
-def test_what_a_scenario_says_wrongly_of_a_file_has_its_place(said, message, project, capsys):
+def test_wrong_import_options_in_a_scenario_are_located(said, message, project, capsys):
     link = f'<link name="a">{MASS}</link>'
     (project / "good.xacro").write_text(XACRO.format(link))
     text = f"simspec: 1\nname: cell\nmodels:\n  r:\n    use: good.xacro\n    import: {{{said}}}\n"

@@ -51,7 +51,7 @@ def test_the_written_spec_is_the_same_world(folder):
     simspec("fmt", "--check", "good.yaml")
 
 
-def test_it_is_written_again_only_while_nobody_has_changed_it(folder):
+def test_an_edited_spec_is_not_overwritten(folder):
     simspec("import", "bad.urdf", "--repair", "triangle-inequality", "-o", "robot.yaml")
     simspec("import", "good.urdf", "-o", "robot.yaml")
     text = (folder / "robot.yaml").read_text()
@@ -137,7 +137,7 @@ def test_overrides_reach_into_a_robot_file(folder):
     assert world.bodies[1].inertial.mass == 5.0
 
 
-def test_what_is_too_much_for_one_spec_is_told_at_the_robot_file_before_it_is_resolved(folder, monkeypatch):
+def test_an_import_beyond_the_limits_of_a_spec_is_an_error_at_the_robot_file_before_resolution(folder, monkeypatch):
     monkeypatch.setattr(writing, "MOST_EVENTS", 30)
     monkeypatch.setattr(Spec, "resolve", lambda self: pytest.fail("resolved"))
     done = simspec("import", "good.urdf", "-o", "good.yaml", code=2)

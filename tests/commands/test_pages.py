@@ -149,13 +149,13 @@ def test_a_page_is_filled_and_stays_current_until_a_model_changes(folder):
         ("  steps:", "  stairs:", "the study has no such sweep any more"),
     ],
 )
-def test_a_study_that_asks_for_something_else(folder, before, after, why):
+def test_check_fails_after_a_change_of_the_study(folder, before, after, why):
     run("pages", "docs/results.md")
     (folder / "study.yaml").write_text(STUDY.replace(before, after, 1))
     assert why in run("pages", "docs/results.md", "--check", code=1).stderr
 
 
-def test_settings_and_versions_are_told(folder):
+def test_settings_and_versions_are_listed(folder):
     run("pages", "docs/results.md")
     (folder / "fall.yaml").write_text(SPEC + "engines: {mujoco: {settings: {iterations: 7}}}\n")
     assert "(settings: 2)" in run("pages", "docs/results.md", "--check", code=1).stderr
@@ -206,7 +206,7 @@ def tables(text: str = "1 <b>|") -> StudyTables:
     return StudyTables.model_validate_json(json.dumps(plain))
 
 
-def test_what_stands_in_a_table_is_no_markup():
+def test_text_in_tables_is_escaped():
     text = '<!-- study s: "a b" speed --><!-- end of study -->'
     made = filled(text, "p", lambda name: tables("<!-- end of study -->"), [])
     assert filled(made, "p", lambda name: tables("<!-- end of study -->"), []) == made

@@ -37,7 +37,7 @@ def run(*words):
     return CliRunner().invoke(cli.app, ["compile", *words])
 
 
-def test_files_and_losses_go_to_the_formats_own_place(here):
+def test_files_and_losses_are_written_to_the_folder_of_the_format(here):
     done = run("swing.yaml", "--format", "urdf")
     assert done.exit_code == 0, done.output
     folder = Path("plain/swing/urdf")
@@ -108,7 +108,7 @@ def test_files_of_others_stay_and_are_in_nobodys_way(here):
     assert "of kind 'compiled', not 'plain'" in run("swing.yaml", "--format", "urdf", "--out", "other").output
 
 
-def test_several_specs_get_folders_of_their_own(here):
+def test_each_of_several_specs_gets_a_folder(here):
     (here / "second.yaml").write_text(SPEC.replace("name: swing", "name: second"))
     assert run("swing.yaml", "second.yaml", "--format", "urdf", "--out", "both").exit_code == 0
     assert Path("both/swing/bob.urdf").is_file()

@@ -53,7 +53,7 @@ def test_each_refusal_has_its_engine_its_feature_and_the_option_that_accepts_it(
     assert all(isinstance(refusal, Refusal) for refusal in refused(rig))
 
 
-def test_one_line_for_a_feature_with_all_engines(rig):
+def test_a_feature_refused_by_all_engines_is_printed_on_a_single_line(rig):
     lines = brief(refused(rig))
     features = {refusal.feature for refusal in refused(rig)}
     assert len(lines) == len(features) < len(refused(rig))
@@ -106,7 +106,7 @@ def test_other_commands_end_with_the_same_lines(rig, capsys, command):
     assert lack.startswith("Not supported by rapier, physx")
 
 
-def test_what_none_of_the_engines_supports_is_named(rig):
+def test_a_feature_that_no_engine_supports_is_named(rig):
     found = ways_out(refused(rig, "rapier", "physx"), "rig.yaml", ("rapier", "physx"))
     assert "joint.hinge" in found.by_none
     assert found.command == found.words == ""
@@ -122,7 +122,7 @@ def test_all_that_is_missing_can_be_accepted(rig):
     assert found.lines()[1] == "Every feature is supported by each of these engines once it is accepted"
 
 
-def test_a_format_that_refuses_whatever_is_accepted_is_no_way_out(rig, monkeypatch):
+def test_a_format_that_refuses_despite_acceptance_is_not_suggested(rig, monkeypatch):
     world = load(rig).resolve()
     monkeypatch.setattr("simspec.selection.acceptable", lambda world, name, pythons: name != "mujoco")
     found = ways_out(refused(rig, "mujoco", "pybullet"), "rig.yaml", ("mujoco", "pybullet"), world)

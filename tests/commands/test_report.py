@@ -46,7 +46,7 @@ def test_the_page_is_in_the_folder_and_known_as_simspecs(folder, capsys, below):
     assert capsys.readouterr().out == f"written: {place / PAGE_FILE}\n"
 
 
-def test_several_studies_in_one_page(folder, tmp_path, capsys):
+def test_several_studies_share_a_page(folder, tmp_path, capsys):
     other = samples.stored(samples.a_study(samples.a_world(title="other")), tmp_path / "other")
     assert call("report", folder, other) == EXIT_WRONG
     assert "use -o FILE" in capsys.readouterr().err
@@ -106,7 +106,7 @@ def test_damage_is_named_and_nothing_is_written(folder, capsys, kind):
     assert not (folder / PAGE_FILE).exists()
 
 
-def test_what_is_no_study_is_refused(tmp_path, capsys):
+def test_a_folder_without_a_study_is_refused(tmp_path, capsys):
     for place, said in ((tmp_path / "nowhere", "no such folder"), (tmp_path, "neither a saved run nor a study")):
         assert call("report", place) == EXIT_WRONG
         assert said in capsys.readouterr().err

@@ -107,7 +107,7 @@ def test_the_project_file_says_where_packages_are(folder, capsys, name, monkeypa
     assert code
 
 
-def test_every_command_with_specs_of_its_own_has_them():
+def test_every_command_that_reads_specs_has_the_import_options():
     """One that reads specs and has no options for robot files is listed here."""
     without = {"study", "pages"}
     for name, kind in COMMANDS_BY_NAME.items():
@@ -116,7 +116,7 @@ def test_every_command_with_specs_of_its_own_has_them():
 
 
 @pytest.mark.parametrize("option", [("--repair", "massless"), ("--arg", "a=1"), ("--no-self-collision",)])
-def test_what_is_said_of_no_robot_file_is_an_error(tmp_path, capsys, monkeypatch, option):
+def test_import_options_without_a_robot_file_are_an_error(tmp_path, capsys, monkeypatch, option):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["check", "bouncing-ball", *option]) == 2
     assert f"{option[0]} is without effect on bouncing-ball" in capsys.readouterr().err
@@ -129,7 +129,7 @@ def test_words_of_another_form_are_errors(words):
         RobotFiles(**words).options()
 
 
-def test_what_is_said_of_all_files_and_of_one(tmp_path):
+def test_options_of_a_file_are_joined_with_options_of_all_files(tmp_path):
     options = ImportOptions({"a": "own"}, ("first",), {"x": "1", "y": "2"}, ("massless",), base=tmp_path)
     more = ImportOptions({"a": "all", "b": "all"}, ("second",), {"x": "3"}, ("massless", "other"), self_collision=False)
     both = options.together(more)

@@ -44,7 +44,7 @@ def of(distance: float, noise: float, tolerance: float, engines: int = 2) -> Stu
     ids=["out", "out, not demanded", "within", "inconclusive", "inconclusive, not demanded"],
 )
 @pytest.mark.parametrize("as_json", [False, True])
-def test_fail_on_diff_acts_on_what_was_told(
+def test_fail_on_diff_acts_on_the_reported_difference(
     monkeypatch, tmp_path, capsys, distance, noise, demanded, code, said, as_json
 ):
     monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(distance, noise, tolerance))
@@ -66,7 +66,7 @@ def test_the_option_reaches_the_comparison(monkeypatch, tmp_path, capsys, option
     assert cli.main(words) == code
 
 
-def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
+def test_fail_on_diff_with_a_single_engine_is_refused(tmp_path):
     with pytest.raises(SpecError, match="requires two engines"):
         run_command.run_world(
             RunOptions(spec="", no_verify=True, fail_on_diff=1e-3), BALL, named(["first"]), tmp_path / "run"

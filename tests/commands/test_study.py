@@ -163,7 +163,7 @@ def test_its_page_has_its_tables(folder):
     tables.write_text(whole)
 
 
-def test_the_small_study_has_its_own_folder_and_may_share_the_store(folder):
+def test_the_small_study_has_a_separate_folder_and_may_share_the_store(folder):
     content = json.loads(
         study("study.yaml", "--small", "--no-verify", "--store", "runs/bounces/sweep", "--json").stdout
     )
@@ -185,7 +185,7 @@ def test_the_plan_of_the_real_study(folder):
     assert not (folder / "runs" / "koerber-2021-small").exists()
 
 
-def test_what_is_no_study_is_refused(folder):
+def test_a_file_without_a_study_is_refused(folder):
     assert "simspec_study" in study("bounce.yaml", code=2).stderr
     assert "No such file" in study("none.yaml", code=2).stderr
 

@@ -50,7 +50,7 @@ def explained(*words, code=0):
     return json.loads(result.stdout)
 
 
-def test_what_is_given_differently_is_named_with_its_share_and_who_is_absent(folder):
+def test_settings_that_differ_are_named_with_their_share_and_the_absent_engines(folder):
     data = explained()
     assert data["said"][0].startswith("without mujoco@9.9: is version ")
     gaps, causes = data["sweeps"]["ball"]
@@ -66,7 +66,7 @@ def test_what_is_given_differently_is_named_with_its_share_and_who_is_absent(fol
     assert "without mujoco@9.9" in (folder / "runs" / "engines" / "study.md").read_text()
 
 
-def test_what_cannot_be_asked_is_told(folder, monkeypatch):
+def test_missing_runs_and_versions_are_reported(folder, monkeypatch):
     """A run of the first engine that failed leaves nothing to begin windows with."""
     monkeypatch.setattr(find_engine("mujoco"), "version", classmethod(lambda cls: None))
     data = explained()

@@ -103,7 +103,7 @@ def test_a_run_that_was_not_timed_is_no_answer_to_what_it_costs(place):
         (("--jobs", "0"), "--jobs"),
     ],
 )
-def test_what_is_refused_before_anything_is_done(place, words, message):
+def test_wrong_options_are_refused_before_any_work(place, words, message):
     (place / "mine").mkdir()
     (place / "mine" / "notes.txt").write_text("mine")
     assert message in call(*words, code=2)
@@ -117,7 +117,7 @@ def test_an_engine_that_is_not_known_or_not_there(place):
     assert not (place / "runs").exists()
 
 
-def test_a_store_of_a_newer_simspec_and_two_sweeps_on_one_store(place):
+def test_a_store_of_a_newer_simspec_and_a_store_in_use_are_refused(place):
     store = Store.open(place / "shared", create=True)
     with store.writing():
         assert "another process is writing here" in call("--store", "shared", code=2)
@@ -126,7 +126,7 @@ def test_a_store_of_a_newer_simspec_and_two_sweeps_on_one_store(place):
     assert "a newer simspec wrote it" in call("--store", "shared", "--dry-run", code=2)
 
 
-def test_told_to_end_it_ends_in_order_and_goes_on_where_it_was(place):
+def test_a_signal_ends_a_sweep_in_order_and_the_next_call_continues(place):
     number = signal.SIGINT
     line = [
         sys.executable,
@@ -161,7 +161,7 @@ def test_killed_at_random_moments_it_loses_and_repeats_nothing(tmp_path):
     assert kill_sweeps.kill_often(sweeps, 3, random.Random(7)) == []
 
 
-def test_what_differs_is_seen(tmp_path):
+def test_runs_that_differ_are_reported(tmp_path):
     for name, content in (("a", '{"key": "k", "result": 1}'), ("b", '{"key": "k", "result": 2}')):
         (tmp_path / name / "runs").mkdir(parents=True)
         facts = {**json.loads(content), "asked": {}, "result_sha256": "", "circumstances": name}

@@ -105,7 +105,7 @@ def test_nor_by_its_version_as_a_default_engine(project, capsys, words):
     demands_trust(project, capsys, *words)
 
 
-def test_bisect_asks_for_trust_before_it_writes(project, capsys, monkeypatch):
+def test_bisect_requires_trust_before_it_writes(project, capsys, monkeypatch):
     """Also for a version in the middle."""
     monkeypatch.setattr(bisect, "_between", lambda kind, every, first, last, given: [first, VERSION, last])
     words = ("bisect", "fall.yaml", "--engine", ENGINE, "--figure", "ball.z", "--versions", VERSION)
@@ -129,7 +129,7 @@ LISTING = [
 
 @pytest.mark.parametrize("trusted", [False, True])
 @pytest.mark.parametrize("words", LISTING, ids=" ".join)
-def test_what_lists_plans_or_shows_starts_nothing(project, capsys, words, trusted):
+def test_commands_that_only_list_plan_or_show_start_no_interpreter(project, capsys, words, trusted):
     if trusted:
         assert cli.main(["trust"]) == 0
     before = content(project)
@@ -221,7 +221,7 @@ def test_the_bytes_that_are_parsed_are_those_that_are_trusted(project, monkeypat
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_trusted_is_listed(project, capsys):
+def test_trusted_files_are_listed(project, capsys):
     other = project / "other" / "simspec.toml"
     other.parent.mkdir()
     other.write_text('allowed-folders = ["."]\n')

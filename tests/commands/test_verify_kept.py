@@ -45,7 +45,7 @@ def verify(folder, capsys):
     return call
 
 
-def test_one_after_the_other_is_the_same_file_as_together(folder, verify):
+def test_engines_verified_in_turn_give_the_same_file_as_together(folder, verify):
     path = folder / "generated/fall/certificate.json"
     answer = verify("--engine", FIRST, "--json")
     assert answer["stored"] == {"kept": {}, "dropped": {}, "unread": None}
@@ -62,7 +62,7 @@ def test_one_after_the_other_is_the_same_file_as_together(folder, verify):
     assert cli.main(["compile", "fall.yaml", "--check", "--engine", FIRST, "--engine", SECOND]) == EXIT_OK
 
 
-def test_the_verdict_is_of_what_was_asked_for(folder, verify, monkeypatch):
+def test_the_verdict_is_of_the_requested_engines(folder, verify, monkeypatch):
     """A kept proof that is not valid says so, and neither decides the exit code nor counts as one of now."""
     said = verify("--engine", "webots", code=EXIT_ENGINE)
     assert "kept" not in said
@@ -93,7 +93,7 @@ def test_a_certificate_that_is_none_is_replaced_and_that_is_said(folder, verify)
 
 
 @pytest.mark.parametrize("words", [("verify", "--engine", FIRST), ("run", "--engine", FIRST)])
-def test_a_file_of_somebody_else_is_an_error_before_any_work(folder, capsys, monkeypatch, words):
+def test_a_foreign_file_is_an_error_before_any_work(folder, capsys, monkeypatch, words):
     place = folder / ("generated" if words[0] == "verify" else "runs") / "fall"
     place.mkdir(parents=True)
     kind = "compiled" if words[0] == "verify" else "study"

@@ -66,7 +66,7 @@ def test_the_change_is_found_between_neighbours_that_were_measured(history):
     assert done.notes == ()
 
 
-def test_no_change_is_told_after_the_ends():
+def test_no_change_is_reported_after_the_ends_are_measured():
     measure = Measured({"1": 1.0, "2": 9.0, "3": 1.0 + 2.9e-6})
     done = search(FIGURE, ["1", "2", "3"], measure)
     assert not done.found

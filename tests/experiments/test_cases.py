@@ -111,7 +111,7 @@ def test_the_spec_itself_stays_as_it_is():
     assert made.spec.to_yaml() == before
 
 
-def test_times_are_rounded_up_where_the_sweep_asks_for_it_and_only_there():
+def test_times_are_rounded_up_only_where_the_sweep_requests_it():
     over = {"over": {"physics.timestep": ["1 ms", "3 ms"]}}
     exact, rounding = plan(over, ["dart"]), plan({**over, "times": "round_up"}, ["dart"])
     whole, unexpected = rounding

@@ -93,7 +93,7 @@ def test_a_worker_killed_in_the_middle_costs_its_runs_only_and_the_bits_are_thos
 
 
 @pytest.mark.slow
-def test_an_engine_that_no_worker_has_is_an_error_before_any_run_and_a_scheduler_that_goes_is_one(tmp_path):
+def test_an_engine_without_a_worker_and_a_lost_scheduler_are_errors(tmp_path):
     both = plan_of((ENGINE, OTHER))
     with cluster(tmp_path) as dask:
         worker = dask.worker(f"{ENGINE}=1 ODD@1.2=3")
@@ -124,7 +124,7 @@ def address_of(worker, dask):
 
 
 @pytest.mark.parametrize("answer", [None, b"\xff" * 4096, b"\0" * 4096, b"HTTP/1.1 400 Bad Request\r\n\r\n"])
-def test_somebody_else_at_the_address_is_an_error_in_bounded_time(monkeypatch, answer):
+def test_another_server_at_the_address_is_an_error_in_bounded_time(monkeypatch, answer):
     monkeypatch.setattr(module, "PATIENCE", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -146,7 +146,7 @@ def test_somebody_else_at_the_address_is_an_error_in_bounded_time(monkeypatch, a
 @pytest.mark.parametrize(
     "address", ["", "host", "host:8786", "http://host:1", "inproc://x", "tcp://h:99999", "tcp://a@b:1"]
 )
-def test_what_is_no_address_is_refused(address):
+def test_a_wrong_address_is_refused(address):
     with pytest.raises(SpecError, match="is not an address of a Dask scheduler"):
         DaskExecutor(None, address, {})
 
@@ -206,7 +206,7 @@ def on_scheduler(monkeypatch, scheduler, folder, plan=None):
     return do(folder, plan, lambda supplies: DaskExecutor(supplies, "tcp://host:1", plan.versions))
 
 
-def test_what_dask_gives_up_is_sent_again_and_at_last_named_when_all_else_is_stored(monkeypatch, tmp_path):
+def test_lost_tasks_are_sent_again_and_named_after_all_other_runs_are_stored(monkeypatch, tmp_path):
     died = []
 
     def fail(tasks):
@@ -239,7 +239,7 @@ def test_short_runs_go_in_batches_when_workers_have_enough_to_do(monkeypatch, tm
     assert max(scheduler.sizes) == 4
 
 
-def test_what_went_wrong_on_a_worker_ends_the_sweep_and_is_no_result(monkeypatch, tmp_path):
+def test_an_error_on_a_worker_ends_the_sweep_and_is_not_stored(monkeypatch, tmp_path):
     def full(tasks):
         raise OSError(28, "No space left on device")
 

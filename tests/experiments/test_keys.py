@@ -36,7 +36,7 @@ NO_RUN_DEPENDS_ON: dict[str, st.SearchStrategy] = {
 
 @settings(max_examples=60, deadline=None)
 @given(st.fixed_dictionaries({}, optional=NO_RUN_DEPENDS_ON))
-def test_what_no_run_depends_on_leaves_keys(parts):
+def test_changes_without_effect_on_runs_leave_keys_unchanged(parts):
     changed = data()
     for name, value in parts.items():
         if name in ("dart", "pybullet"):
@@ -228,6 +228,6 @@ def test_a_model_file_that_changes_meanwhile_is_that_of_the_plan(folder):
     assert [case.world.bodies[0].inertial.mass for case in cases] == [1.0, 1.0]
 
 
-def test_all_cells_of_a_whole_sweep_have_keys_of_their_own():
+def test_all_cells_of_a_sweep_have_different_keys():
     swept = keys(copy.deepcopy(data(sweep=SWEEP)), ("mujoco", "dart"))
     assert len(set(swept)) == len(swept)

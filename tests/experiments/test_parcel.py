@@ -88,7 +88,7 @@ def test_damage_is_refused_or_harmless_but_never_another_error():
     ],
     ids=lambda content: f"{type(content).__name__}-{len(content) if content is not None else 0}",
 )
-def test_what_is_no_parcel_is_refused(content):
+def test_a_damaged_parcel_is_refused(content):
     with pytest.raises(ParcelError, match="not a parcel"):
         Parcel.unpack(content)
 
@@ -193,7 +193,7 @@ def test_a_result_comes_back_with_its_tables(sent):
         lambda facts: facts["rows"].update(missing=3),
     ],
 )
-def test_what_is_no_result_is_refused(sent, change):
+def test_a_damaged_result_is_refused(sent, change):
     facts, contents = sent
     spoilt = json.loads(json.dumps(facts))
     change(spoilt)
@@ -210,7 +210,7 @@ def test_a_table_is_never_written_elsewhere(sent, name):
         result_from(spoilt, {**contents, f"0.{name}": b""}, "0.")
 
 
-def test_what_is_not_even_a_mapping_is_refused(sent):
+def test_content_that_is_not_a_mapping_is_refused(sent):
     for data in (None, 7, "words", [1], []):
         with pytest.raises(ParcelError, match="not the result of a run"):
             result_from(data, sent[1], "0.")

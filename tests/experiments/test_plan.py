@@ -78,7 +78,7 @@ def test_too_many_runs_once_the_engines_are_known():
     assert "20,000,000" in str(error.value)
 
 
-def test_a_plan_of_many_runs_is_made_while_one_goes_through_it():
+def test_a_plan_of_many_runs_is_made_lazily():
     many = {"perturb": {"amount": 1e-9, "seeds": 1_000_000}, "samples": {**SWEEP["samples"], "count": 9}}
     made = plan(many, ["dart"])
     assert len(made) == 9_000_009
@@ -104,7 +104,7 @@ def test_samples_follow_from_the_seed_and_their_path_alone():
     assert all(text.endswith(" kg") and 1.0 <= float(text[:-3]) <= 2.0 for text in masses(50, drawn))
 
 
-def test_what_a_distribution_draws():
+def test_values_of_distributions_are_drawn():
     """Means and spreads of 2000 samples, within four standard errors of what they should be."""
     values = {
         "bodies.rod.mass": {"uniform": [1, 3]},
@@ -136,7 +136,7 @@ def test_what_a_distribution_draws():
         ),
     ],
 )
-def test_settings_by_timestep_are_checked_at_whatever_timestep_they_hold(entries, index, name):
+def test_settings_by_timestep_are_checked_at_each_of_their_timesteps(entries, index, name):
     with pytest.raises(SpecError) as error:
         plan_sweep(spec(engines={"mujoco": {"at_timestep": entries}}), engines=["dart"], versions=VERSIONS)
     assert [problem.path for problem in error.value.problems] == [f"engines.mujoco.at_timestep.{index}.settings.{name}"]

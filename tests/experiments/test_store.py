@@ -51,7 +51,7 @@ def test_a_run_comes_back_to_the_bit(store):
     assert after.real_time_factor == before.real_time_factor == 4.0
 
 
-def test_worlds_are_stored_once_whatever_they_are_called_and_engines_are_told(store):
+def test_equal_worlds_of_different_names_are_stored_once_and_runs_name_their_engines(store):
     other = dataclasses.replace(WORLD, name="other", expectations=(), engines=(EngineOptions("first", (("x", 1),)),))
     with store.writing():
         store.publish(result_of(made(of=other), KEYS[3]), other)
@@ -60,7 +60,7 @@ def test_worlds_are_stored_once_whatever_they_are_called_and_engines_are_told(st
     assert store.load(KEYS[0]).world == WORLD
 
 
-def test_two_runs_of_one_case_differ_in_circumstances_alone(store, tmp_path):
+def test_repeated_runs_of_a_case_differ_only_in_circumstances(store, tmp_path):
     again = Store.open(tmp_path / "again", create=True)
     given = {**made().provenance, "seconds": {"step": 9.0}, "started": "later"}
     slower = dataclasses.replace(made(), provenance=given, seconds=2.0 * made().seconds)
@@ -73,13 +73,13 @@ def test_two_runs_of_one_case_differ_in_circumstances_alone(store, tmp_path):
     assert first.sha256 != second.sha256
 
 
-def test_what_is_there_is_not_written_again(store):
+def test_a_stored_run_is_not_written_again(store):
     with store.writing():
         assert not store.publish(result_of(made("another"), KEYS[0]), WORLD)
     assert store.load(KEYS[0]).engine == "first"
 
 
-def test_a_failed_run_keeps_the_reason_and_the_engine_s_own_words_apart(store):
+def test_a_failed_run_stores_the_reason_and_the_engine_output_separately(store):
     text = "the process was ended by signal 11; its last output: at /tmp/abc"
     failed = Run(WORLD, "first", {}, {"engine_version": "1"}, text)
     with store.writing():
@@ -212,7 +212,7 @@ def test_the_index_follows_from_the_runs(store):
     assert anew.cells == rows.cells
 
 
-def test_what_is_known_and_not_touched_is_not_read_again(store, monkeypatch):
+def test_known_unchanged_runs_are_not_read_again(store, monkeypatch):
     monkeypatch.setattr(Store, "check", lambda self, key: pytest.fail("read again"))
     assert set(refresh(store, repair=False).rows) == set(KEYS[:3])
 

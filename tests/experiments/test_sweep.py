@@ -97,7 +97,7 @@ def test_every_cell_is_run_once_and_not_again(store, jobs):
     assert [row.key for _, row in second.rows()] == [row.key for _, row in first.rows()]
 
 
-def test_while_runs_go_on_the_runs_are_told(store):
+def test_progress_is_reported_during_runs(store):
     given, during = [], []
 
     def look(case, task):
@@ -108,13 +108,13 @@ def test_while_runs_go_on_the_runs_are_told(store):
     assert "verifying mujoco" in given
 
 
-def test_runs_take_turns_when_one_is_done_at_a_time(store):
+def test_runs_of_engines_alternate_with_a_single_worker(store):
     engines = Engines()
     do(store, engines)
     assert [name for name, _, _ in engines.calls] == list(ENGINES) * 3
 
 
-def test_a_longer_sweep_adds_and_equal_worlds_asked_for_in_two_ways_are_run_once(store):
+def test_a_longer_sweep_adds_runs_and_equal_worlds_are_run_once(store):
     engines = Engines()
     do(store, engines)
     longer = do(
@@ -139,7 +139,7 @@ def test_without_the_derived_files_nothing_is_repeated_either(store):
     assert do(store, engines).ran == 0
 
 
-def test_a_failed_run_is_a_result_and_repeated_only_when_asked(store):
+def test_a_failed_run_is_a_result_and_is_repeated_only_on_request(store):
     def fail(case, task):
         if case.engine == "pybullet" and case.world.bodies[0].inertial.mass == 2:
             raise EngineError(case.engine, "the process was ended by signal 11")
@@ -198,13 +198,13 @@ def test_a_world_that_an_engine_does_not_support_is_a_failed_run(store, monkeypa
     assert (again.ran, outcome.stopped, again.stopped) == (0, {}, {}), "it was not started, so it did not die"
 
 
-def test_values_that_make_the_spec_invalid_are_told_and_the_rest_is_done(store):
+def test_values_that_make_the_spec_invalid_are_reported_and_other_runs_are_done(store):
     outcome = do(store, Engines(), spec(over={"physics.timestep": ["1 ms", "3 ms", "2 ms"]}))
     assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (4, 2, 2)
     assert "whole number of timesteps" in str(outcome.invalid[0])
 
 
-def test_what_engines_are_told_is_checked_as_elsewhere(store):
+def test_engine_settings_are_checked_as_in_other_commands(store):
     wrong = spec(over={"engines.mujoco.settings": [{}, {"no_such_setting": 1}]})
     engines = Engines()
     outcome = do(store, engines, wrong)
@@ -216,7 +216,7 @@ def test_what_engines_are_told_is_checked_as_elsewhere(store):
     assert problem.path == "engines.mujoco.settings.no_such_setting"
 
 
-def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, capsys):
+def test_rounded_times_are_reported_with_the_run_and_the_results(store, capsys):
     engines = Engines()
     of = spec(over={"physics.timestep": ["1 ms", "3 ms"]}, times="round_up")
     outcome = do(store, engines, of)
@@ -244,7 +244,7 @@ FULL = "OSError: [Errno 28] No space left on device"
     "error",
     [KeyboardInterrupt, OSError(28, "No space left on device"), EngineError("mujoco", f"the worker failed: {FULL}")],
 )
-def test_what_ends_a_sweep_is_no_result_and_the_next_call_does_the_rest(store, error):
+def test_an_interrupted_run_is_not_stored_and_the_next_call_does_the_remaining_runs(store, error):
     def end(case, task):
         if case.world.bodies[0].inertial.mass == 2:
             raise error
@@ -281,7 +281,7 @@ def test_engines_that_are_killed_because_the_sweep_ends_have_no_results(store):
     assert list(store.keys()) == []
 
 
-def test_two_sweeps_on_one_store(store):
+def test_two_sweeps_on_the_same_store(store):
     with store.writing(), pytest.raises(SpecError, match="another process is writing here"):
         do(store, Engines())
 
@@ -306,7 +306,7 @@ def test_an_engine_in_another_version_than_planned_is_an_error(store):
     assert list(store.keys()) == []
 
 
-def test_each_model_is_proven_once_whatever_is_recorded_and_for_how_long(store, monkeypatch):
+def test_each_model_is_proven_once_for_all_recordings_and_durations(store, monkeypatch):
     of = spec(over={"physics.duration": ["0.1 s", "0.2 s"], "physics.timestep": ["1 ms", "2 ms"]}, repeat=2)
     outcome = do(store, Engines(), of, names=("mujoco",), verify=True)
     assert (outcome.ran, outcome.proofs, outcome.unproven) == (8, 2, {})
@@ -320,7 +320,7 @@ def test_each_model_is_proven_once_whatever_is_recorded_and_for_how_long(store, 
     assert all("was edited or is damaged" in note for note in again.notes)
 
 
-def test_a_model_that_is_not_proven_is_told(store, monkeypatch):
+def test_an_unproven_model_is_reported(store, monkeypatch):
     from simspec.proof.checks import failed
 
     monkeypatch.setattr("simspec.proof.verify.compare", lambda *a, **k: [failed("L0", "text", "wrong")])
@@ -331,7 +331,7 @@ def test_a_model_that_is_not_proven_is_told(store, monkeypatch):
 
 
 @pytest.mark.parametrize(("levels", "alone"), [(("L5",), True), (("L5", "L3"), False), (("L0",), False)])
-def test_contact_alone_beyond_its_tolerances_is_told_apart(store, monkeypatch, levels, alone):
+def test_a_model_that_fails_in_contact_only_is_distinguished(store, monkeypatch, levels, alone):
     from simspec.proof import verify
     from simspec.proof.checks import failed
 
@@ -389,7 +389,7 @@ def test_lines_of_csv_are_the_cells(store):
     assert (cells["engine"], cells["bodies.ball.mass"], cells["step_seconds"]) == ("mujoco", "2", "0.02")
 
 
-def test_paths_are_told_by_as_few_words_as_tell_them_apart():
+def test_paths_are_shortened_to_the_fewest_distinct_words():
     assert short_names(["physics.timestep", "bodies.a.mass", "bodies.b.mass"]) == {
         "physics.timestep": "timestep",
         "bodies.a.mass": "a.mass",

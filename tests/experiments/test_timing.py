@@ -53,11 +53,11 @@ def test_this_machine_is_described_whole():
         ({"kernel": "Linux 6.2", "python": "CPython 3.12.0"}, None),
     ],
 )
-def test_machines_are_told_apart_by_their_hardware(other, given):
+def test_machines_are_distinguished_by_their_hardware(other, given):
     assert MACHINE.differences(dataclasses.replace(MACHINE, **other)) == ([] if given is None else [given])
 
 
-def test_other_work_is_what_is_not_our_own():
+def test_other_work_is_measured_without_the_time_of_this_process():
     before = Clocks(10.0, 100.0, 5.0, 1.0)
     assert Clocks(12.0, 103.0, 6.0, 1.0).others_since(before) == Others(1.0, 0.0)
     assert Clocks(12.0, 101.0, 6.0, 1.5).others_since(before) == Others(0.0, 0.25)
@@ -66,7 +66,7 @@ def test_other_work_is_what_is_not_our_own():
     assert "host" in Others(0.0, 0.25).words()[0]
 
 
-def test_own_children_are_no_others_work():
+def test_child_processes_do_not_count_as_other_work():
     before = Clocks.read()
     subprocess.run([sys.executable, "-c", "sum(range(5_000_000))"], check=True)
     after = Clocks.read()
@@ -104,7 +104,7 @@ def test_frequency_scaling_is_read_where_the_system_tells_it(tmp_path):
     assert len(machine.scaling(tmp_path)) == 2
 
 
-def test_what_is_started_in_the_block_is_bound_and_nothing_else():
+def test_only_processes_started_in_the_block_are_pinned():
     before, core = os.sched_getaffinity(0), core_for_timing()
     assert core == max(before)
     words = [sys.executable, "-c", "import os; print(sorted(os.sched_getaffinity(0)))"]

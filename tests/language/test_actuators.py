@@ -111,7 +111,7 @@ def test_who_acts_is_chosen_by_name_in_every_copy():
     assert len(controller.joints) == 2
 
 
-def test_a_file_of_a_model_alone_and_one_that_uses_it(tmp_path):
+def test_a_model_file_is_valid_alone_and_in_a_scenario(tmp_path):
     (tmp_path / "pyproject.toml").touch()
     text = """simspec: 1
 name: arm
@@ -154,7 +154,7 @@ control:
     assert (made.controllers, made.trajectory) == ((), None)
 
 
-def test_loose_bodies_have_theirs_beside_them():
+def test_bodies_outside_models_have_top_level_actuators():
     data = scenario({"a": SERVO})
     model = data["models"].pop("arm")
     data |= {"bodies": model["bodies"], "actuators": model["actuators"], "control": {"robot": {"actuators": ["a"]}}}
@@ -215,7 +215,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_wrong_ones_are_errors_at_their_places(name):
+def test_wrong_actuators_are_located_errors(name):
     arguments, path, message = WRONG[name]
     found = problems(scenario(*arguments))
     assert any(at == path and message in said for at, said in found), found
@@ -229,7 +229,7 @@ def test_a_controller_has_joints_or_actuators():
     assert any(path == "control.robot.commands" for path, _ in problems(data))
 
 
-def test_a_joint_has_one_controller():
+def test_a_second_controller_of_a_joint_is_rejected():
     data = scenario({"a": SERVO})
     data["control"]["other"] = {"joints": ["arm/elbow"], "kp": 1, "kd": 1}
     assert any("has a controller already" in message for _, message in problems(data))
@@ -259,7 +259,7 @@ WAYS = {
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("law", ["position", "effort"])
-def test_a_trajectory_moves_other_joints_beside_actuators(way, law):
+def test_a_trajectory_moves_joints_without_actuators(way, law):
     """What an actuator holds stays what it is at all times, and the trajectory what it is without the actuator."""
     actuator = {**SERVO, "command": 0.3} if law == "position" else {"joint": "elbow", "law": "effort", "command": 0.3}
     data = with_trajectory(actuator, WAYS[way])

@@ -56,7 +56,7 @@ def test_suggestions_are_bounded_and_problems_are_not(make, compared):
     assert found[-1].hint is None
 
 
-def test_each_spec_has_suggestions_of_its_own():
+def test_suggestions_are_computed_for_each_spec():
     problems(many_orphans(1200))
     (problem,) = problems({"name": "t", "bodies": {"base": {"fixed": True}, "arm": {**ORPHAN, "parent": "bas"}}})
     assert problem.hint == "did you mean 'base'?"
@@ -75,7 +75,7 @@ ORPHAN = {"parent": "gone", "mass": 1, "inertia": {"principal": [1, 1, 1]}, "joi
     ],
 )
 @pytest.mark.parametrize("fixed", [False, True])
-def test_what_would_round_to_zero_is_refused(body, path, fixed):
+def test_values_that_round_to_zero_are_refused(body, path, fixed):
     found = problems({"name": "t", "bodies": {"b": {**body, "fixed": fixed}}, "contact": {"materials": {"m": {}}}})
     assert found[0].path == path
     assert found[0].message == "too small a number"
@@ -151,7 +151,7 @@ def test_an_empty_file_is_named(tmp_path, content):
 @pytest.mark.parametrize("value", ["text", "[]", "{}", "0, 0]"])
 @pytest.mark.parametrize("lead", ["", "first: 1\n", "# top\n\n", "first: 1\n\n# above\n"])
 @pytest.mark.parametrize("inside", ["{}", "expect:\n  - {}"])
-def test_comments_beside_a_key_and_beside_its_value_stay_two(value, lead, inside):
+def test_comments_after_a_key_and_after_its_value_stay_separate(value, lead, inside):
     text = lead + inside.format(f"last:  # one\n        {value}  # two\n")
     made = format_text(text, "spec.yaml")
     assert next(line for line in made.split("\n") if "one" in line).endswith("# one")

@@ -185,7 +185,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_wrong_with_a_law_is_said_once_with_its_place_and_the_way_out(name, tmp_path):
+def test_a_wrong_law_is_reported_once_with_its_place_and_a_hint(name, tmp_path):
     contact, line, path, message, allowed, hint = BAD[name]
     with pytest.raises(SpecError) as caught:
         load(written(tmp_path, contact))
@@ -222,7 +222,7 @@ PAD = """bodies:
 """
 
 
-def test_what_is_joined_rigidly_moves_with_the_mass_of_all(tmp_path):
+def test_rigidly_connected_bodies_move_with_their_total_mass(tmp_path):
     """√(m/k) counts the pad with its finger: 1 kg on 2.4e5 N/m is two steps of 1 ms and a little, half a kilogram is not."""
     spring = "  hardness: {stiffness: 2.4e5 N/m, damping: 1}"
     load(written(tmp_path, spring, PAD.replace("MASS", "0.5 kg"))).resolve()
@@ -230,7 +230,7 @@ def test_what_is_joined_rigidly_moves_with_the_mass_of_all(tmp_path):
         load(written(tmp_path, spring, PAD.replace("MASS", "0.4 kg"))).resolve()
 
 
-def test_an_override_changes_one_number_of_one_pair(tmp_path):
+def test_an_override_changes_a_single_number_of_a_pair(tmp_path):
     path = written(tmp_path, only_pair("friction: 0.3, hardness: {stiffness: 1e4, damping: 5}"))
     sets = ["contact.pairs.0.friction=0.7", "contact.pairs.0.hardness.stiffness=2e4 N/m", "contact.hardness=native"]
     pairs = {(pair.first, pair.second): pair for pair in load(path, sets=sets).resolve().contact.pairs}

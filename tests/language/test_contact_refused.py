@@ -103,7 +103,7 @@ def test_friction_that_is_missing_in_impacts_is_refused_where_it_is_written(tmp_
     ],
     ids=["no friction", "passing materials", "excluded bodies", "native"],
 )
-def test_what_cannot_hit_obliquely_with_friction_need_not_accept_that(contact, tmp_path):
+def test_worlds_without_oblique_impacts_with_friction_need_not_accept_them(contact, tmp_path):
     way = "engines: {mujoco: {accept: [contact.hardness.native]}}\n"  # a declared difference of its own
     spec = load(written(tmp_path, contact, UNSAID + way))
     compile_world(spec.resolve(), ["mujoco"], spec.locate)

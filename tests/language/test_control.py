@@ -122,7 +122,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_one_problem_and_all_about_it(tmp_path, case):
+def test_a_problem_has_its_path_message_value_and_hint(tmp_path, case):
     text, below, message, found, allowed, hint = BAD[case]
     with pytest.raises(SpecError) as caught:
         load(written(tmp_path, controller_line(text))).resolve()
@@ -139,7 +139,7 @@ def test_one_problem_and_all_about_it(tmp_path, case):
 @pytest.mark.parametrize(
     "text", ["control: 3", "control: [pd]", "control: {robot: }", "control: {a b: {joints: [x], kp: 1, kd: 1}}"]
 )
-def test_what_is_no_controller_at_all(tmp_path, text):
+def test_values_that_are_not_controllers_are_rejected(tmp_path, text):
     path = written(tmp_path, "")
     path.write_text(path.read_text().replace("control:", text), encoding="utf-8")
     with pytest.raises(SpecError) as caught:
@@ -165,7 +165,7 @@ def test_all_problems_at_once(tmp_path):
     ]
 
 
-def test_a_joint_has_one_controller(tmp_path):
+def test_a_second_controller_of_a_joint_is_rejected(tmp_path):
     text = f"  first: {{joints: [elbow], {PD}}}\n  second: {{joints: [wrist, '*'], kp: 1, kd: 1}}"
     with pytest.raises(SpecError) as caught:
         load(written(tmp_path, text.replace("'*'", "'*w'"))).resolve()
@@ -252,7 +252,7 @@ def test_a_controller_that_is_made_in_python_is_that_of_its_yaml(tmp_path):
     assert (found.kp, found.kd) == ((90.0, 18000.0), (9.0, 45.0))
 
 
-def test_every_is_held_in_steps(tmp_path):
+def test_every_is_stored_in_steps(tmp_path):
     path = written(tmp_path, controller_line(f"joints: [elbow], {PD}, every: 5 ms"))
     assert load(path).resolve().controllers[0].every_steps == 5
     assert load(path, sets=["control.robot.every=1 ms"]).resolve().controllers[0].every_steps == 0
@@ -260,7 +260,7 @@ def test_every_is_held_in_steps(tmp_path):
     assert (controller.every_steps, controller.hold) == (2, 2)
 
 
-def test_an_override_changes_one_gain(tmp_path):
+def test_an_override_changes_a_single_gain(tmp_path):
     path = written(tmp_path, controller_line("joints: [elbow, wrist], kp: {elbow: 3, wrist: 4}, kd: 1"))
     sets = ["control.robot.kp.wrist=5 N m/rad", "control.robot.kd=2", "control.robot.discretisation=implicit"]
     (found,) = load(path, sets=sets).resolve().controllers

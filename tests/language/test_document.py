@@ -98,7 +98,7 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["a FIFO", "a device", "a folder"])
-def test_what_is_no_regular_file_is_not_read(kind, tmp_path):
+def test_only_regular_files_are_read(kind, tmp_path):
     path = tmp_path / "some.yaml"
     {"a FIFO": os.mkfifo, "a device": lambda at: at.symlink_to("/dev/zero"), "a folder": os.mkdir}[kind](path)
     with pytest.raises(SpecError, match=f"some.yaml: cannot be read: {kind}, not a regular file"):

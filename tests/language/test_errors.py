@@ -314,7 +314,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_one_problem_and_all_about_it(tmp_path, case):
+def test_a_problem_has_its_path_message_value_and_hint(tmp_path, case):
     text, path, message, found, allowed, hint = CASES[case]
     all_found = problems(tmp_path, text)
     assert len(all_found) == 1, "\n".join(map(str, all_found))

@@ -121,13 +121,13 @@ def test_data_are_laid_out_as_files_are(path):
 
 
 @pytest.mark.parametrize("text", ["a: 1\na: 2", "a: &x 1", "a: !t 1", "- 1", "", "a: [", "a: .nan"])
-def test_what_is_no_spec_is_left_alone(text):
+def test_files_that_are_not_specs_stay_unchanged(text):
     with pytest.raises(SpecError):
         format_text(text, "f")
 
 
 @pytest.mark.parametrize("text", ["[" * 5000, "{" * 5000, "- " * 5000, "{a: " * 5000])
-def test_what_is_nested_deeply_is_refused_before_it_is_read_on(text):
+def test_deep_nesting_is_refused_early(text):
     with pytest.raises(SpecError, match=r"f:1:\d+: .*nested deeper than 40 levels"):
         format_text(text, "f")
 

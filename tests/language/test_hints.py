@@ -43,7 +43,7 @@ def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
             assert word not in MODELS[model]["properties"], (word, model)
 
 
-def test_no_word_means_two_things_in_one_model():
+def test_no_word_has_two_meanings_in_a_model():
     for word, meanings in hints().items():
         places = [model for hint in meanings for model in hint.models]
         assert len(places) == len(set(places)), word
@@ -115,7 +115,7 @@ def test_a_foreign_word_in_a_file_is_answered(file, words):
     assert any(words in hint for hint in hints), hints
 
 
-def test_words_that_nobody_knows_and_very_long_ones():
+def test_unknown_and_very_long_words_have_no_hint():
     assert hint_for_key("qwertz", "Body") is None
     assert hint_for_word("qwertz", ["hinge"]) is None
     assert hint_for_key("revolute" * 100_000, "Body") is None

@@ -115,7 +115,7 @@ def test_equal_patterns_agree(make):
         ({"positions": {f"*{'a' * k}": 1 for k in range(MOST_PATTERNS + 1)}}, "positions", "too many entries", None),
     ],
 )  # fmt: skip
-def test_what_a_table_may_not_say(make, said, path, message, hint):
+def test_wrong_tables_are_rejected(make, said, path, message, hint):
     problem = refused(make, said)
     assert problem.path == f"models.hand.{path}"
     assert message in problem.message
@@ -142,7 +142,7 @@ def test_a_bare_angle_of_many_turns_is_warned_of_at_its_pattern(make):
     assert warning.path == "models.hand.positions.index_*"
 
 
-def test_an_override_may_be_a_pattern_or_come_before_one(make, tmp_path):
+def test_an_override_may_be_a_pattern_or_precede_a_pattern(make, tmp_path):
     from simspec.language.load import load
 
     make()
@@ -202,7 +202,7 @@ ENTRIES = st.dictionaries(st.text("ab*", min_size=1, max_size=4), st.integers(0,
 
 
 @given(ENTRIES, st.lists(st.text("ab", min_size=1, max_size=4), max_size=8, unique=True))
-def test_the_exact_name_counts_else_any_pattern_and_different_ones_clash(entries, names):
+def test_an_exact_name_precedes_patterns_and_contradictory_patterns_are_an_error(entries, names):
     found, clashes = entry_of(entries, lambda entry: [name for name in names if matches(entry, name)])
     for name in names:
         fitting = [entry for entry in entries if matches(entry, name)]

@@ -105,7 +105,7 @@ def test_a_chain_without_end_is_refused(tmp_path):
     assert "in a chain" in refused(tmp_path / "m0.yaml")[0].message
 
 
-def test_what_is_used_must_be_a_model(tmp_path):
+def test_a_used_file_must_be_a_model(tmp_path):
     path = spec(tmp_path, "top.yaml", using("scene.yaml"))
     assert "no such file" in refused(path)[0].message
     spec(tmp_path, "scene.yaml", f"simspec: 1\nname: s\nbodies: {{a: {{{SOLID}}}}}\n")
@@ -261,7 +261,7 @@ def test_wrong_overrides_are_placed_at_the_override(text, message, hint):
         ("engines.mujoco.pairs.0.settings.x=1", "engines.mujoco.pairs=…"),
     ],
 )
-def test_a_part_of_what_the_spec_does_not_say_is_one_error(text, hint, tmp_path):
+def test_an_override_of_a_part_of_a_missing_value_is_a_single_error(text, hint, tmp_path):
     """Nothing says what the other parts would be; and what could not be put in leaves nothing behind, to be found wrong."""
     path = tmp_path / "m.yaml"
     path.write_text("simspec: 1\nname: m\nbodies: {a: {fixed: true}}\n", encoding="utf-8")

@@ -90,7 +90,7 @@ ROUGH = {"bodies": {"arm": {**SOLID, "joint": {**HINGE, "dry_friction": 0.1}}}}
         ),
     ],
 )
-def test_what_can_never_pass(expectation, more, path, words):
+def test_impossible_expectations_are_rejected(expectation, more, path, words):
     found = dict(problems(expectation, **more))
     message = found[f"expect.0.{path}"]
     assert words in message
@@ -108,7 +108,7 @@ def test_what_can_never_pass(expectation, more, path, words):
         {"no_penetration_deeper_than": {"depth": 1e-3}},
     ],
 )
-def test_what_may_pass_is_let_through(expectation):
+def test_possible_expectations_are_allowed(expectation):
     assert problems(expectation) == []
 
 

@@ -162,7 +162,7 @@ def test_compile_check_notices_that_a_file_of_the_package_changed(site):
     assert "world.json" in simspec("compile", "yard.yaml", "-e", "mujoco", "--out", "out", "--check", code=1).stderr
 
 
-def test_defects_of_the_file_are_told_by_its_name_in_the_package(site):
+def test_defects_of_the_file_name_its_place_in_the_package(site):
     (site / "yard_robots" / "arm.urdf").write_text(
         ROBOT.format(mesh="x.obj").replace('mass value="2"', 'mass value="-2"')
     )
@@ -176,7 +176,7 @@ def test_every_part_of_a_namespace_package_is_looked_into(site):
         assert load(f"package://spread/{name}.urdf").resolve().bodies
 
 
-def test_a_package_of_the_working_folder_is_not_taken_for_an_installed_one(site, monkeypatch):
+def test_a_package_of_the_working_folder_does_not_count_as_installed(site, monkeypatch):
     put(Path.cwd() / "yard_robots", {"arm.urdf": "not this one"})
     monkeypatch.setattr(sys, "path", ["", str(Path.cwd()), *sys.path])
     assert packaged("package://yard_robots/arm.urdf", suffixes()).path.is_relative_to(site)
@@ -228,7 +228,7 @@ def test_a_distribution_of_another_name_than_its_package(site):
         ("nobody_description", "robot_descriptions is not installed"),
     ],
 )
-def test_what_names_no_file_of_a_package_is_an_error_at_its_place(site, text, words):
+def test_a_missing_file_of_a_package_is_a_located_error(site, text, words):
     given = refused(text)
     assert words in given
     assert "models.crane.use" in given

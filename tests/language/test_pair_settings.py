@@ -130,7 +130,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_wrong_is_told_at_its_place(name, tmp_path):
+def test_wrong_pair_settings_are_located_errors(name, tmp_path):
     change, path, message = REFUSED[name]
     with pytest.raises(SpecError) as error:
         spec_of(tmp_path, sets=[f"{OF_FIRST}.{change}"])
@@ -148,7 +148,7 @@ WITHOUT_EFFECT = {
 
 
 @pytest.mark.parametrize("name", WITHOUT_EFFECT)
-def test_what_an_entry_replaces_is_not_put_in_without_a_word(name, tmp_path):
+def test_an_override_without_effect_is_an_error(name, tmp_path):
     change = f"{OF_FIRST}.{WITHOUT_EFFECT[name]}"
     assert pairs_of(spec_of(tmp_path, sets=[change]).resolve())["finger", "wood"] == {"d": 0.9}
     with pytest.raises(SpecError, match="no effect: at_timestep sets d at this timestep") as error:

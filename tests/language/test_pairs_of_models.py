@@ -46,7 +46,7 @@ def test_a_scenario_has_the_pairs_of_its_models(tmp_path):
     assert found["rubber", "rubber"].friction == 0.8
 
 
-def test_what_the_scenario_says_of_a_pair_replaces_what_models_say(tmp_path):
+def test_pairs_of_the_scenario_replace_pairs_of_models(tmp_path):
     said = "{between: [steel, rubber], friction: 0.55, margin: 1 mm}"
     found = laws(tmp_path, said, said.replace("0.55", "0.6"), "{between: [rubber, steel], friction: 0.1}")
     assert (found["rubber", "steel"].friction, found["rubber", "steel"].margin) == (0.1, None)
@@ -67,7 +67,7 @@ def test_two_models_agree_on_a_pair(tmp_path):
         ("{between: [steel, steel], hardness: {stiffness: 1e9, damping: 0}}", "the timestep is too large"),
     ],
 )
-def test_problems_of_a_model_file_are_told_there(tmp_path, pairs, message):
+def test_problems_of_a_model_file_are_located_in_that_file(tmp_path, pairs, message):
     with pytest.raises(SpecError, match=message) as error:
         laws(tmp_path, pairs, "")
     assert [problem.location.file.endswith("one.yaml") for problem in error.value.problems] == [True]

@@ -31,7 +31,7 @@ def taken(of):
     return {rounded.path: rounded.taken for rounded in rounded_up(of)}
 
 
-def test_what_is_whole_stays_as_it_is():
+def test_whole_multiples_stay_unchanged():
     assert rounded_up(data("1 ms", expect=EXPECT[:2])) == ()
     assert rounded_up({"bodies": {}}) == ()
     assert taken(data("1 ms")) == {"expect.2.keeps_place.until": 0.02}, "a time that no record is of"
@@ -78,7 +78,7 @@ def test_any_times_become_a_spec_that_is_valid(seed):
         assert entry.taken - entry.written < most * (1 + 1e-9)
 
 
-def test_what_is_no_time_is_left_to_the_checks():
+def test_values_that_are_not_times_are_left_to_the_checks():
     assert rounded_up(data("1 kg")) == ()
     assert rounded_up(data(0)) == ()
     assert rounded_up(data(1e-300, 1e300)) == ()

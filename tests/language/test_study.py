@@ -70,7 +70,7 @@ def test_a_study_puts_its_values_and_words_into_the_scenario(folder):
     assert study.figures[0].values == (3, 6)
 
 
-def test_the_small_study_has_what_says_so_with_its_own_words(folder):
+def test_the_small_study_applies_its_changes(folder):
     (speed,) = load_study_file(folder / "study.yaml").sweeps(small=True)
     assert speed.spec.data.bodies["ball"].mass == 3
     assert speed.spec.data.physics.duration == 0.01
@@ -97,7 +97,7 @@ def test_the_small_study_has_what_says_so_with_its_own_words(folder):
         ("figures: figures.yaml", "figures: none.yaml", "no such file", 3),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(folder, old, new, message, line):
+def test_wrong_studies_are_located_errors(folder, old, new, message, line):
     assert old in STUDY
     (folder / "study.yaml").write_text(STUDY.replace(old, new, 1))
     with pytest.raises(SpecError) as caught:

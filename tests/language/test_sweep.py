@@ -181,13 +181,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_refused_and_where(name, tmp_path):
+def test_wrong_sweeps_are_refused_at_their_place(name, tmp_path):
     sweep, place, message = REFUSED[name]
     problems = problems_of(tmp_path, sweep)
     assert any(problem[:2] == place and message in problem[2] for problem in problems), problems
 
 
-def test_one_mistake_is_one_problem(tmp_path):
+def test_each_mistake_is_a_single_problem(tmp_path):
     """Each of these has one cause, so it is told once; a few are two mistakes."""
     several = {"no unit that there is", "a word of no range"}
     for name in REFUSED.keys() - several:

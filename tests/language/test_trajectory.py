@@ -163,7 +163,7 @@ def test_a_trajectory_wants_a_controller(tmp_path):
     assert entry.path == "trajectory"
 
 
-def test_a_grip_wants_one_grasp(tmp_path):
+def test_a_grip_requires_a_single_grasp(tmp_path):
     grip = "  program:\n    - {grip: 1, in: 1}\n"
     (none,) = problems(tmp_path, spec(grip, grasps=""))
     assert none.message == "grip requires a grasp"
@@ -306,7 +306,7 @@ def test_a_wrong_npz_is_an_error_at_the_line_that_names_it(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["reach.txt", "reach", "reach.CSV"])
-def test_what_is_no_table_is_not_read(name, tmp_path):
+def test_a_file_that_is_not_a_table_is_not_read(name, tmp_path):
     (tmp_path / name).write_text("time,arm/elbow\n0,0\n")
     (entry,) = problems(tmp_path, spec(f"  file: {name}\n"))
     assert entry.message == "not a readable table"
@@ -436,7 +436,7 @@ def test_an_overshoot_between_equal_points_is_warned_of_with_its_size(tmp_path):
         points(0, 0),
     ],
 )
-def test_what_stays_at_equal_points_or_has_none_is_not_warned_of(tmp_path, trajectory):
+def test_joints_with_equal_points_or_none_give_no_warning(tmp_path, trajectory):
     assert dwelling(tmp_path, trajectory)[1] == []
 
 

@@ -64,7 +64,7 @@ def joint_kind_queries(tree: ast.AST) -> list[int]:
     return lines
 
 
-def test_kinds_of_joints_are_asked_for_by_what_they_have():
+def test_code_queries_joint_properties_instead_of_kinds():
     assert not offences(joint_kind_queries)
 
 

@@ -119,7 +119,7 @@ def test_a_floor_may_be_large_and_a_model_file_takes_no_time(tmp_path):
     assert load(tmp_path / "m.yaml").warnings() == []
 
 
-def test_what_begins_inside_another_and_arrays_count_once(tmp_path):
+def test_initial_overlaps_and_arrays_are_reported_once(tmp_path):
     sunk = BALL | {"pose": {"xyz": [0, 0, 0]}, "array": {"line": 7, "step": [1, 0, 0]}}
     data = {"simspec": 1, "name": "x", "physics": {"duration": 1}, "contact": {"materials": {"m": {}}}}
     (tmp_path / "x.yaml").write_text(json.dumps({**data, "bodies": {"floor": FLOOR, "ball": sunk}}))
@@ -187,7 +187,7 @@ record: {every: 10 ms, channels: [pose, velocity]}
     ],
     ids=lambda words: words[0],
 )
-def test_commands_say_it_go_on_and_stop_where_that_is_asked(tmp_path, monkeypatch, capsys, command):
+def test_commands_print_warnings_and_stop_only_on_request(tmp_path, monkeypatch, capsys, command):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slip.yaml").write_text(SLIP)
     name, *options = command

@@ -85,7 +85,7 @@ with there.alone("process of a test"):
 """
 
 
-def test_one_writes_at_a_time_and_a_lock_ends_with_its_process(there):
+def test_a_lock_admits_a_single_writer_and_ends_with_its_process(there):
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(there.shown)], stdout=subprocess.PIPE, text=True)
     try:
         assert holder.stdout is not None
@@ -104,7 +104,7 @@ def test_one_writes_at_a_time_and_a_lock_ends_with_its_process(there):
         holder.communicate()
 
 
-def test_what_somebody_else_put_there_is_not_followed(there, tmp_path):
+def test_foreign_links_are_not_followed(there, tmp_path):
     outside = tmp_path / "outside"
     outside.mkdir()
     (there.path / "runs").symlink_to(outside)
@@ -132,7 +132,7 @@ def test_a_foreign_folder_stays_as_it_is(tmp_path):
     assert os.listdir(tmp_path / "mine") == ["notes.txt"]
 
 
-def test_what_is_set_aside_is_kept_under_a_name_of_its_own(there):
+def test_replaced_files_are_kept_under_unique_names(there):
     with there.alone("me"):
         for text in ("one", "two"):
             there.place("runs/ab/abc", lambda fresh, text=text: put(fresh / "a.txt", text))

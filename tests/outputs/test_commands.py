@@ -121,7 +121,7 @@ INSIDE = {
 
 @pytest.mark.parametrize("kind", THINGS)
 @pytest.mark.parametrize("command", INSIDE)
-def test_what_stands_where_a_command_would_write_stays(root, command, kind):
+def test_foreign_files_at_the_target_are_not_overwritten(root, command, kind):
     (root / "more.yaml").write_text(FALL.replace("name: fall", "name: more"))
     words, name = INSIDE[command]
     if name.count("/") == 2:  # in a folder that is simspec's
@@ -204,7 +204,7 @@ def test_the_spec_is_never_in_a_folder_that_is_written(root):
     assert picture(root.parent) == before
 
 
-def test_what_simspec_made_is_written_again(tmp_path, monkeypatch):
+def test_files_made_by_simspec_are_overwritten(tmp_path, monkeypatch):
     """Each command twice, with files of others in its folders; after that, all of these and nothing stray."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fall.yaml").write_text(FALL)
@@ -234,7 +234,7 @@ def test_what_simspec_made_is_written_again(tmp_path, monkeypatch):
 # --- two at a time --------------------------------------------------------------------------------------------------------
 
 
-def test_two_runs_of_one_spec_at_a_time_keep_both(tmp_path):
+def test_concurrent_runs_of_a_spec_are_both_kept(tmp_path):
     (tmp_path / "fall.yaml").write_text(FALL)
     words = [sys.executable, "-m", "simspec", "run", "fall.yaml", "--no-verify", "--no-repeats", "--json", "--engine"]
     several = [

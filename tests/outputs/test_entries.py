@@ -32,7 +32,7 @@ def fill(entries, count, start=1000.0):
         os.utime(entries.folder() / f"{key(number)}.json", (start + number, start + number))
 
 
-def test_what_was_written_is_read(entries):
+def test_a_written_entry_is_read(entries):
     assert entries.read(key(1)) is None
     assert entries.write(key(1), text(1))
     assert entries.read(key(1)) == text(1).encode()
@@ -50,7 +50,7 @@ def test_the_oldest_leave_when_all_are_too_large(entries):
     assert entries.read(key(12, "0")) is not None
 
 
-def test_what_others_put_there_stays(entries):
+def test_foreign_entries_stay(entries):
     fill(entries, 12)
     folder = entries.folder()
     unknown, note, link = folder / f"{key(99)}.json", folder / "note.txt", folder / f"{key(98)}.json"

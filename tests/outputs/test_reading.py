@@ -26,7 +26,7 @@ from simspec.stored import FolderMarker, read_as
         ("1" * 5000, "not JSON"),
     ],
 )
-def test_what_is_no_json_is_refused(text, words):
+def test_invalid_json_is_refused(text, words):
     tracemalloc.start()
     with pytest.raises(NotReadableError, match=words):
         parse_json(text)

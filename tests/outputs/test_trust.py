@@ -28,7 +28,7 @@ def file(tmp_path):
     return place
 
 
-def test_one_path_with_one_content_is_trusted(data, file, tmp_path):
+def test_a_path_is_trusted_with_its_recorded_content_only(data, file, tmp_path):
     assert trust.why_not(file, b"one") == "not trusted"
     trust.trust(file, b"one")
     assert trust.why_not(file, b"one") is None
@@ -38,7 +38,7 @@ def test_one_path_with_one_content_is_trusted(data, file, tmp_path):
     assert trust.why_not(tmp_path / "link" / "simspec.toml", b"one") is None, "the resolved path counts"
 
 
-def test_new_content_replaces_the_old_one(data, file, tmp_path):
+def test_new_content_replaces_old_content(data, file, tmp_path):
     other = tmp_path / "simspec.toml"
     for place, content in ((other, b"one"), (file, b"one"), (file, b"two")):
         trust.trust(place, content)
@@ -57,7 +57,7 @@ def test_trust_is_revoked(data, file):
     assert trust.records() == []
 
 
-def test_the_store_is_for_its_user_alone_whatever_the_umask(data, file):
+def test_the_store_is_private_under_every_umask(data, file):
     old = os.umask(0)
     try:
         trust.trust(file, b"one")
@@ -83,7 +83,7 @@ def test_a_store_that_others_can_write_is_not_used(data, file, mode):
 
 
 @pytest.mark.parametrize(("mode", "used"), [(0o777, False), (0o1777, True), (0o755, True)])
-def test_a_parent_that_everybody_can_write_is_sticky_or_refused(data, file, mode, used):
+def test_a_world_writable_parent_must_be_sticky(data, file, mode, used):
     trust.trust(file, b"one")
     data.chmod(mode)
     why = trust.why_not(file, b"one")
@@ -92,7 +92,7 @@ def test_a_parent_that_everybody_can_write_is_sticky_or_refused(data, file, mode
 
 
 @pytest.mark.parametrize(("mode", "used"), [(0o777, False), (0o1777, True)])
-def test_what_is_compiled_is_not_run_from_below_a_folder_that_everybody_can_write(tmp_path, monkeypatch, mode, used):
+def test_compiled_programs_are_not_run_below_a_world_writable_folder(tmp_path, monkeypatch, mode, used):
     (tmp_path / "open").mkdir()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "open"))
     folder = cache_folder("compiled")
@@ -108,7 +108,7 @@ def test_what_is_compiled_is_not_run_from_below_a_folder_that_everybody_can_writ
             built(place, lambda part: pytest.fail("made again"), 1.0, anew)
 
 
-def test_a_link_in_a_folder_that_everybody_can_write_leads_anywhere(tmp_path):
+def test_a_link_in_a_world_writable_folder_is_detected(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "open").mkdir()
     (tmp_path / "open" / "link").symlink_to(tmp_path / "mine")
@@ -139,7 +139,7 @@ def test_a_damaged_record_trusts_nothing_and_is_said(data, file, content):
     assert trust.why_not(file, b"one") is None
 
 
-def test_a_record_of_another_file_is_no_record_of_this_one(data, file, tmp_path):
+def test_a_record_of_another_file_does_not_count(data, file, tmp_path):
     place = trust.trust(file, b"one")
     place.write_text(json.dumps({"simspec_trust": 1, "file": str(tmp_path / "other")}))
     assert "of another file" in str(trust.why_not(file, b"one"))
@@ -164,7 +164,7 @@ def test_a_home_in_the_working_folder_is_no_home(file, monkeypatch, home):
         trust.trust(file, b"one")
 
 
-def test_without_home_the_users_own_folder_is_asked_for(monkeypatch):
+def test_without_home_the_folder_of_the_user_database_is_used(monkeypatch):
     monkeypatch.delenv("XDG_DATA_HOME")
     monkeypatch.delenv("HOME")
     folder = data_folder("trust")

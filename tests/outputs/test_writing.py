@@ -44,7 +44,7 @@ def content(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_not_simspecs_is_refused_before_any_work(root, kind):
+def test_foreign_folders_are_refused_before_any_work(root, kind):
     target = Path(KINDS[kind](root))
     before = picture(root.parent)
     problem = folder_problem(target, COMPILED)
@@ -137,7 +137,7 @@ def test_files_of_others_in_a_folder_stay(root, monkeypatch, exchange, links):
     assert (root / "out" / "notes.txt").stat().st_nlink == 1
 
 
-def test_a_file_of_somebody_else_is_never_in_the_way(root):
+def test_a_foreign_file_is_never_overwritten(root):
     write_folder(OLD, Path("out"), COMPILED)
     (root / "out" / "engine" / "more.xml").write_text(MINE)
     before = picture(root)
@@ -180,7 +180,7 @@ def test_an_update_sees_what_is_there_and_may_leave_it(root):
     assert (os.stat(root / "out").st_ino, os.stat(root).st_mtime_ns) == before
 
 
-def test_files_are_added_changed_and_removed_one_by_one(root):
+def test_files_are_added_changed_and_removed_individually(root):
     open_folder(Path("study"), STUDY)
     add_file(Path("study"), STUDY, "report.json", "1")
     assert change_file(Path("study"), STUDY, "report.json", lambda old: old + b"2")
@@ -207,7 +207,7 @@ def test_a_single_file_keeps_its_mode_and_is_only_replaced_where_it_is_ours(root
     assert not stray(root)
 
 
-def test_a_new_file_never_takes_the_place_of_one_that_has_just_appeared(root, monkeypatch):
+def test_a_new_file_never_replaces_a_file_that_has_just_appeared(root, monkeypatch):
     real = staging.begin
 
     def late(target, *more):
@@ -387,7 +387,7 @@ for turn in range(15):
 """
 
 
-def test_writers_of_one_folder_do_not_break_each_other(root):
+def test_concurrent_writers_of_a_folder_do_not_break_each_other(root):
     (root / "out").mkdir()
     several = [subprocess.Popen([sys.executable, "-c", WRITER, who]) for who in ("one", "other", "third")]
     assert [process.wait(timeout=120) for process in several] == [0, 0, 0]

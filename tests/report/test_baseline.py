@@ -79,7 +79,7 @@ def stored(of: Baseline, folder) -> Baseline:
     return read_baseline(path)
 
 
-def test_what_is_read_is_what_was_written(tmp_path):
+def test_a_baseline_is_read_as_written(tmp_path):
     made = baseline(runs=timed([1.0, 1.1, 1.2]))
     assert stored(made, tmp_path) == made
     assert len({key.split("/")[2] for key in made.figures if key.startswith("first/ball/")}) == 5
@@ -123,7 +123,7 @@ def test_without_noise_there_is_no_comparison():
     assert reasons(found)["physics: noise was not measured"] > 10
 
 
-def test_a_quaternion_and_its_negative_are_one_rotation():
+def test_a_quaternion_and_its_negative_are_the_same_rotation():
     assert not compare(baseline(study()), baseline(study(turn=-1.0))).regressions
 
 
@@ -161,7 +161,7 @@ def test_wall_time_of_a_busy_machine_is_not_compared_and_processor_time_is():
     assert changes["first/speed by processor time"] is Change.SAME
 
 
-def test_what_is_gone_regressed_what_was_not_run_did_not():
+def test_a_missing_figure_is_a_regression_and_an_engine_that_was_not_run_is_none():
     both = dataclasses.replace(study(), runs={**study().runs, "second": a_run(engine="second")})
     found = compare(baseline(both), baseline())
     assert not found.regressions
@@ -183,7 +183,7 @@ def test_other_versions_and_other_worlds_are_said_and_other_specs_refused():
         compare(dataclasses.replace(now, spec="other"), now)
 
 
-def test_a_regression_is_told_in_every_form():
+def test_a_regression_is_reported_in_every_form():
     found = compare(baseline(), baseline(study(1e-4)))
     suite = comparison_suite("arm", found)
     assert suite.count(Status.FAILED) == 6  # places at five moments, and the spread at the end

@@ -67,14 +67,14 @@ def test_a_study_is_a_suite_for_each_engine_and_each_pair():
     assert total[1] == len(root.findall(".//failure")) > 0
 
 
-def test_differences_that_nobody_demanded_are_skipped_and_said():
+def test_differences_without_a_demanded_tolerance_are_reported_as_skipped():
     demanded, suites = (study_suites(samples.a_study(), locate, demand_diff=demand)[3:] for demand in (True, False))
     assert [e.status for suite in suites for e in suite.entries if "not demanded" in e.message] == [Status.SKIPPED] * 2
     assert sum(suite.count(Status.FAILED) for suite in demanded) == 2
     assert sum(suite.count(Status.FAILED) for suite in suites) == 0
 
 
-def test_a_failed_level_names_its_worst_check_and_one_that_was_not_compared_its_reason():
+def test_a_failed_level_names_its_worst_check_and_a_level_that_was_not_compared_its_reason():
     world = samples.a_world()
     checks = (
         Check("L1", "mass", 4, 1e-9, 1e-3, "bodies.mover.mass", "2.0, should be 1.0"),
@@ -151,7 +151,7 @@ def test_foreign_text_is_text(text):
     assert "](" not in re.sub(r"\\.", "", shown)
 
 
-def test_what_an_annotation_escapes_is_what_is_read_again():
+def test_escaped_annotations_are_read_back_unchanged():
     text = "100%25 of a:b,c"
     (line,) = annotation_lines([Suite("s", "e", (Entry(text, Status.FAILED, "1\n2%"),))])
     assert line == "::error title=e%3A 100%2525 of a%3Ab%2Cc::s / e: 100%2525 of a:b,c: 1%0A2%25"

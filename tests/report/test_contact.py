@@ -184,7 +184,7 @@ def test_it_is_explained_how_each_pair_is_had(engine, tmp_path):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_one_number_gives_is_explained_as_that(engine, tmp_path):
+def test_a_law_that_material_numbers_give_is_explained_by_them(engine, tmp_path):
     """Some files list pairs of shapes all the same, for what more a pair can say: that is told, and counted."""
     world = worlds.shapes_world(("sphere", "box"))
     files = compiled(world, engine)
@@ -201,7 +201,7 @@ def test_some_engine_lists_pairs_that_numbers_give_too():
     assert any(explained(world, compiled(world, engine)).explicit for engine in ENGINES)
 
 
-def test_a_setting_that_the_spec_gave_is_marked_and_one_that_the_compiler_chose_is_told():
+def test_settings_of_the_spec_are_marked_and_settings_of_the_compiler_are_listed():
     world = worlds.with_options(worlds.shapes_world(("sphere",)), "pybullet", settings=(("iterations", 77),))
     settings = {setting.name: setting for setting in explained(world, compiled(world, "pybullet")).settings}
     assert (settings["iterations"].value, settings["iterations"].given) == (77, True)
@@ -211,7 +211,7 @@ def test_a_setting_that_the_spec_gave_is_marked_and_one_that_the_compiler_chose_
     assert settings["collision_detector"].in_force != "auto"
 
 
-def test_the_whole_law_is_told_with_units_and_what_passes_through():
+def test_a_law_is_explained_with_units_and_with_pairs_that_do_not_touch():
     world = worlds.table(TABLE)
     spring = Hardness("stiffness", stiffness=1e6, damping=500.0)
     new = {

@@ -59,11 +59,11 @@ def row(**controller: object) -> list[str]:
         ),
     ],
 )
-def test_a_controller_is_told_in_one_row(controller, law, numbers):
+def test_a_controller_is_described_in_a_single_row(controller, law, numbers):
     assert row(**controller)[2:4] == [law, numbers]
 
 
-def test_joints_of_both_types_and_what_is_the_engines_own():
+def test_units_follow_joint_types_and_a_native_law_is_marked():
     gains = {"lift": 3, "elbow": 4, "wrist": 5}
     found = row(law="native", joints=["*"], kp=gains, kd=gains)
     assert found[:3] == ["robot", "lift, elbow, wrist", "native"]

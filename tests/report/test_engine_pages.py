@@ -33,7 +33,7 @@ def by_engine(root: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", engines())
-def test_what_a_class_declares_is_there(pages, name):
+def test_declarations_of_the_engine_class_are_on_its_page(pages, name):
     engine, page = engines()[name], pages[name]
     [counted] = re.findall(rf"^\| of {len(Feature)} features \| (.*) \|$", page, re.MULTILINE)
     assert sum(map(int, re.findall(r"\b(\d+) ", counted))) == len(Feature)
@@ -104,7 +104,7 @@ def test_a_damaged_certificate_is_an_error(tmp_path):
         engine_pages.pages(tmp_path)
 
 
-def test_what_is_measured_is_that_of_certificates_and_study(pages):
+def test_measured_figures_come_from_certificates_and_the_study(pages):
     study = json.loads(gzip.decompress((ROOT / engine_pages.STUDY / "study.json.gz").read_bytes()))["sweeps"]["spheres"]
     tables = {table["name"]: table["records"] for table in study}
     [speed] = [row for row in tables["speed.cpu_factor"] if (row["engine"], row["timestep"]) == ("rapier", 0.001)]
@@ -131,7 +131,7 @@ def test_every_engine_that_can_be_had_has_a_row_of_each_of_its_scenarios(pages):
             assert rows, (sweep, label)
 
 
-def test_of_a_level_the_check_that_is_nearest_to_its_tolerance_is_told():
+def test_each_level_names_the_check_nearest_to_its_tolerance():
     checks = (
         Check("L1", "mass", 3, 1e-9, 1e-12, "bodies.a.mass"),
         Check("L1", "inertia tensor", 2, 1e-6, 5e-7, "bodies.b.inertia"),

@@ -72,7 +72,7 @@ def test_rows_are_bounded_and_the_rest_is_counted():
     assert f"ball_{MOST_ROWS:03d}" not in shown
 
 
-def test_what_recorded_nothing_and_what_is_not_finite():
+def test_runs_without_records_and_values_that_are_not_finite_are_marked():
     nothing = dataclasses.replace(two()["first"], arrays={}, failed="crashed")
     assert final_table({"first": nothing}, ()) is None
     assert ends(nothing, ()) == {}

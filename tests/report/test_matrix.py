@@ -26,7 +26,7 @@ def test_data_say_which_kind_of_absence():
     assert not any("absence" in entry for table in tables for entry in table.values() if entry not in absent)
 
 
-def test_a_reason_is_one_note_for_all_its_engines_and_features():
+def test_a_reason_is_a_single_note_for_all_its_engines_and_features():
     notes = Notes()
     assert notes.mark("soft", "a", "joint.hinge") == " [1]"
     assert notes.mark("", "a", "joint.free") == ""

@@ -36,7 +36,7 @@ def test_no_name_is_markup():
         assert "&lt;script&gt;" in text
 
 
-def test_what_they_show():
+def test_notebook_tables_show_the_main_facts():
     assert "<td>2</td>" in made()._repr_html_()  # the real-time factor
     assert "it fell over" in dataclasses.replace(made(), failed="it fell over")._repr_html_()
     text = diff(made(), made(0.0, "second"))._repr_html_()
@@ -61,7 +61,7 @@ def test_a_data_frame_of_bodies():
     assert cube.x.to_numpy() == pytest.approx(0.5 * np.arange(11) * 0.1)
 
 
-def test_what_was_not_recorded_has_no_frame(monkeypatch):
+def test_unrecorded_tables_have_no_data_frame(monkeypatch):
     pytest.importorskip("pandas")
     with pytest.raises(SpecError, match="recorded no table 'control'") as refused:
         made().to_pandas("control")

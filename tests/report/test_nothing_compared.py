@@ -85,7 +85,7 @@ def test_the_initial_state_alone_is_inconclusive():
     assert found.inconclusive_body.angle_floor == 1.0
 
 
-def test_one_record_more_is_a_comparison():
+def test_an_additional_record_is_a_comparison():
     (found,) = a_study({"first": chaos(0.2), "second": quiet}).diffs
     assert (found.compared_until, found.verdict, found.not_compared) == (0.1, WITHIN, "")
     assert diff_code([found]) == EXIT_OK
@@ -127,7 +127,7 @@ def test_the_terminal_says_so(capsys):
     assert "not before" not in pairs + bodies
 
 
-def test_machines_are_told_so():
+def test_json_says_that_nothing_was_compared():
     (found,) = nothing().diffs
     data = diff_data(found)
     assert (data["within"], data["verdict"]) == (False, INCONCLUSIVE)
@@ -139,7 +139,7 @@ def test_machines_are_told_so():
     assert "nothing was compared" in found._repr_html_()
 
 
-def test_ci_is_told_so():
+def test_ci_reports_say_that_nothing_was_compared():
     study = nothing()
     suites = study_suites(study, lambda path: None, True)
     text = junit(suites)
@@ -178,7 +178,7 @@ def test_commands_end_with_1(tmp_path, monkeypatch, capsys):
     assert "nothing was compared" in capsys.readouterr().err
 
 
-def test_pairs_that_were_compared_further_are_said_apart():
+def test_pairs_that_were_compared_longer_are_reported_separately():
     study = a_study({"a": quiet, "b": quiet, "c": chaos(0.5)}, {"b": 2e-4})
     texts = [sentence.text for sentence in verdict(study) if sentence.text.startswith("Motion")]
     assert texts == [

@@ -27,7 +27,7 @@ def shown(*objects, terminal: bool = True) -> str:
 
 
 @pytest.mark.parametrize("foreign", FOREIGN)
-def test_printed_text_is_one_line_of_what_it_is(foreign, capsys):
+def test_printed_text_is_a_single_line_without_control_characters(foreign, capsys):
     assert shown(foreign).rstrip("\n") == visible(foreign)
     assert "\n" not in visible(foreign)
     assert visible(foreign).isprintable()

@@ -85,7 +85,7 @@ def test_consistency_is_the_drift_of_free_fall(sheets):
     assert all(entry["order"] is None for entry in at_the_end if entry["coarse"] == 0.002)
 
 
-def test_conservation_is_told_of_what_nothing_acts_on(sheets):
+def test_conservation_is_reported_for_bodies_without_external_forces(sheets):
     records = {(record["timestep"], record["engine"]): record for record in sheets["whole"]["conservation"]["records"]}
     assert len(records) == 6
     for (timestep, _), entry in records.items():
@@ -126,7 +126,7 @@ def test_a_second_pass_is_moved_by_the_first_gap(sheets):
     assert record["second_horizon"] is None or record["second_horizon"] > record["gap_time"] > 0.0
 
 
-def test_one_run_each_cannot_be_told_apart_and_says_so(sheets):
+def test_single_runs_cannot_be_distinguished_and_the_table_says_so(sheets):
     (row,) = texts(sheets["bare"]["distributions.tests"])
     assert row[2] == "1"
     assert row[5].startswith("cannot reject: with so few runs p is at least 1")
@@ -134,7 +134,7 @@ def test_one_run_each_cannot_be_told_apart_and_says_so(sheets):
     assert not sheets["bare"]["distributions.tests"]["records"][0]["paired"]["can_reject"]
 
 
-def test_what_was_not_recorded_is_said(sheets):
+def test_missing_records_are_reported(sheets):
     for name in ("conservation", "penetration"):
         rows = texts(sheets["bare"][name])
         assert len(rows) == 2

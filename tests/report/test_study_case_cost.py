@@ -69,7 +69,7 @@ def cells(shown):
     return [[cell["text"] for cell in row] for row in shown["rows"]]
 
 
-def test_each_case_is_beside_the_scenario_itself(tables):
+def test_each_case_is_compared_with_the_unchanged_scenario(tables):
     rows = cells(tables["case_cost"])
     assert [row[:4] for row in rows if row[0] == "friction 0.6"] == [
         ["friction 0.6", "–", "mujoco", "2 ms"],
@@ -91,7 +91,7 @@ def test_ratios_are_those_of_the_times(tables):
     assert row[5] == two_digits(exact["ratio"])
 
 
-def test_what_slides_has_left_its_place_and_what_sticks_has_not(tables):
+def test_sliding_bodies_are_displaced_and_sticking_bodies_are_not(tables):
     rows = {(row[0], row[1]): row[2] for row in cells(tables["displacement"])}
     # g sin 20° from rest: 50 mm sideways (53 along the slope) after 0.178 s
     assert rows["friction 0", "mujoco"] == rows["friction 0", "dart"] == "left its place at 0.2 s (2 of 2 runs)"

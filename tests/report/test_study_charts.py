@@ -39,7 +39,7 @@ def test_limits_of_validity_have_intervals_and_those_from_elsewhere():
     assert [(limit["label"], limit["x"]) for limit in share["limits"]] == [("Third (elsewhere): 3 ms", 3.0)]
 
 
-def test_speed_over_time_has_its_contacts_and_one_axis_with_them():
+def test_speed_over_time_shares_its_time_axis_with_contacts():
     found = made()
     speed = found["Simulated time over processor time of the steps, timestep 1 ms"]
     contacts = found["Points of contact, mean, timestep 1 ms"]

@@ -106,7 +106,7 @@ def test_a_case_without_effect_in_an_engine_is_not_shown_again(tables):
     assert shown == [["–", "mujoco"], ["–", "dart"], ["of-dart", "dart"]]
 
 
-def test_what_is_not_supported_is_told_with_the_reason_once(tables):
+def test_an_unsupported_law_is_reported_once_with_its_reason(tables):
     rows = cells(tables["contact.unsupported"])
     assert [row[0] for row in rows] == ["mujoco", "dart"]
     assert rows[0][1] == "compliant"
@@ -115,7 +115,7 @@ def test_what_is_not_supported_is_told_with_the_reason_once(tables):
     assert "contact.hardness.time-constant" in rows[1][2]
 
 
-def test_a_law_that_only_one_engine_supports_has_rows_of_that_one(tables):
+def test_a_law_that_a_single_engine_supports_has_rows_of_that_engine(tables):
     rows = cells(tables["contact.compliance"])
     assert {row[3] for row in rows} == {"mujoco"}
     assert {row[0] for row in rows} == {"μ 0, T 40 ms, ζ 1"}

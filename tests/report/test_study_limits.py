@@ -92,7 +92,7 @@ def test_nothing_failed_is_said(made):
     assert shown["records"] == []
 
 
-def test_controls_are_to_fail_and_one_that_does_not_is_told(made):
+def test_controls_must_fail_and_a_passing_control_is_reported(made):
     rows, shown = texts(made, "cases")
     assert [row[2] for row in rows[:4]] == ["–", "weak (expected to fail)", "thrown", "heavy (expected to fail)"]
     by_case = {(row[0], row[1], row[2].split()[0]): row for row in rows}
@@ -114,7 +114,7 @@ def test_controls_are_to_fail_and_one_that_does_not_is_told(made):
     assert {record["fails"] for record in shown["records"] if record["case"] in ("weak", "heavy")} == {True}
 
 
-def test_what_a_step_costs(made):
+def test_the_cost_of_a_step_is_measured(made):
     rows, shown = texts(made, "cost")
     assert [row[:2] for row in rows] == [[step, name] for step in ("1 ms", "7 ms") for name in ("mujoco", "pybullet")]
     assert all(row[-1] == "2" for row in rows)
@@ -124,7 +124,7 @@ def test_what_a_step_costs(made):
     assert float(rows[0][2].replace(",", "")) == pytest.approx(0.001 / factor["quiet"], rel=1e-3)
 
 
-def test_what_was_rounded_is_said(made):
+def test_rounded_times_are_reported(made):
     assert any(
         "times rounded up at physics.timestep=7 ms: physics.duration 0.06 s to 0.063 s" in text for text in made["said"]
     )
@@ -207,7 +207,7 @@ def test_a_certificate_that_compares_nothing_is_none():
     assert checks.column(2)[0] == "nothing was compared"
 
 
-def test_what_was_not_verified_ends_the_limit():
+def test_an_unverified_timestep_ends_the_limit():
     limits, checks = certified({("a", 1): certificate(GOOD), ("a", 2): None, ("a", 4): certificate(GOOD)}, [])
     assert (limits.records[0]["limit"], limits.records[0]["first_invalid"]) == (0.001, 0.002)
     assert checks.column(2)[0] == "not verified"

@@ -45,7 +45,7 @@ def missed(engine: str, value: float, limit: float | None = 0.001, failed: float
     return [record, *shares, {"engine": engine, "timestep": first, "share": failed, "runs": 3}]
 
 
-def test_what_matters_is_few_sentences_in_order():
+def test_the_verdict_is_a_few_sentences_in_order():
     assert texts(changed()) == [
         "1 sweep, all done.",
         "made-up, equal models, by processor time: at 1 ms first is 2 × as fast as second; "
@@ -57,7 +57,7 @@ def test_what_matters_is_few_sentences_in_order():
     ]
 
 
-def test_what_is_wrong_comes_first():
+def test_problems_come_first():
     sentences = verdict(samples.study_tables())
     assert [(sentence.tone, sentence.text) for sentence in sentences[:2]] == [
         ("bad", "1 sweep, and something is wrong."),
@@ -65,7 +65,7 @@ def test_what_is_wrong_comes_first():
     ]
 
 
-def test_processor_time_is_told_only_where_its_order_is_another():
+def test_processor_time_is_reported_only_where_its_order_differs():
     same = samples.speeds(("first", "second"))
     other = samples.speeds(("second", "first"))
     assert "by wall time and by processor time" in texts(changed(speed__real_time_factor=same))[1]
@@ -84,7 +84,7 @@ def test_unequal_models_that_leave_the_order():
     assert sentences[2].endswith("leave the order as it is: made-up (first is 3 × as fast as second).")
 
 
-def test_engines_of_the_same_limit_are_one_sentence():
+def test_engines_of_the_same_limit_share_a_sentence():
     records = missed("a", 0.00875) + missed("b", 0.00879) + missed("c", 0.0091, failed=1 / 3)
     assert limits(records) == [
         (
@@ -112,7 +112,7 @@ def test_engines_of_the_same_limit_are_one_sentence():
         (None, 0.001, None, "a and b not verified"),
     ],
 )
-def test_what_is_certified_stands_beside_what_holds(limit, first_invalid, proven, words):
+def test_certified_timesteps_are_reported_with_valid_timesteps(limit, first_invalid, proven, words):
     limits = [{"engine": engine, "limit": limit, "first_invalid": first_invalid} for engine in "ab"]
     checks = [{"engine": engine, "timestep": 0.001, "proven": proven} for engine in "ab"]
     assert texts(changed(certified=limits, certified__checks=checks))[-1].endswith(f". Certified: {words}.")

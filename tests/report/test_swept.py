@@ -62,7 +62,7 @@ def test_a_wrong_value_is_an_error_of_the_report(place):
     assert etree.parse("out.xml").findall(".//error")
 
 
-def test_what_may_not_be_written_is_said_first(place, capsys):
+def test_an_unwritable_report_is_an_error_before_any_work(place, capsys):
     assert call("--junit", "fall.yaml") == EXIT_WRONG
     assert "simspec did not write it" in capsys.readouterr().err
     assert call("--dry-run", "--junit", "out.xml") == EXIT_WRONG

@@ -182,7 +182,7 @@ def test_everything_of_a_study_is_json():
     assert len(found["diffs"]) == 3
 
 
-def test_what_is_not_finite_is_null():
+def test_values_that_are_not_finite_are_null():
     assert plain({"a": [float("nan"), float("inf"), 1.0]}) == {"a": [None, None, 1.0]}
 
 

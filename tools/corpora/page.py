@@ -238,8 +238,8 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield (
         "What an engine does only approximately, or simspec beside it, is accepted here. Of a file that an engine refuses, the "
         f"same model {NO_SELF_COLLISION} (`contact.self_collision: false`, or `--no-self-collision`) is certified in "
-        f"that engine, where that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
-        "had 60 in some earlier verdicts."
+        f"that engine, where that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a "
+        "file, and had 60 in some earlier verdicts."
     )
     yield ""
     yield f"| engine | certified | certified {NO_SELF_COLLISION} | fails its proof | not supported, by name | not asked yet |"

@@ -18,13 +18,13 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def test_every_source_is_the_one_it_was_made_of():
+def test_every_source_has_the_hash_recorded_in_the_bundle():
     sources = [f"src/{path.name}" for path in (PAGE / "src").iterdir()]
     sources += ["build.mjs", "package.json", "package-lock.json", "tsconfig.json"]
     assert {name: digest(PAGE / name) for name in sources} == FACTS["sources"], f"stale: {FACTS['command']}"
 
 
-def test_nobody_edited_what_was_made():
+def test_the_bundle_is_not_edited_by_hand():
     assert {name: digest(PAGE / "bundle" / name) for name in FACTS["files"]} == FACTS["files"], FACTS["command"]
     made = {path.name for path in (PAGE / "bundle").iterdir()}
     assert made == {*FACTS["files"], "bundle.json"}
@@ -37,7 +37,7 @@ def test_versions_are_those_that_are_locked():
 
 
 @pytest.mark.parametrize("name", LIBRARIES)
-def test_licences_are_beside_it(name):
+def test_licences_are_next_to_the_bundle(name):
     assert "Permission is hereby granted" in bundle().licences[name]
 
 

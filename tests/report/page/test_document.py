@@ -60,7 +60,7 @@ def hostile(tmp_path_factory):
     return page([load_study(samples.stored(study, tmp_path_factory.mktemp("study") / "hostile"))])
 
 
-def test_the_policy_allows_the_pages_own_program_and_style_alone(usual):
+def test_the_policy_allows_only_the_program_and_style_of_the_page(usual):
     outline = Outline(usual)
     (policy,) = [
         attributes["content"]
@@ -146,7 +146,7 @@ def scene(text: str) -> dict:
     return json.loads(re.findall(r'id="scenes">(.*?)</script>', text, re.DOTALL)[0])["scenes"][0]
 
 
-def test_what_moves_and_what_does_not(usual):
+def test_moving_and_fixed_bodies_are_distinguished(usual):
     found = scene(usual)
     assert (found["bodies"], found["moving"], found["turning"]) == (["floor", "resting", "mover", "arm"], [2, 3], [3])
     assert [shape["kind"] for shape in found["shapes"]] == ["plane", "box", "sphere", "capsule"]
@@ -242,7 +242,7 @@ def test_a_page_is_made_of_runs_that_went_wrong(tmp_path, spoil):
     }[spoil.__name__]  # fmt: skip
 
 
-def test_two_runs_in_one_engine_are_not_mixed(tmp_path):
+def test_two_runs_in_the_same_engine_are_not_mixed(tmp_path):
     folder = samples.stored(samples.a_study(engines=("first", "second")), tmp_path / "sample")
     shutil.copytree(folder / "second", folder / "second-again")
     with pytest.raises(SpecError, match="two runs in second"):
@@ -294,7 +294,7 @@ def test_hulls_of_meshes_are_packed_once_with_their_faces():
     assert (low + 256 * high).reshape(-1, 3).tolist() == mesh_triangles(mesh).tolist()
 
 
-def test_height_fields_are_drawn_as_their_triangles_and_large_ones_with_fewer():
+def test_height_fields_are_drawn_as_triangles_and_large_fields_with_fewer():
     generator = np.random.default_rng(2)
     small = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (4, 5)))
     large = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (300, 500)))

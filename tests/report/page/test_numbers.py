@@ -65,7 +65,7 @@ def test_forces_are_as_long_as_their_square_roots(data):
     assert np.frombuffer(packed[forces["normal"]], np.int8).reshape(3, 7).tolist() == [[0] * 7, [0] * 7, [127] * 7]
 
 
-def test_curves_have_the_runs_own_numbers(data):
+def test_curves_have_the_numbers_of_the_runs(data):
     scene, packed = data
     plots = {
         plot["title"]: [np.frombuffer(packed[line["values"]], "<f4") for line in plot["lines"]]

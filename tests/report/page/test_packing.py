@@ -53,7 +53,7 @@ def test_positions_are_within_half_a_step(size):
     assert off.max() > 0.3 * resolution(low, high)
 
 
-def test_what_is_beyond_the_box_is_at_its_edge():
+def test_values_beyond_the_box_are_clamped_to_its_edge():
     low, high = np.zeros(3), np.full(3, 1.0)
     assert coded(np.array([[-9.0, 0.5, 7.0]]), low, high).tolist() == [[-32767, 0, 32767]]
 

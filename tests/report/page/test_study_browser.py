@@ -54,7 +54,7 @@ def test_it_opens_without_a_word_and_fits(running, files, size, scheme):
     assert not said
 
 
-def test_plots_over_one_axis_are_zoomed_together(running, files):
+def test_plots_with_a_common_axis_are_zoomed_together(running, files):
     with browser.opened(running, files["usual"]) as (page, said):
         whole = [page.evaluate(SHOWN, index) for index in range(PLOTS)]
         assert whole[0] == pytest.approx([1 / 1.15, 8 * 1.15])
