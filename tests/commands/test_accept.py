@@ -1,4 +1,4 @@
-"""``simspec accept``: what engines need is written into the file, and nothing else is touched."""
+"""``simspec accept``: it writes the entries that engines need into the file, and changes nothing else."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ DECLARED = list(
         if said.level in (Level.APPROXIMATE, Level.OUTSIDE)
     )
 )
-"""Of every format and engine: what has to be accepted or asked for by name, and its short reason; once where an engine and its
-dialect of one name declare the same."""
+"""Features of every format and engine that have to be accepted or requested by name, with their short reasons; once where an
+engine and its dialect of the same name declare the same."""
 PAGE = Path(__file__).resolve().parents[2] / matrix.MATRIX_FILE
 
 

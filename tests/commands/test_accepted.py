@@ -1,4 +1,4 @@
-"""``--accept``: what a spec, or a robot file that has no word for it, lets engines have, said on the command line."""
+"""``--accept``: approximations that a spec accepts, given on the command line, also for robot files, which cannot say them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_a_robot_file_is_compiled_with_what_is_accepted_by_name(robot, capsys):
     assert cli.main(["compile", robot, "--engine", "mujoco"]) == 2
     assert "or --accept joint.limits.position" in capsys.readouterr().err
     assert cli.main(["compile", robot, "--engine", "mujoco", "--accept", "joint.limits.position"]) == 0
-    # the world beside it has the entries of the other engines that need some
+    # the reference world has the entries of the other engines that need some
     before = {path: path.read_bytes() for path in Path("generated").rglob("*.xml")}
     assert cli.main(["compile", robot, "--engine", "mujoco", "--accept", "all"]) == 0
     assert before
@@ -53,7 +53,7 @@ def test_engines_get_the_entries_that_they_need_and_no_others(robot):
     sets = accepted_sets(
         Options(sets=["engines.mujoco.accept=[contact.friction.impact]"], accept=["joint.limits.position"]), robot
     )
-    assert "engines.mujoco.accept=[contact.friction.impact, joint.limits.position]" in sets, "what stands there stays"
+    assert "engines.mujoco.accept=[contact.friction.impact, joint.limits.position]" in sets, "existing entries stay"
     assert not any("engines.dart" in entry for entry in sets), "DART has limits as they are"
 
 

@@ -1,4 +1,4 @@
-"""``simspec bisect``: the version that changed a figure, and everything that can be wrong with what is asked."""
+"""``simspec bisect``: the version that changed a figure, and every error of a request."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ WORDS = ("box-on-box", "--engine", "mujoco", "--figure", "displacement", "--no-v
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
-    """The index has ``RELEASED``; a version's figure is in ``DEPTH``, and no engine is started. What was installed, and what
-    was measured."""
+    """The index has ``RELEASED``; a version's figure is in ``DEPTH``, and no engine is started. Yields the installed
+    and the measured versions."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     calls: dict[str, list[str]] = {"installed": [], "measured": []}
@@ -171,9 +171,9 @@ def reachable() -> bool:
 
 @nightly
 def test_the_version_that_changed_how_boxes_touch_is_found(tmp_path, monkeypatch, capsys):
-    """Needs the package index: two versions are installed, each in an environment of its own. What of
-    this every commit tests: the search and the command above, with figures that are made up; a version that is run and stored
-    (``tests/experiments/test_bisect.py``); one that is installed beside (``tests/engines/test_second_environment.py``)."""
+    """Needs the package index: two versions are installed, each in a separate environment. Every commit tests parts of this:
+    the search and the command above, with made-up figures; the run and storage of a version
+    (``tests/experiments/test_bisect.py``); a second installed version (``tests/engines/test_second_environment.py``)."""
     if not reachable():
         pytest.skip("the package index cannot be reached")
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""What `simspec check` and `simspec audit` say of a model's plausibility, in how many lines, and how they end."""
+"""Plausibility findings of `simspec check` and `simspec audit`: their text, number of lines, and exit codes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""``--junit``, ``--annotations``, ``--summary``, ``--github`` and ``--baseline``: what is written where, the exit codes, and
-what is refused."""
+"""``--junit``, ``--annotations``, ``--summary``, ``--github`` and ``--baseline``: written files, exit codes, and
+refusals."""
 
 from __future__ import annotations
 

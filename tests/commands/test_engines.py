@@ -212,7 +212,7 @@ def test_an_unknown_engine_name_is_reported(capsys):
 
 @pytest.fixture
 def commands(tmp_path, monkeypatch):
-    """An interpreter and an apt-get of the test's own, and a function that gives what was asked of them."""
+    """A stub interpreter and a stub apt-get, and a function that returns their calls."""
     log = tmp_path / "log"
     script = f'#!/bin/sh\necho "$(basename "$0") $@" >> {log}\necho noise\nexit $(cat {tmp_path}/code 2>/dev/null || echo 0)\n'
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "bin" / "python", script)))

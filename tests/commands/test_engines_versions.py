@@ -1,4 +1,4 @@
-"""``simspec engines install NAME@VERSION``: an environment of its own, found by its label, and never a stranger's folder."""
+"""``simspec engines install NAME@VERSION``: a separate environment, found by its label, and never in a foreign folder."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ exit $(cat {code} 2>/dev/null || echo 0)
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Where environments are made, with an interpreter of the test's own whose pip installs what ``version`` says, and
-    ends with what ``code`` says; ``log`` has what was asked of it."""
+    """The folder of environments, with a stub interpreter whose pip installs the version in the file ``version`` and ends with
+    the code in the file ``code``; ``log`` has its calls."""
     script = VENV.format(log=tmp_path / "log", version=tmp_path / "version", code=tmp_path / "code")
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "python", script)))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
@@ -117,7 +117,7 @@ def test_an_engine_in_conflict_with_others_gets_a_separate_environment_that_its_
     assert "'mujoco-mjx==3.17.*' numpy 'pin" in row["commands"][1]["words"]
     python = str(made / "mjx@3.17" / "bin" / "python")
     assert interpreters(None) == {"mjx": python, "mjx@3.17": python}
-    # what is installed here is taken here
+    # the label finds the version that is installed here
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(find_engine("mjx"), "version", classmethod(lambda cls: "3.17.0"))
         assert interpreters(None) == {"mjx@3.17": python}

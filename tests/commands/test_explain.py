@@ -1,4 +1,4 @@
-"""``simspec explain``: what it takes, what it prints, and what it refuses."""
+"""``simspec explain``: arguments, output and refusals."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_second_side_may_be_given_by_its_values(tmp_path, monkeypatch, capsy
     (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
     code, out, _ = explain(capsys, "fall.yaml", "--engine", "mujoco", "--with", "bodies.box.mass=2 kg")
     assert code == EXIT_OK
-    assert out.startswith("There is nothing to explain")  # what falls falls alike, whatever its mass
+    assert out.startswith("There is nothing to explain")  # bodies of every mass fall alike
     assert "mass and inertia of box" in out
 
 

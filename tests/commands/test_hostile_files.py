@@ -1,4 +1,4 @@
-"""Every command that takes robot files, given one of a stranger: exit code 2, a place in the file, and nothing written."""
+"""Every command that takes robot files rejects hostile files: exit code 2, a place in the file, and nothing written."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FILES = {
     "damaged.usdc": "PXR-USDC" + "\0" * 100,
 }
 CHEAP = ("bomb.urdf", "outside.urdf", "circle.sdf")
-"""Files that no process of their own is started for; each command is asked with these, and one with all."""
+"""Files that are read without a separate process; each command is tested with these, and one command with all."""
 COMMANDS = {
     "check": ["check", "{}"],
     "import": ["import", "{}", "-o", "written.yaml"],

@@ -1,4 +1,4 @@
-"""``simspec import`` and the other commands on a robot file: what is written, what is told, what is refused."""
+"""``simspec import`` and the other commands on a robot file: written files, messages, refusals."""
 
 import json
 

@@ -66,7 +66,7 @@ def steps(tmp_path, monkeypatch):
 
 
 def expected(*once: str, refused: bool) -> dict[tuple[str, str], int]:
-    """Each step of ``once`` one time for each engine; an engine that refuses is asked again with all accepted that can be."""
+    """Each step of ``once`` one time for each engine; an engine that refuses is tried again with all features accepted."""
     counts = {(step, name): 1 for step in ("negotiate", "lower", *once) for name in TAKEN}
     return counts | ({("negotiate", "drake"): 2} if refused else {})
 

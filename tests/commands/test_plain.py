@@ -1,4 +1,4 @@
-"""``simspec compile --format``: plain files go where they should, and what they do not carry is told by file and line."""
+"""``simspec compile --format``: places of plain files, and a report of losses by file and line."""
 
 from __future__ import annotations
 

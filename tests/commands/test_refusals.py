@@ -1,4 +1,4 @@
-"""What engines refuse: one line for each feature, and two last lines with the command that accepts what can be accepted."""
+"""Refusals of engines: one line for each feature, and two last lines with the command that accepts all acceptable features."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``simspec report``, ``simspec view`` and ``simspec run --report``: what is written where, and what is refused."""
+"""``simspec report``, ``simspec view`` and ``simspec run --report``: written files and refusals."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_where_windows_can_be_shown(environment, platform, shown):
 
 
 def keeping(made):
-    """What stands for a study of engines: it gives what was made by hand, part by part."""
+    """A stand-in for a study of engines: it delivers made-up results part by part."""
 
     def study(world, engines, *, arrivals, **_):
         arrivals.certificate(made.certificate)

@@ -1,4 +1,4 @@
-"""What ``simspec run`` ends with: --fail-on-diff acts on what was told, whatever the engines are."""
+"""Exit codes of ``simspec run``: --fail-on-diff acts on the reported differences of any engines."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 
-import kill_sweeps  # noqa: E402 - a script beside the package
+import kill_sweeps  # noqa: E402 - a script outside the package
 
 SPEC = """\
 simspec: 1
@@ -149,10 +149,10 @@ def test_a_signal_ends_a_sweep_in_order_and_the_next_call_continues(place):
     assert process.returncode in (128 + number, 0), errors
     done = len(list(runs.glob("*/*")))
     assert not list((place / "runs/fall/sweep/tmp").iterdir())
-    assert (place / "runs/fall/sweep/index.parquet").is_file(), "what it knows is written"
+    assert (place / "runs/fall/sweep/index.parquet").is_file(), "known runs are written"
     content = json.loads(call("--no-verify", "--set", "sweep.repeat=10", "--json"))
     assert (content["ran"], content["done_before"], content["notes"]) == (20 - done, done, [])
-    assert not any(run["failed"] for run in content["runs"]), "who was ended with the sweep has not failed"
+    assert not any(run["failed"] for run in content["runs"]), "a run that ended with the sweep has not failed"
 
 
 def test_killed_at_random_moments_it_loses_and_repeats_nothing(tmp_path):

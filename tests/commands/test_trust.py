@@ -1,4 +1,5 @@
-"""``simspec trust``: what a stranger's project file names is neither started nor read before its user has trusted it."""
+"""``simspec trust``: interpreters and files that a foreign project file names are neither started nor read before the user
+trusts it."""
 
 from __future__ import annotations
 
@@ -301,7 +302,7 @@ STUDY = "simspec_study: 1\nname: far\ndescription: d\nsweeps: {one: {spec: ../fa
 
 @pytest.fixture
 def far(project):
-    """A robot and a scenario beside the repository, in a folder that its project file allows."""
+    """A robot and a scenario outside the repository, in a folder that its project file allows."""
     (project.parent / "far").mkdir()
     (project.parent / "far" / "robot.urdf").write_text(URDF)
     (project.parent / "far" / "fall.yaml").write_text(SPEC)
@@ -363,6 +364,6 @@ def test_untrusted_package_paths_are_not_passed_by(far, capsys, monkeypatch):
     assert (
         f"'arm' is sought in folders of a project file that is not trusted found: arm hint: simspec trust {far}" in err
     )
-    # what the command line names comes first, and needs no trust
+    # interpreters of the command line come first, and need no trust
     cli.main(["check", "robot.urdf", "--package-path", "../elsewhere"])
     assert "not trusted" not in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""``simspec verify`` of one engine after the other: what it says of the proofs that are kept, and what decides its verdict."""
+"""``simspec verify`` of engines in turn: its messages about kept proofs, and the basis of its verdict."""
 
 from __future__ import annotations
 

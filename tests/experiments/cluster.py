@@ -16,7 +16,7 @@ START = 120.0
 
 
 class Cluster:
-    """A scheduler at ``address``, and what was started beside it."""
+    """A scheduler at ``address``, and the processes that were started with it."""
 
     def __init__(self, folder: Path, stack: contextlib.ExitStack):
         self._folder, self._stack = folder, stack

@@ -129,7 +129,7 @@ def test_times_are_rounded_up_only_where_the_sweep_requests_it():
     assert "a time of an expectation by up to 0.001 s" in line
     with pytest.raises(SpecError, match="whole number of timesteps"):
         world_of(exact, list(exact)[1])
-    # what is an error without rounding is never found done by a cell that rounded
+    # a run of a rounded cell never counts for a cell that is an error without rounding
     assert {cell.key for cell in exact}.isdisjoint(cell.key for cell in rounding)
 
 

@@ -29,7 +29,7 @@ def test_every_approximation_is_accepted_since_the_study_measures_it():
                 compile_world(world_of(plan, cell), [cell.engine])
             except UnsupportedError as error:
                 lacking.add((sweep.name, cell.engine, cell.case))
-                # what an engine does not have at all is reason enough
+                # an unsupported feature is reason enough
                 messages = [problem.message for problem in error.problems]
                 reasons.add(next((why for why in messages if "approximately" not in why), messages[0]))
     assert not [why for why in reasons if "approximately" in why]

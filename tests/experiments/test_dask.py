@@ -1,4 +1,4 @@
-"""A Dask cluster does what this machine does, to the bit; what dies there costs its runs only; what cannot be done is said."""
+"""A Dask cluster gives the results of this machine, to the bit; a lost worker costs its runs only; errors are reported."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def results(store):
 
 
 def on(address, plan, publishing=lambda: None):
-    """Starts an executor that tells when it publishes."""
+    """Starts an executor that reports when it publishes."""
 
     class Telling(DaskExecutor):
         def run(self, tasks, publish):

@@ -1,4 +1,4 @@
-"""What travels to another machine and back: it comes back as it was, and whatever else comes is refused with a reason."""
+"""Parcels that travel to another machine and back: they return unchanged, and any other content is refused with a reason."""
 
 from __future__ import annotations
 

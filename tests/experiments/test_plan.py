@@ -128,7 +128,7 @@ def test_values_of_distributions_are_drawn():
         ([{"above": "1 ms", "settings": {"iteration": 3}}], 0, "iteration"),
         ([{"above": "1 ms", "settings": {"iterations": 0}}], 0, "iterations"),
         ([{"above": "1 ms", "settings": {"iterations": 3}}, {"above": 1, "settings": {"solver": "none"}}], 1, "solver"),
-        # what an entry switches off has no effect where the entry holds
+        # a value that an entry switches off has no effect where the entry applies
         (
             [{"above": "1 ms", "settings": {"ls_iterations": 3}}, {"above": 1, "settings": {"solver": "pgs"}}],
             0,

@@ -126,7 +126,7 @@ def test_a_damaged_run_is_named_moved_aside_and_to_be_done_again(store, damage):
     with pytest.raises(SpecError, match=str(store.path)):
         store.load(KEYS[0])
     assert KEYS[0] not in refresh(store, repair=False).rows
-    assert store.has(KEYS[0]), "who only reads moves nothing"
+    assert store.has(KEYS[0]), "reading moves nothing"
     with store.writing():
         index = refresh(store, repair=True)
     assert set(index.rows) == set(KEYS[1:3])

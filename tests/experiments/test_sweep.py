@@ -1,5 +1,5 @@
-"""The driver: what is there is not done again, what failed is a result, what always dies is stopped, and an end costs
-nothing."""
+"""The driver: stored runs are not repeated, a failed run is a result, an engine that always dies is stopped, and an interrupt
+loses nothing."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def test_an_engine_that_always_dies_is_stopped_and_the_others_go_on(store):
     assert outcome.skipped == 12 - MOST_DEATHS
     assert outcome.exit_code(MOST_DEATHS, 0) == 3
     again = do(store, engines, many)
-    assert (again.ran, list(again.stopped)) == (0, ["mujoco"]), "what is known is not tried again"
+    assert (again.ran, list(again.stopped)) == (0, ["mujoco"]), "a known failure is not tried again"
     assert do(store, Engines(), many, retry_failed=True).ran == 12
 
 
@@ -209,7 +209,7 @@ def test_engine_settings_are_checked_as_in_other_commands(store):
     engines = Engines()
     outcome = do(store, engines, wrong)
     assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (2, 1, 2), (
-        "the other engine is not told of it"
+        "the other engine does not receive the setting"
     )
     (problem,) = outcome.invalid
     assert problem.message == "mujoco has no setting 'no_such_setting'"
@@ -232,7 +232,7 @@ def test_rounded_times_are_reported_with_the_run_and_the_results(store, capsys):
     assert (
         "note: times rounded up at physics.timestep=3 ms: physics.duration 0.1 s to 0.102 s" in capsys.readouterr().out
     )
-    # what needs no rounding is the same run, however it is asked for; what does stays an error without
+    # a run without rounded times is the same run by either request; with rounded times it stays an error without `round`
     exact = do(store, engines, spec(over={"physics.timestep": ["1 ms", "3 ms"]}))
     assert (exact.ran, exact.done, exact.invalid_count) == (0, 2, 2)
 

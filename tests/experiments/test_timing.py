@@ -1,4 +1,4 @@
-"""What a machine is, whether it is quiet, and runs that are timed: alone, on one processor, the engines taking turns."""
+"""Description of a machine, its load, and timed runs: alone, on one processor, the engines in turn."""
 
 from __future__ import annotations
 

@@ -260,7 +260,7 @@ WAYS = {
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("law", ["position", "effort"])
 def test_a_trajectory_moves_joints_without_actuators(way, law):
-    """What an actuator holds stays what it is at all times, and the trajectory what it is without the actuator."""
+    """The target of an actuator outside the trajectory is constant, and the trajectory is the same as without the actuator."""
     actuator = {**SERVO, "command": 0.3} if law == "position" else {"joint": "elbow", "law": "effort", "command": 0.3}
     data = with_trajectory(actuator, WAYS[way])
     both = Spec.from_data(data).resolve().trajectory

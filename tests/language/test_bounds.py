@@ -105,7 +105,7 @@ def test_the_ends_of_the_range_give_finite_mass_properties(solid, size, weight, 
 
 
 def test_nothing_is_a_small_number():
-    """Zero is no small number: a shape of density 0 beside a heavy one weighs nothing."""
+    """Zero is not a small number: a shape of density 0 next to a heavy shape is massless."""
     shapes = [{**BALL, "density": 0}, {**BALL, "density": 1000}]
     data = {"name": "t", "bodies": {"b": {"shapes": shapes}}, "contact": {"materials": {"m": {}}}}
     (built,) = Spec.from_data(data).resolve().bodies
@@ -127,7 +127,7 @@ def test_nothing_is_a_small_number():
     ],
 )
 def test_tables_of_the_wrong_kind_are_problems_also_where_others_refer_to_them(contact, path):
-    """Found by random changes to the library's specs: what reads the raw tables must not take their kind for granted."""
+    """Found by random changes to the library's specs: readers of raw tables must check their types."""
     ball = {"mass": 1, "collision_group": "b", "shapes": [{**BALL, "material": "m"}]}
     assert path in [problem.path for problem in problems({"name": "t", "bodies": {"b": ball}, "contact": contact})]
 

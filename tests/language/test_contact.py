@@ -1,4 +1,4 @@
-"""The contact law in the language: what may be said, what may not, and that it is the same by every way of saying it."""
+"""The contact law in the language: allowed and rejected entries, and the equality of all ways to write them."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone
 
 @pytest.mark.parametrize("engine", [name for name in TOUCHING if name not in (*PYRAMID_ALONE, *SQUARE)])
 def test_the_elliptic_cone_of_a_ball_is_refused_by_none(engine, tmp_path):
-    """What an engine gets wrong of other bodies need not be accepted where it cannot show."""
+    """Deviations of an engine need not be accepted where no body shows them."""
     spec = load(written(tmp_path, "  friction_cone: elliptic"))
     compile_world(spec.resolve(), [engine], spec.locate)
 
@@ -164,7 +164,7 @@ def test_more_materials_than_are_split_are_refused_by_name(engine, tmp_path):
     )
     problems = refused(path, engine)
     accepted = [problem.hint.rpartition(" ")[2] for problem in problems if "accept it by name" in (problem.hint or "")]
-    if accepted:  # what has to be accepted first is told first
+    if accepted:  # features to accept come first
         with path.open("a", encoding="utf-8") as file:
             file.write(f"engines: {{{engine}: {{accept: [{', '.join(accepted)}]}}}}\n")
         problems = refused(path, engine)

@@ -1,4 +1,4 @@
-"""Control in the language: what may be said, what may not, and that it is the same by every way of saying it."""
+"""Control in the language: allowed and rejected entries, and the equality of all ways to write them."""
 
 # ruff: noqa: E501 (a case is a line, so that cases can be compared)
 from __future__ import annotations

@@ -130,13 +130,13 @@ def test_missing_file_and_folder(tmp_path):
 _SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 
 
-_KEYS = st.text(max_size=50)  # YAML allows no key of more than 1,024 characters beside its value
+_KEYS = st.text(max_size=50)  # YAML allows no key of more than 1,024 characters on the line of its value
 _DATA = st.recursive(_SCALARS, lambda inner: st.lists(inner, max_size=5) | st.dictionaries(_KEYS, inner, max_size=5))
 
 
 @given(st.dictionaries(_KEYS, _DATA, max_size=5))
 def test_plain_data_comes_back(data):
-    """JSON is YAML: what json writes, the reader reads."""
+    """JSON is YAML: the reader reads the output of json."""
     document = parse(json.dumps(data), "f")
     found = [problem for problem in document.problems if "finite" not in str(problem)]
     assert not found

@@ -1,4 +1,4 @@
-"""What is wrong in a spec is reported with its place, what was found, what is allowed, and a way out; all of it at once."""
+"""Problems of a spec are reported all at once, each with its place, the value found, allowed values, and a hint."""
 
 # ruff: noqa: E501 (a case is a line, so that cases can be compared)
 from __future__ import annotations
@@ -381,7 +381,7 @@ contact:
   materials: {slick: {friction: -1}}
 bodies:
   a: {mass: -1, pose: {rpy: [0, 0, 0], quat: [1, 0, 0, 0]}}
-  b: {parent: nobody, mass: 1, joint: {type: hinge, axis: [0, 0, 0], limits: {position: [1, -1]}}}
+  b: {parent: absent, mass: 1, joint: {type: hinge, axis: [0, 0, 0], limits: {position: [1, -1]}}}
   c: {parent: d, mass: 1, joint: {type: ball}}
   d: {parent: c, mass: 1, joint: {type: bal}}
   e: {mass: 1, inertia: {principal: [1, 1, 3]}}

@@ -174,7 +174,7 @@ _LINES = st.lists(
 @settings(max_examples=400)
 @given(_LINES)
 def test_comments_and_meaning_survive_wherever_they_stand(lines):
-    """format_text refuses what it cannot keep; what it gives is the same data, with all comments, and stable."""
+    """format_text refuses texts that it cannot keep; its output is the same data, with all comments, and stable."""
     text = "\n".join(["simspec: 1", *lines, ""])
     tidy = attempt(text)
     if isinstance(tidy, SpecError):  # a key twice, or no YAML

@@ -1,4 +1,4 @@
-"""What a newcomer is told who writes another language's words: each hint names something that there is."""
+"""Hints for words of other languages: each hint names an existing word."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def moved(make, *points, **more):
 
 
 def test_points_of_a_trajectory_take_patterns(make):
-    """A pattern means driven joints alone: index_2 matches too, and nobody drives it."""
+    """A pattern means driven joints alone: index_2 matches too, and no controller drives it."""
     path = moved(make, {"hand/index_*": "10 deg", "hand/thumb_0": 0.4}, {"hand/index_*": 0.2, "hand/thumb_0": 0.5})
     found = path.resolve().trajectory
     columns = dict(zip(found.joints, zip(*found.positions, strict=True), strict=True))

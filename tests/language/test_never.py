@@ -1,4 +1,4 @@
-"""Expectations that no run can meet are told by `check`, not after the run."""
+"""`check` reports expectations that no run can meet, before any run."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def put(folder: Path, files: dict[str, str]) -> None:
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
-    """A folder of installed packages, none of whose code can be executed, and a working folder beside it."""
+    """A folder of installed packages, none of whose code can be executed, and a working folder next to it."""
     site = tmp_path / "site"
     arm = {"arm.urdf": ROBOT.format(mesh="package://yard_robots/meshes/arm.obj"), "meshes/arm.obj": TETRAHEDRON}
     put(site / "yard_robots", {"__init__.py": EXPLODES, **arm, "spec.yaml": USE.format("arm.urdf")})

@@ -1,4 +1,4 @@
-"""The words of a study: what it makes of its scenarios, and what is refused, with its place."""
+"""Study files: the sweeps that they make of their scenarios, and refusals with their place."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_the_small_study_applies_its_changes(folder):
     assert speed.spec.data.bodies["ball"].mass == 3
     assert speed.spec.data.physics.duration == 0.01
     assert speed.spec.data.sweep.over == {"physics.timestep": ("1 ms",)}
-    assert list(speed.spec.data.sweep.cases) == ["heavy"]  # what the small study does not replace
+    assert list(speed.spec.data.sweep.cases) == ["heavy"]  # not replaced by the small study
     assert dict(speed.changed) == {"bodies.ball.mass": "3 kg", "physics.duration": "10 ms"}
 
 

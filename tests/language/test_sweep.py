@@ -127,7 +127,7 @@ REFUSED = {
         (2, 34),
         "a sweep changes this value twice",
     ),
-    "what is replaced, and before a part of it": (
+    "replaced value, after a part of it": (
         "over: {physics.gravity.2: [1]}\ncases: {a: {physics.gravity: [0, 0, 1]}}",
         (2, 15),
         "a sweep changes this value twice",
@@ -144,7 +144,7 @@ REFUSED = {
     ),
     "a case of nothing": ("cases: {a: {}}", (1, 11), "the case a is the same as the scenario without a case"),
     "only no cases": ("only_cases: true", (1, 15), "only_cases without cases"),
-    "what no run depends on": ("over: {name: [a, b]}", (1, 10), "no run depends on this part of a spec"),
+    "part without effect on runs": ("over: {name: [a, b]}", (1, 10), "no run depends on this part of a spec"),
     "the sweep": ("over: {sweep.repeat: [1, 2]}", (1, 10), "no run depends on this part of a spec"),
     "no path": ("over: {physics..timestep: [1]}", (1, 10), "expected a dotted path"),
     "a key that is no word": ("overs: {physics.timestep: [1 ms]}", (1, 3), "unknown key 'overs'"),
@@ -188,7 +188,7 @@ def test_wrong_sweeps_are_refused_at_their_place(name, tmp_path):
 
 
 def test_each_mistake_is_a_single_problem(tmp_path):
-    """Each of these has one cause, so it is told once; a few are two mistakes."""
+    """Each of these has one cause, so it is reported once; a few are two mistakes."""
     several = {"no unit that there is", "a word of no range"}
     for name in REFUSED.keys() - several:
         folder = tmp_path / str(abs(hash(name)))

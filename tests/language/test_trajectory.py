@@ -1,4 +1,4 @@
-"""Trajectories and grasps in the language: every wrong one is an error at its line, before any engine is asked."""
+"""Trajectories and grasps in the language: every wrong entry is an error at its line, before any engine is started."""
 
 # ruff: noqa: E501 (a case is a line, so that cases can be compared)
 from __future__ import annotations
@@ -46,7 +46,7 @@ def spec(trajectory, grasps=GRASPS, control=CONTROL):
 
 
 def problems(folder, text, **files):
-    """What is wrong with a spec, when it is read or when it is resolved."""
+    """Problems of a spec, found when it is read or resolved."""
     path = folder / "driven.yaml"
     path.write_text(text, encoding="utf-8")
     for name, content in files.items():

@@ -1,4 +1,4 @@
-"""What looks like a slip is said, with its place and the way out; what is meant is not."""
+"""Probable mistakes are reported with their place and a hint; intended values are not."""
 
 from __future__ import annotations
 

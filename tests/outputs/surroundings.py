@@ -1,4 +1,4 @@
-"""What a folder holds, to be compared before and after; and every kind of target that is not simspec's to replace."""
+"""Contents of a folder, to be compared before and after; and every kind of target that simspec must not replace."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
-MINE = "mine, and nobody else's\n"
+MINE = "a file of the user\n"
 
 
 def picture(root: Path) -> dict[str, tuple]:
@@ -29,7 +29,7 @@ def picture(root: Path) -> dict[str, tuple]:
 
 
 def stray(root: Path) -> list[str]:
-    """What a writer has left behind."""
+    """Files that a writer has left behind."""
     return [path.as_posix() for path in root.rglob(".simspec*")]
 
 
@@ -177,7 +177,7 @@ KINDS: dict[str, Callable[[Path], str]] = {
     ),
     "marker of another kind": marked('{"simspec_folder": 1, "kind": "other", "files": []}', "other"),
     "looks like simspec's by its names": _by_name,
-    "beside a folder of a stage's name": _stage_by_name,
+    "next to a folder of a stage's name": _stage_by_name,
     "device": lambda root: "/dev/null",
     "full device": lambda root: "/dev/full",
     "empty path": lambda root: "",

@@ -1,4 +1,4 @@
-"""Folders that grow: what has a name is whole, whoever dies when, and one writes at a time."""
+"""Growing folders: a named entry is complete whenever a writer dies, and one process writes at a time."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_lock_admits_a_single_writer_and_ends_with_its_process(there):
             there.alone("me"),
         ):
             pytest.fail("two at a time")
-        assert os.listdir(there.path / "tmp") == ["left"], "what the other one writes is left alone"
+        assert os.listdir(there.path / "tmp") == ["left"], "files of the other writer stay"
         holder.send_signal(signal.SIGKILL)
         with there.alone("me", wait=True):
             assert os.listdir(there.path / "tmp") == []

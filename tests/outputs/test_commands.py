@@ -1,4 +1,4 @@
-"""Every command that writes, with every kind of target: what simspec had not made is as it was, and the command says why."""
+"""Every command that writes, with every kind of target: foreign files stay unchanged, and the command says why."""
 
 from __future__ import annotations
 

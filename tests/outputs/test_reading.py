@@ -1,4 +1,4 @@
-"""What others have put into simspec's folders is read in bounds, or is an error that names it."""
+"""Foreign files in simspec's folders are read in bounds, or are errors that name them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trust store: one path with one content, in a folder that nobody else can write."""
+"""The trust store: a path with its content, in a folder that no other user can write."""
 
 from __future__ import annotations
 

@@ -260,7 +260,7 @@ def test_an_error_of_the_system_names_the_target(root, monkeypatch, call):
 # --- killed at every point ------------------------------------------------------------------------------------------------
 
 CALLS = ("mkdir", "open", "fsync", "rename", "replace", "link", "unlink", "rmdir", "pwrite", "chmod")
-"""What the writing does to a disk. The exchange is counted too."""
+"""Operations of writing on a disk, including the exchange."""
 
 
 def killed_at(point: int, work) -> bool:
@@ -293,7 +293,7 @@ def killed_at(point: int, work) -> bool:
 
 @pytest.fixture
 def quick(monkeypatch):
-    """What a killed process has written is there for the next one, synced or not."""
+    """The next process finds the files of a killed process, synced or not."""
     monkeypatch.setattr(os, "fsync", lambda handle: None)
 
 

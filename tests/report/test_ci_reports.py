@@ -1,4 +1,4 @@
-"""Test reports, annotations and summaries: what is told, in which order, and that foreign text is text in all of them."""
+"""Test reports, annotations and summaries: their content and order; foreign text is escaped in all of them."""
 
 from __future__ import annotations
 

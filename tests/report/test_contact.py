@@ -1,4 +1,4 @@
-"""What people see of the contact law: tables of figures, the plot by direction, and how each engine has it."""
+"""Output about the contact law: tables of figures, the plot by direction, and how each engine realises the law."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def test_it_is_explained_how_each_pair_is_had(engine, tmp_path):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_law_that_material_numbers_give_is_explained_by_them(engine, tmp_path):
-    """Some files list pairs of shapes all the same, for what more a pair can say: that is told, and counted."""
+    """Some files also list pairs of shapes, for parameters that only a pair has: the explanation says so, with their count."""
     world = worlds.shapes_world(("sphere", "box"))
     files = compiled(world, engine)
     explanation = explained(world, files)

@@ -1,4 +1,4 @@
-"""What people see of controllers: joints, law, numbers with their units."""
+"""Output about controllers: joints, law, numbers with their units."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def moved(by: float, engine: str, **facts):
 
 
 def lines(monkeypatch, draw):
-    """What a figure draws: for each pair of axes, the points of each line by its label."""
+    """Contents of a figure: for each pair of axes, the points of each line by its label."""
     drawn = []
 
     def keep(chart, resolution):
@@ -63,7 +63,7 @@ def test_speed_over_time_with_contacts(monkeypatch):
 
 
 def test_deviations_over_the_timestep(monkeypatch):
-    """What fails is a mark of its own, at the top where it is beyond it, and no part of the line."""
+    """A failed check is a separate mark, at the top if it is beyond the axis, and no part of the line."""
 
     def record(engine, timestep, deviation, valid):
         return {"engine": engine, "timestep": timestep, "deviation": deviation, "valid": valid, "runs": 3}

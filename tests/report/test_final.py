@@ -85,7 +85,7 @@ def test_names_of_record_show_must_be_there():
     solid = {"mass": 1, "inertia": {"principal": [1, 1, 1]}, "joint": {"type": "hinge", "axis": [0, 0, 1]}}
     data = {"name": "x", "bodies": {"arm": solid}, "record": {"show": ["arm", "arm_joint"]}}
     plain = Spec.from_data({**data, "record": {}}).resolve()
-    assert Spec.from_data(data).resolve() == plain  # what is shown is no part of the world, nor of its hash
+    assert Spec.from_data(data).resolve() == plain  # `show` is no part of the world, nor of its hash
     with pytest.raises(SpecError, match="there is no body, hinge or slide 'amr'") as error:
         Spec.from_data({**data, "record": {"show": ["arm", "amr"]}}).resolve()
     assert error.value.problems[0].path == "record.show.1"

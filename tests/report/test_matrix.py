@@ -14,7 +14,7 @@ from simspec.support.declarations import Absence, Attempt, Level, Support, never
 
 def test_a_word_for_every_kind():
     assert word(never("no such thing")) == "no"
-    assert word(not_yet("nobody wrote it", Attempt.READ_BACK)) == "not yet"
+    assert word(not_yet("not written yet", Attempt.READ_BACK)) == "not yet"
     assert word(Support(Level.EXACT, since="3.8")) == "exact, from 3.8"
     assert word(Support(Level.APPROXIMATE, "soft", since="3.8", until="5")) == "approximate, from 3.8, before 5"
 

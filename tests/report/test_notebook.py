@@ -1,4 +1,4 @@
-"""What notebooks show: tables in HTML in which no name is markup, and data frames."""
+"""Notebook output: tables in HTML in which names are escaped, and data frames."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def turned(rate: float):
 
 
 def a_study(begins: dict[str, Noise], rates: dict[str, float] | None = None) -> Study:
-    """A study of engines with noise of their own; what turns in them at other rates is told apart by it alone."""
+    """A study of engines with the given noise; ``rates``: angular speeds of the second body, by which alone engines differ."""
     runs = {name: run(TWO, turned((rates or {}).get(name, 0.0)), engine=name) for name in begins}
     floors = {name: floor_of(run, begins[name]) for name, run in runs.items()}
     diffs = tuple(
@@ -65,7 +65,7 @@ def a_study(begins: dict[str, Noise], rates: dict[str, float] | None = None) -> 
 
 
 def nothing() -> Study:
-    """Chaos comes before the first record after the beginning, and the runs are 60° and more apart at their end."""
+    """The motion is chaotic before the second record, and the runs differ by 60° or more at their end."""
     return a_study({"first": chaos(0.1), "second": quiet}, {"second": 1.2})
 
 
@@ -81,7 +81,7 @@ def test_the_initial_state_alone_is_inconclusive():
     assert {body.verdict for body in found.bodies} == {INCONCLUSIVE}
     assert "noise has outgrown the tolerance at 0.1 s, the first record after the beginning" in found.not_compared
     assert diff_code([found]) == EXIT_FAILED
-    # the noise that is told is that which ended the comparison
+    # the sentence names the noise that ended the comparison
     assert found.inconclusive_body.angle_floor == 1.0
 
 

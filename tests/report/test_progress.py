@@ -52,7 +52,7 @@ def test_durations(seconds, shown):
 
 
 def test_without_a_terminal_lines_come_by_themselves(monkeypatch, capsys):
-    """The lines come while nothing is told: an engine at work says nothing for minutes."""
+    """Lines are printed between messages: an engine reports nothing for minutes."""
     monkeypatch.setattr(module, "EVERY", 0.001)
     seen = threading.Event()
     monkeypatch.setattr("builtins.print", lambda line, **_: (lines.append(line), seen.set()))

@@ -1,5 +1,4 @@
-"""What a study shows of runs beyond speed: known answers of two balls that fall, and tables that say where nothing was
-compared."""
+"""Tables of a study beyond speed: known answers of two falling balls, and tables that say where nothing was compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study shows of costs and displacements: every case beside the scenario itself, and what fell."""
+"""Costs and displacements in a study: every case in comparison with the scenario, and bodies that fell."""
 
 from __future__ import annotations
 

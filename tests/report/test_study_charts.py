@@ -24,7 +24,7 @@ def test_every_figure_is_in_a_plot():
     mark = by_label["first"]["marks"][1]
     assert (mark["value"], mark["low"], mark["high"]) == pytest.approx((8.0, 7.2, 8.8))
     assert mark["values"] == pytest.approx([7.2, 8.0, 8.8])
-    # an engine's figures from elsewhere have its colour, and are told apart by their kind
+    # an engine's figures from elsewhere have its colour, and are distinguished by their kind
     assert by_label["FIRST (elsewhere)"]["colour"] == by_label["first"]["colour"]
     assert by_label["FIRST (elsewhere)"]["kind"] == "elsewhere"
     assert by_label["Third (elsewhere)"]["colour"] not in (by_label["first"]["colour"], by_label["second"]["colour"])

@@ -1,4 +1,4 @@
-"""What a study shows of the proofs' contact figures: each law, engine and timestep, and nothing that was not measured."""
+"""Contact figures of proofs in a study: each law, engine and timestep, and only measured figures."""
 
 from __future__ import annotations
 

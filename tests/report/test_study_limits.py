@@ -1,5 +1,5 @@
-"""What a study shows of limits: largest deviations, what happened first, controls that are to fail, costs of a step, and up to
-which timestep models are proven."""
+"""Limits in a study: largest deviations, the first failure, controls that must fail, costs of a step, and the largest timestep
+at which models are proven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study's page says first: a few sentences, each from the figures of its tables; the rest stands under the tables."""
+"""The first sentences of a study's page: few, each from the figures of its tables; the rest stands under the tables."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_figures_that_were_edited_are_an_error():
 
 def test_the_page_has_the_name_of_the_study_its_description_and_sentences_under_their_tables():
     tables = samples.study_tables()
-    tables = tables.model_copy(update={"study": "the-name", "description": "What it shows"})
+    tables = tables.model_copy(update={"study": "the-name", "description": "A description"})
     part = study_section(tables)
     playback = study_section(samples.study_tables(name="playback"))
     object.__setattr__(playback, "description", None)

@@ -32,7 +32,7 @@ HOSTILE = (
 """Names that are markup, end an element, or are no character of a page."""
 HOSTILE_BODIES = (HOSTILE[3], HOSTILE[0], HOSTILE[1], HOSTILE[2])
 SPEEDS = (0.0, 1e-5, 0.4)
-"""Of the second body, m/s: an engine apart, one that is within the tolerance, and one that is not."""
+"""Speed of the second body in three engines, m/s: the reference, within the tolerance of it, and beyond the tolerance."""
 
 
 def shaped(body: Body, kind: str, size: tuple[float, ...], name: str = "shape") -> Body:

@@ -221,7 +221,7 @@ def endless_shapes(study):
 
 
 def torn(study):
-    """Forces and energies that are no numbers."""
+    """Forces and energies that are not finite."""
     study.runs["first"].arrays["contact.normal_force"][:] = [np.nan, np.inf, 0.0, 1.0, 2.0, 3.0, -1.0]
     study.runs["first"].arrays["velocity"][:] = np.nan
 
@@ -250,7 +250,7 @@ def test_two_runs_in_the_same_engine_are_not_mixed(tmp_path):
 
 
 def test_markup_in_any_text_of_runs_and_certificates_is_text(tmp_path):
-    """Engines' names and versions, reasons of failures, settings, checks, approximations: all that somebody could edit."""
+    """Names and versions of engines, reasons of failures, settings, checks, approximations: all texts that a user can edit."""
     bad = "</td></script><script>x</script><img src=x onerror=x>\" onfocus='x'"
     study = samples.a_study(engines=("first", "second"))
     facts = dict.fromkeys(

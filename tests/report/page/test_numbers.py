@@ -1,4 +1,4 @@
-"""What the page draws and plots, decoded as its program does: motions, forces, ghosts and curves of known values."""
+"""Numbers of the page, decoded as its program does: motions, forces, ghosts and curves of known values."""
 
 from __future__ import annotations
 
