@@ -44,7 +44,7 @@ DONE = {
     "files": {"sleep", "thread", "open", "stat", "lstat", "access", "readlink", "statvfs", "mapped file"},
 }
 DONE["scratch"] = DONE["files"] | {"create", "create without a name", "folder", "unlink"}
-"""What a profile is for; all other attempts fail."""
+"""Attempts that a profile allows; all others fail."""
 
 
 def call(name, *arguments):
@@ -206,7 +206,7 @@ def started():
 
 
 def tried(function):
-    """What became of an attempt: "done", or the name of the error."""
+    """The outcome of an attempt: "done", or the name of the error."""
     try:
         function()
     except OSError as error:

@@ -32,7 +32,7 @@ def chromium() -> str | None:
 
 @contextlib.contextmanager
 def browsers() -> Iterator[Callable[..., Any]]:
-    """What starts browsers, with more arguments; they are ended here. Skips the test where there is none."""
+    """A function that starts browsers, with more arguments; the fixture ends them. Skips the test without a browser."""
     program = chromium()
     if program is None:
         pytest.skip(f"no browser is installed ({', '.join(NAMES)}): apt-get install chromium")
@@ -51,7 +51,7 @@ def browsers() -> Iterator[Callable[..., Any]]:
 def opened(
     running: Any, path: Path, width: int = 1280, height: int = 900, **context: Any
 ) -> Iterator[tuple[Any, list[str]]]:
-    """A page in a window of its own, ready, and the list of what it said on the console, and asked the network for."""
+    """A page in a window of its own, ready, and the list of its console messages and network requests."""
     window = running.new_context(viewport={"width": width, "height": height}, **context)
     page = window.new_page()
     said: list[str] = []
@@ -62,7 +62,7 @@ def opened(
     page.on("request", lambda request: said.append(f"request: {request.url}") if request.url != address else None)
     try:
         page.goto(address)
-        # selectors, not functions: the page's policy lets nobody evaluate text
+        # selectors, not functions: the page's policy forbids the evaluation of text
         page.wait_for_selector("html[data-state]", state="attached", timeout=PATIENCE)
         yield page, said
     finally:

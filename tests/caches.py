@@ -1,4 +1,4 @@
-"""A cache folder of a test's own, empty but for the parts of engines that are compiled here, each of which takes 5 to 15 s."""
+"""A separate cache folder for a test, empty but for the compiled parts of engines, each of which takes 5 to 15 s."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ COMPILED = "compiled"
 
 
 def cache_home(place: Path) -> str:
-    """A folder for XDG_CACHE_HOME in ``place``; what is compiled in it stands where this process has it."""
+    """A folder for XDG_CACHE_HOME in ``place``; compiled parts are linked to the cache of this process."""
     whole = cache_folder(COMPILED)
     assert whole is not None
     whole.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ settings.load_profile("simspec")
 
 ROOT = Path(__file__).resolve().parent
 os.environ["XDG_DATA_HOME"] = os.devnull  # versions of engines that the user has made are none of a test's business
-# commands that tests start inherit what is ignored here: by nohup, or beside a shell that goes on, and would not be told to end
+# commands that tests start inherit ignored signals (of nohup, or of a shell in the background), and would not end by them
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
@@ -56,7 +56,7 @@ gc.disable()  # until the tests begin: of what is collected, all stays
 
 
 def pytest_collection_finish() -> None:
-    """What was collected and imported lives as long as the process: no collection of garbage in a test looks at it again."""
+    """Collected and imported objects live as long as the process: garbage collection in tests skips them."""
     gc.collect()
     gc.freeze()
     gc.enable()
@@ -69,7 +69,7 @@ OF_PYTEST = {"PYTEST_CURRENT_TEST"}
 
 
 def surroundings() -> dict[str, object]:
-    """What every test of a process shares: the working folder, the environment, who hears signals."""
+    """State that all tests of a process share: the working folder, the environment, handlers of signals."""
     return {
         "folder": os.getcwd(),
         "environment": {name: value for name, value in os.environ.items() if name not in OF_PYTEST},
@@ -118,9 +118,9 @@ def warm_processes():
 
 @pytest.fixture(scope="module")
 def warm_engines(warm_processes):
-    """Every engine process that a test of the module asks for is forked from a warm one of all tests, as in a sweep: most of
-    what a small run takes is starting Python and importing the engine. For modules that ask what engines answer; how processes
-    start, end and fail is asked without it, in ``tests/engines/kit``."""
+    """Forks every engine process of the module's tests from a warm process of all tests, as in a sweep: a small run spends most
+    of its time on starting Python and importing the engine. For modules that test answers of engines; ``tests/engines/kit``
+    tests starts, ends and failures of processes without it."""
     new, everywhere = process.Running, processors()
 
     def forked(engine, folder, operations, python, deadline, command=None, warm=None):

@@ -1,7 +1,7 @@
 """Random worlds of contact of several bodies, each drawn by a seed: stacks, leaners, piles, clamps, carriers, grasps, impacts.
 
 All motion is in the plane of x and z, but for piles on three balls and carriers that turn, so that a pyramid's axes are the
-same in all engines. What may stand or fall is drawn well to one side of its threshold. Laws and ratios of masses come from
+same in all engines. Bodies that may stand or fall are drawn far from the threshold. Laws and ratios of masses come from
 short lists, so that level L5 measures each of them once.
 """
 
@@ -73,7 +73,7 @@ class Draw:
         self.gravity = GRAVITY
         self.duration = 0.6
         self.said: list[str] = []
-        """What was drawn, in words."""
+        """A description of the draws."""
 
     def choice(self, choices: Iterable[T]) -> T:
         return self._random.choice(list(choices))
@@ -143,7 +143,7 @@ def stack(draw: Draw) -> None:
     places, z = [0.0], 0.0
     for below, above in itertools.pairwise(sizes):
         places.append(places[-1] + draw.number(-0.2, 0.2) * min(below[0], above[0]))
-    for level in range(count - 1, 0, -1):  # what is above stays over the middle half of each box
+    for level in range(count - 1, 0, -1):  # the bodies above stay over the middle half of each box
         weight = sum(masses[level:])
         centre = sum(mass * x for mass, x in zip(masses[level:], places[level:], strict=True)) / weight
         reach = 0.3 * min(sizes[level - 1][0], sizes[level][0])

@@ -24,7 +24,7 @@ def engines_with(*features: Feature) -> list[str]:
 TOUCHING = sorted(
     name for name, engine in engines().items() if engine.SUPPORT[Feature.FRICTION].level is not Level.UNSUPPORTED
 )
-"""Every engine that is told shapes which touch, installed or not: for tests of files."""
+"""Every engine that receives shapes which touch, installed or not: for tests of files."""
 
 PYRAMID_ALONE = ("gazebo", "webots")
 """Engines that have no elliptic cone, but a pyramid that stands for it where that is accepted by name."""
@@ -34,6 +34,6 @@ SQUARE = ("physx",)
 
 
 def with_the_cone(*features: Feature) -> list[str]:
-    """The engines of :func:`engines_with` that have the elliptic cone: for tests of what comes out under it. What the others do
-    under their own is tested at home (``tests/engines/NAME``)."""
+    """The engines of :func:`engines_with` that have the elliptic cone: for tests of results under it. The other engines'
+    cones are tested in ``tests/engines/NAME``."""
     return [name for name in engines_with(*features) if name not in PYRAMID_ALONE]

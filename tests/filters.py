@@ -298,7 +298,7 @@ OF_WORLD_FILES: Mapping[str, Callable[[Files], dict[str, str]]] = {
     "exclusion too many": _exclusions("bodies", lambda pairs: pairs.append(["ground", "tool"])),
     "exclusion too many in the arm": _exclusions("bodies", lambda pairs: pairs.append(["hand", "upper"])),
 }
-"""What every engine that reads ``world.json`` is asked."""
+"""Tests for every engine that reads ``world.json``."""
 DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
     "mujoco": {
         "group filter dropped": _xml("model.xml", _no_masks),

@@ -1,8 +1,9 @@
-"""The engines that tests run in. What is left out is named: by a test that is skipped for each, with the reason.
+"""The engines that tests run in. A skipped test names each engine that is left out, with the reason.
 
 An engine is *demanded* where its tests fail when it is not installed. These are the ones that ``make setup`` installs (the
 extras ``all`` and ``test``), and those that the environment variable ``SIMSPEC_DEMANDED_ENGINES`` names: engines, or ``all``.
-Others are tested where they are installed: libraries of the machine, or what is too large for everybody (``make engines``).
+Others are tested where they are installed: libraries of the machine, or packages that are too large for all users
+(``make engines``).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 
 
 def requirements(extra: str) -> tuple[set[str], set[str]]:
-    """What an extra pulls: packages, and extras of simspec, itself among them."""
+    """Requirements of an extra: packages, and extras of simspec, itself among them."""
     packages, extras = set(), {extra}
     for line in PROJECT["optional-dependencies"][extra]:
         requirement = Requirement(line)
@@ -68,7 +69,7 @@ def having(wanted: Callable[[type[Engine]], bool]) -> list[str]:
 
 
 JOINTED = having(lambda engine: engine.SUPPORT[Feature.JOINT_HINGE].level is not Level.UNSUPPORTED)
-"""Those that have joints, which most worlds of tests need: what an engine without them refuses is asked by the suites."""
+"""Engines that have joints, which most worlds of tests need: the suites test the refusals of the other engines."""
 
 
 def each(names: Iterable[str] | None = None) -> list[Any]:

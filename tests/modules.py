@@ -26,7 +26,7 @@ def parsed(path: Path) -> ast.Module:
 def offences(
     rule: Callable[[ast.Module], Iterable[object]], paths: Iterable[Path] = MODULES
 ) -> dict[str, list[object]]:
-    """What a rule finds in modules, by name; empty where all keep to it. The modules must be there."""
+    """Offences against a rule, by module; empty if all keep to it. Raises AssertionError without modules."""
     paths = list(paths)
     assert paths, "no module was examined"
     found = {name_of(path): list(rule(parsed(path))) for path in paths}

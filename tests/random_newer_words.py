@@ -34,7 +34,7 @@ class NewerWords(Words):
         }
 
     def weights(self) -> None:
-        """Of whole trees, or of single bodies where none is fixed to another: what is told as one weighs alike."""
+        """Of whole trees, or of single bodies where none is fixed to another: rigid groups have one scale of gravity."""
         if not self.chance(0.15):
             return
         trees: dict[str, list[Data]] = {}

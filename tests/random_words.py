@@ -1,5 +1,5 @@
-"""What is put into a random scenario after its bodies are drawn: meshes, constraints, kinematic bodies, forces, states,
-margins, pairs that touch, models in files of their own. It has draws of its own, by the scenario's seed."""
+"""Additions to a random scenario after its bodies are drawn: meshes, constraints, kinematic bodies, forces, states,
+margins, pairs that touch, models in separate files. They are drawn by a separate generator from the scenario's seed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _mesh_file(corners: tuple[tuple[float, float, float], ...], scale: float) ->
 
 
 class Words:
-    """The words that are put into the plain data of a scenario; ``files``: what it names, text by path."""
+    """Additions to the plain data of a scenario; ``files``: text of the files that it names, by path."""
 
     def __init__(self, seed: int, data: Data):
         self._random = random.Random(f"simspec random words {seed}")
@@ -337,7 +337,7 @@ def with_words(seed: int, data: Data) -> tuple[Data, dict[str, str]]:
     words.touch()
     words.every()
     words.states()
-    from tests.random_newer_words import NewerWords  # whose class is made of this one
+    from tests.random_newer_words import NewerWords  # its class is derived from Words
 
     NewerWords(seed, data).put()
     words.files_of_models()

@@ -82,10 +82,10 @@ def command(words, place, limit, before):
     sys.argv = ["simspec", *words]
     sys.exit(simspec.__main__.main())
 
-def used(*asked):
+def used(*arguments):
     child = os.fork()
     if child == 0:
-        command(*asked)
+        command(*arguments)
     _, status, usage = os.wait4(child, 0)
     return os.waitstatus_to_exitcode(status), usage.ru_maxrss
 

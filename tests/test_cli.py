@@ -190,7 +190,7 @@ def test_an_empty_argument_is_refused_before_anything_is_written(folder, capfd, 
 
 
 def test_names_that_are_not_text_are_refused(folder, capsys, monkeypatch):
-    """Engines and certificates name files in UTF-8: what is not so would be told as an engine's fault."""
+    """Engines and certificates name files in UTF-8: other names would be reported as errors of an engine."""
     name = os.fsdecode(b"bad\xff")
     (folder / f"{name}.yaml").write_text(FALL)
     assert cli.main(["check", f"{name}.yaml"]) == 2
@@ -344,10 +344,10 @@ def test_check_lists_missing_stale_and_unexpected_files(folder):
     assert only.startswith("missing: generated/fall/certificate.json")
     (place / "world.json").write_text("{}")
     (place / "notes.txt").write_text("mine, and none of simspec's business")
-    (place / "mujoco" / "strange.xml").write_text("among an engine's files it could act")
+    (place / "mujoco" / "unknown.xml").write_text("among an engine's files it could act")
     found = data("compile", "fall.yaml", "--check", code=1)["stale"]
     assert "stale: generated/fall/world.json" in found
-    assert "not of this spec: generated/fall/mujoco/strange.xml" in found
+    assert "not of this spec: generated/fall/mujoco/unknown.xml" in found
     assert not any("notes.txt" in line for line in found)
 
 

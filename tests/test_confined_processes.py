@@ -44,7 +44,7 @@ def main():
     sys.stdout.write(json.dumps({{"error": problem_of(READ, HERE), "found": "", "missing": False}}))
 """
 SEEN = DONE["files"] - {"mapped file"}
-"""What a reader of files may do; its standard input is a pipe."""
+"""Attempts that a reader of files may do; its standard input is a pipe."""
 
 
 def words(names):
@@ -87,7 +87,7 @@ def test_the_reader_of_meshes(project):
     mesh.write_bytes(stl(*box(1, 1, 1)))
     program = f"""{PLANTED}
 from simspec.meshes import child
-def read(content, beside):
+def read(content, buffers):
     raise child.RefusedError(problem_of({str(project)!r}, {str(project)!r}))
 child.READERS[".stl"] = read
 sys.argv[1:] = []

@@ -25,7 +25,7 @@ REFUSED = {"EPERM", "EACCES", "ValueError"}
 
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory):
-    """What came of all attempts, by profile: a process for each."""
+    """Outcomes of all attempts, by profile: a process for each."""
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     found = {}
     try:

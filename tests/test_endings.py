@@ -1,4 +1,4 @@
-"""What is left when a command is ended, at any moment and by any signal: nothing, or what the next one removes."""
+"""A command that is ended at any moment and by any signal leaves nothing, or files that the next command removes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def place(tmp_path):
 
 @pytest.fixture
 def begin(place):
-    """A function that starts a command. Whatever becomes of the test, nothing that it started is at work after it."""
+    """A function that starts a command. The fixture ends all started processes, also after a failed test."""
     drivers: list[subprocess.Popen] = []
 
     def begin(*words: str) -> subprocess.Popen:
@@ -217,7 +217,7 @@ def test_only_abandoned_folders_of_this_user_are_removed(place, monkeypatch):
         others[1].symlink_to(others[0])
         others[2].write_text("kept")
         others[3].mkdir()
-        (others[3] / files.MARKER).write_text("of somebody else\n")
+        (others[3] / files.MARKER).write_text("of another program\n")
         dead = place / "tmp" / "simspec-dead"
         dead.mkdir()
         (dead / files.MARKER).write_bytes(files.CONTENT)
@@ -277,17 +277,17 @@ from simspec.processes import Ended, in_order, run_until_signalled
 from simspec.errors import Problem, SpecError
 from simspec.cli import guarded as command
 
-def told():
+def signal_self():
     os.kill(os.getpid(), signal.{name})
 
 class Loses:
     def __del__(self):
-        told()
+        signal_self()
 
 @command
 def guarded():
     try:
-        told()
+        signal_self()
     except Ended:
         raise SpecError([Problem("something else")])
 
@@ -300,7 +300,7 @@ def run():
         while True:
             signal.pause()
     try:
-        told()
+        signal_self()
     except Ended as error:
         {then}
     return 0
@@ -324,7 +324,7 @@ sys.exit(run_until_signalled(lambda: in_order(run)))
 )
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_a_signal_decides_the_exit_code_after_any_other_error(place, how, then, name):
-    """What is imported or called may make another exception of an end, or none at all."""
+    """Imported or called code may turn an end into another exception, or hide it."""
     script = SIGNALLED.format(name=name, how=how, then=then)
     done = subprocess.run(
         [sys.executable, "-c", script],

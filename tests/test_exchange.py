@@ -1,4 +1,4 @@
-"""What is exchanged with a process of its own has an end, whatever the process does."""
+"""An exchange with a process ends at its deadline or limit under any behaviour of the process."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def test_proofs_of_something_else_are_stale_and_go_and_the_others_stay(tmp_path,
 
 
 def in_turn(folder, *verified: str, **words) -> list[generated.Certified]:
-    """What ``simspec verify --engine NAME`` does with a folder, for one engine after the other."""
+    """Writes of ``simspec verify --engine NAME`` to a folder, for one engine after the other."""
     certified = []
     for name in verified:
         build = built(engines=(name,))
@@ -163,7 +163,7 @@ def together(folder, **words) -> bytes:
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("first", "second", "first")])
 @pytest.mark.parametrize("worst", [1e-15, 1.0])
 def test_engines_in_turn_give_the_same_file_as_together(tmp_path, order, worst):
-    """Also where a proof is not valid: what it says is kept, and it is said."""
+    """Invalid proofs are kept too, and reported."""
     certified = in_turn(tmp_path / "one", *order, worst=worst)
     assert [list(written.stored.kept) for written in certified] == [[], *[[name] for name in order[:-1]]]
     assert [written.stored.dropped for written in certified] == [{}] * len(order)
@@ -302,7 +302,7 @@ def test_a_certificate_of_other_files_is_not_written(tmp_path):
 
 
 def edited(text: str, change) -> str:
-    """A certificate that somebody has edited, with the hash of what it says now."""
+    """An edited certificate, with the hash of its edited content."""
     plain = json.loads(text)
     change(plain)
     del plain["sha256"]
@@ -325,7 +325,7 @@ def level_dropped(plain):
 
 def excused(plain):
     level_dropped(plain)
-    plain["engines"]["first"]["not_compared"]["L3"] = "not asked for"
+    plain["engines"]["first"]["not_compared"]["L3"] = "not requested"
 
 
 def change_of(of: str, name: str, **more):
@@ -373,7 +373,7 @@ def test_a_certificate_is_judged_from_its_figures(tmp_path, edit):
     path.write_text(edited(path.read_text(), change))
     (stale,) = check(build, folder)
     assert words in stale
-    # what is written anew is no longer the edited one
+    # the certificate is written again without the edit
     assert write_certificate(proof(build), folder)
     assert check(build, folder) == []
 

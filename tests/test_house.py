@@ -66,9 +66,9 @@ LONGEST = 500
 HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
-"""What an engine is called besides its name; other engines' packages may say it (a collision detector has the same name)."""
+"""Further names of engines; other engines' packages may contain them (a collision detector has the same name)."""
 BUILT_ON = {"gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
-"""Engines that are another's dynamics, written anew, told that one's files: their packages import it, and name it."""
+"""Engines that reimplement the dynamics of another engine and read its files: their packages import and name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",
@@ -105,12 +105,12 @@ NAMED_ELSEWHERE = {
     ("dialects/webots", "ODE"): "the library of which that engine has a copy",
     ("engines/webots", "ODE"): "the same",
     ("imports/xacro/__init__.py", ".urdf"): "an end of names of its files, too",
-    ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
+    ("imports/xacro/importer.py", "urdf"): "the format to which xacro files expand, and its importer",
     ("imports/xacro/importer.py", "URDF"): "the same, in messages",
     **{("imports/urdf", part): "elements of the files that are read" for part in ("drake:", "Drake's words")},
     **{("imports/usd", part): "a prefix of what a converter writes" for part in ("urdf:", "a URDF", "of URDF")},
     ("imports/urdf/elements.py", '"mujoco"'): "an element of the files that are read",
-    ("imports/urdf/elements.py", "MuJoCo's own reader"): "what that element is for",
+    ("imports/urdf/elements.py", "MuJoCo's own reader"): "the purpose of that element",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",
     (
         "imports/mjcf/importer.py",
@@ -123,7 +123,7 @@ NAMED_ELSEWHERE = {
     ("imports/usd/importer.py", "Skel"): "types of prims, of skeletons",
     ("imports/usd/shapes.py", '"sdf"'): "an approximation of the language, by signed distance fields",
 }
-"""What may stand in a file or a folder although it names an engine, with its reason."""
+"""Words that a file or folder may contain although they name an engine, with the reason."""
 
 WRITING = {
     *("rmtree", "write_text", "write_bytes", "rename", "renames", "replace", "unlink", "remove", "removedirs", "rmdir"),
@@ -142,7 +142,7 @@ WRITING = {
     ),
     *("copytree", "move", "truncate", "mkfifo", "mknod", "pwrite", "ftruncate"),
 }
-"""What changes a disk."""
+"""Calls that change a disk."""
 OF_A_DISK = {
     "os",
     "shutil",
@@ -164,9 +164,9 @@ WRITERS = {
     "files.py": "temporary folders of simspec's own",
     "engines/kit/compiled.py": "a compiler's words, into the folder in the cache in which it works",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
-    "engines/kit/messages.py": "in an engine's process: what it does, into the process's own temporary folder",
+    "engines/kit/messages.py": "in an engine's process: its progress, into the temporary folder of the process",
     "engines/mjx/programs.py": "in an engine's process: a program, where `outputs` has it in the cache be made",
-    "engines/kit/keeper.py": "what the engine's process took, into that process's own temporary folder",
+    "engines/kit/keeper.py": "resources used by the engine's process, into its temporary folder",
     "engines/kit/warm.py": "an end of a pipe to an engine's keeper",
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/kit/request.py": "requests and artifacts into the temporary folder of an engine's process",
@@ -174,7 +174,7 @@ WRITERS = {
     "engines/kit/recorder.py": "in an engine's process: rows and progress into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/gzsim/simulation.py": "in an engine's process: a file to load, in a temporary folder of its own",
-    "engines/mujoco/model_compiler.py": "its answer, into the pipe to who asked",
+    "engines/mujoco/model_compiler.py": "its answer, into the pipe to the caller",
     "meshes/child.py": "in the process that reads meshes: answers, through a pipe",
     "mapped.py": "large arrays, in temporary files that have no name",
 }
@@ -292,7 +292,7 @@ FORMATS = packages("formats") - {"world"}
 
 
 def foreign_words(path: str) -> set[str]:
-    """What a file of simspec (path inside the package) may not name: engines and formats whose own place it is not in."""
+    """Names that a file of simspec (path inside the package) may not contain: engines and formats of other packages."""
     folder, name = (*path.split("/"), "", "")[:2]
     stem = name.removesuffix(".py") if folder in HOMES else ""
     if stem in ENGINES:
@@ -369,7 +369,7 @@ def test_a_name_away_from_home_is_seen(path, text):
         ("formats/mjcf/reading.py", 'tag != "mujoco"', "MuJoCo's default"),
         ("__init__.py", '>>> run("dart")', 'run("dart")'),
         ("proof/units.py", "the standard unit", "the dart's unit"),
-        ("proof/units.py", "the model of a node, to decode", "what ODE does"),
+        ("proof/units.py", "the model of a node, to decode", "the behaviour of ODE"),
     ],
 )
 def test_a_name_at_home_is_not_foreign(path, free, foreign):
@@ -424,8 +424,8 @@ def prints(tree: ast.AST) -> list[int]:
 
 
 TEMPORARY = {"files.py", "mapped.py", "processes.py"}
-"""Modules that may make temporary files themselves: what a killed process leaves must be known to the next by its marker, or
-have no name."""
+"""Modules that may make temporary files themselves: files left by a killed process must have a marker for the next process,
+or no name."""
 
 
 def temporary(tree: ast.AST) -> set[str]:
@@ -497,7 +497,7 @@ def test_imports_are_seen_wherever_they_stand():
 
 
 def between_tests(tree: ast.Module) -> list[str]:
-    """What a module imports from test modules, also inside its functions."""
+    """Imports of a module from test modules, also inside its functions."""
     names = [alias.name for node in nodes(tree) if isinstance(node, ast.Import) for alias in node.names]
     names += [
         f"{node.module}.{alias.name}"

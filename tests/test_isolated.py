@@ -1,4 +1,4 @@
-"""No file of the folder that a command is started in is imported: by simspec, what it starts, or what it tells to start."""
+"""No file of the working folder of a command is imported: by simspec, its child processes, or the commands that it prints."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def is_form(node: ast.expr | None, tree: ast.AST) -> bool:
 
 
 def wrong(path: str, text: str) -> list[str]:
-    """What a module has that starts an interpreter in another way."""
+    """Lines of a module that start an interpreter in another way."""
     tree = ast.parse(text)
     found = []
     for call in starts(tree):
@@ -164,7 +164,7 @@ NAMES = (
     ),
     *("sitecustomize", "usercustomize", "resource", "contextlib", "pathlib", "dataclasses"),
 )
-"""Modules that are planted: what simspec and what it starts import, and what every interpreter does."""
+"""Names of planted modules: imports of simspec and of its child processes, and of every interpreter."""
 PLANT = "open({mark!r}, 'a').write(__name__ + '\\n')\nraise SystemExit(77)\n"
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 FILES = {
@@ -236,7 +236,10 @@ def hostile(tmp_path):
         "XDG_DATA_HOME": str(tmp_path / "data"),
         "PIP_INDEX_URL": (tmp_path / "i").as_uri(),
     }
-    environment |= {"PYTHONNOUSERSITE": "1", "PIP_RETRIES": "0"}  # of simspec itself; what it starts must see to itself
+    environment |= {
+        "PYTHONNOUSERSITE": "1",
+        "PIP_RETRIES": "0",
+    }  # for simspec itself; its child processes must isolate themselves
     return folder, mark, environment
 
 

@@ -1,4 +1,4 @@
-"""One reader of numbers: what Python reads besides is a number in no language, on no command line and in no table."""
+"""One reader of numbers: the further numerals of Python are rejected in all languages, command lines and tables."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FOREIGN_NUMERALS = [
     "1_0",
     "1_000.5",
 ]
-"""What Python reads as a number: Arabic, full-width, Devanagari and mathematical digits, spaces, underscores."""
+"""Numerals that Python accepts: Arabic, full-width, Devanagari and mathematical digits, spaces, underscores."""
 NOT_FINITE = ["inf", "-Infinity", "nan", "NaN"]
 
 
@@ -256,24 +256,24 @@ READERS = ("imports", "language", "formats", "meshes", "resolve", "commands")
 """The parts of simspec that read what others wrote."""
 ALLOWED = {
     "formats/wbt/reading.py": "the tokenizer has matched it with NUMBER",
-    "imports/writing.py": "rounding of a number by its text; or of ASCII digits, asked for beside it",
-    "imports/urdf/elements.py": "what NUMBER matched",
+    "imports/writing.py": "rounding of a number by its text; or of ASCII digits, checked next to it",
+    "imports/urdf/elements.py": "a match of NUMBER",
     "imports/mjcf/compiled.py": "of the compiler's version and message",
     "imports/usd/child.py": "of the library's message",
     "imports/xacro/child.py": "an argument that simspec gives",
-    "imports/xacro/importer.py": "of ASCII digits, which the line before asks for; or a line that the process gives",
+    "imports/xacro/importer.py": "of ASCII digits, which the line before checks; or a line that the process gives",
     "imports/sdf/values.py": "of ASCII digits that a pattern matched",
-    "language/document.py": "what _INT and _FLOAT matched",
-    "language/units.py": "what _TERM and _QUANTITY matched",
-    "language/locate.py": "of ASCII digits, asked for beside it; or of an index that simspec made",
+    "language/document.py": "a match of _INT or _FLOAT",
+    "language/units.py": "a match of _TERM or _QUANTITY",
+    "language/locate.py": "of ASCII digits, checked next to it; or of an index that simspec made",
     "imports/mjcf/contact.py": "of arrays of the compiled model",
-    "imports/sdf/shapes.py": "bits in any base of ASCII digits, asked for beside it",
+    "imports/sdf/shapes.py": "bits in any base of ASCII digits, checked next to it",
     "language/beginning.py": "of the text that simspec wrote, with a unit",
     "language/models.py": "rounding of a number by its text",
     "experiments/cases.py": "the same",
     "language/sweep_values.py": "the same",
-    "language/overrides.py": "of ASCII digits, asked for beside it",
-    "meshes/child.py": "what a pattern of bytes matched",
+    "language/overrides.py": "of ASCII digits, checked next to it",
+    "meshes/child.py": "a match of a pattern of bytes",
 }
 """Modules that read a number of a text themselves, with the reason."""
 

@@ -1,4 +1,4 @@
-"""A broken entry point of a stranger's package is told by ``simspec engines``, and is nobody else's problem."""
+"""``simspec engines`` reports a broken entry point of a foreign package; all other commands ignore it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INSTALLED = list(engines())
 def an_engine(**more):
     words = {"NAME": "odd", "DIALECT": "mujoco", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
     support = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("odd")}
-    settings = dialects_base.dialects()["mujoco"].SETTINGS  # whatever they are here: its dialect needs them
+    settings = dialects_base.dialects()["mujoco"].SETTINGS  # its dialect needs the same settings
     words |= {
         "LAYERS": False,
         "SUPPORT": support,

@@ -56,8 +56,8 @@ RARE = {
     Feature.FLUID,
     Feature.TOUCHING_PAIRS,
 }
-"""What is an engine's matter (pairs), refused in most worlds or by most engines (margins, armature of balls), not drawn
-(constraints, ...), or needs a file (meshes)."""
+"""Features that are settings of an engine (pairs), refused in most worlds or by most engines (margins, armature of balls),
+not drawn (constraints, ...), or in need of a file (meshes)."""
 
 
 @pytest.fixture(scope="module")

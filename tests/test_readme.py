@@ -1,4 +1,4 @@
-"""The README tells the truth: its commands run, its spec is the library's, its Python works."""
+"""The README is correct: its commands run, its spec is the library's, its Python works."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from simspec.selection import available
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 
-import readme  # noqa: E402 - a script beside the package
+import readme  # noqa: E402 - a script outside the package
 
 FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
 """The command of the first comparison."""
@@ -33,7 +33,7 @@ counts = {name: sum(check.count for check in proof.checks) for name, proof in ce
 import json
 print(json.dumps([counts, certificate_notes(certificate)]))
 """
-"""Printed after the Python of the README: what the first comparison says of the same proof, too."""
+"""Appended to the Python of the README: it prints the counts that the first comparison reports of the same proof."""
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -95,7 +95,7 @@ def the_page_s_engines_or_skip() -> None:
 
 
 def test_the_first_comparison_has_the_engines_that_its_command_takes(place, monkeypatch):
-    """Who is compared, who is not and why, and what is expected of whom: what needs no run, which takes half a minute."""
+    """Parts of the output that need no run (half a minute): compared and omitted engines with reasons, and expectations."""
     the_page_s_engines_or_skip()
     monkeypatch.chdir(place)
     spec = simspec.load("specs/double-pendulum.yaml")
@@ -147,7 +147,7 @@ def test_a_page_is_not_filled_where_other_engines_are_installed():
 
 
 def test_commands_of_a_page_see_nothing_of_the_user_s_and_say_why_they_fail(place, monkeypatch):
-    """A command that failed told nothing but its exit code; what was installed in the data folder was in the page."""
+    """A failed command once showed its exit code only, and engines of the user's data folder were in the page."""
     monkeypatch.setenv("XDG_DATA_HOME", str(place))
     assert readme.environment(place / "empty")["XDG_DATA_HOME"] == str(place / "empty")
     with pytest.raises(SystemExit, match=r"exit code 2\n\n.*nowhere\.yaml"):

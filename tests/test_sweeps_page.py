@@ -1,5 +1,5 @@
-"""docs/guide/sweeps.md tells the truth: its spec is one, its commands run, one after the other, and its Python works
-on what they wrote."""
+"""docs/guide/sweeps.md is correct: its spec is valid, its commands run, one after the other, and its Python works on their
+results."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from simspec import cli
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "guide" / "sweeps.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"<!-- (spec|output): (.*?) -->\n```\w*\n(.*?)```", re.DOTALL)
 TIMES = re.compile(r"[\d.,]+ ×|about .*|\d+ verified now")
-"""What is another each time: speeds, and the proofs that this test leaves out."""
+"""Text that differs at each run: speeds, and the proofs that this test leaves out."""
 
 
 def stable_lines(text: str) -> list[str]:
-    """The lines of an output without what is another each time, and without the widths of columns."""
+    """The lines of an output without the text that differs at each run, and without the widths of columns."""
     return [re.sub(r"[\s─]+", " ", TIMES.sub("", line)).strip() for line in text.splitlines()]
 
 

@@ -15,7 +15,7 @@ from simspec.proof.complete import CompleteTest, Verdict
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 
-import selftest  # noqa: E402 - a script beside the package
+import selftest  # noqa: E402 - a script outside the package
 
 from tests.installed import INSTALLED  # noqa: E402
 
@@ -68,7 +68,7 @@ def test_the_page_has_what_was_measured_and_nothing_was_missed():
 
 
 def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypatch, tmp_path):
-    """What stands in the page of other worlds stays; a whole run leaves out worlds that are gone."""
+    """Rows of other worlds stay in the page; a whole run removes worlds that no longer exist."""
     page = tmp_path / "page.md"
     page.write_text(f"{selftest.BEGIN}{selftest.END}", encoding="utf-8")
     monkeypatch.setattr(selftest, "PAGE", page)
@@ -93,7 +93,7 @@ def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypat
 
 
 def test_a_run_that_was_stopped_goes_on_where_it_was(monkeypatch, tmp_path):
-    """What is kept of another version, or missed something, is tried again."""
+    """Kept results of another version, or with missed defects, are tried again."""
     page = tmp_path / "page.md"
     page.write_text(f"{selftest.BEGIN}{selftest.END}", encoding="utf-8")
     monkeypatch.setattr(selftest, "PAGE", page)

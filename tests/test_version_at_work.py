@@ -1,4 +1,4 @@
-"""Bounds of support are held against the version that is at work: an interpreter of another environment is asked for it."""
+"""Bounds of support are compared with the version in use, which an interpreter of another environment reports."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def interpreter(tmp_path, monkeypatch):
     def of(version: str, code: int = 0) -> str:
         path = tmp_path / f"python-{version}"
         answer = f'{{"version": "{version}"}}' if version else ""
-        path.write_text(f"#!/bin/sh\necho asked >> '{tmp_path / 'queries'}'\necho '{answer}'\nexit {code}\n")
+        path.write_text(f"#!/bin/sh\necho queried >> '{tmp_path / 'queries'}'\necho '{answer}'\nexit {code}\n")
         path.chmod(0o755)
         return str(path)
 

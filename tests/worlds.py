@@ -14,7 +14,7 @@ MUJOCO = EngineOptions(
     "mujoco",
     accept=(*FRICTION,),
 )
-"""What a world accepts in which something has friction and moves."""
+"""Features to accept in a world with friction and moving bodies."""
 MJX = EngineOptions(
     "mjx",
     accept=(*FRICTION,),
@@ -26,19 +26,19 @@ MJWARP = EngineOptions(
 )
 """The same."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
-"""What a world accepts in which more than balls has friction, under the elliptic cone."""
+"""Features to accept in a world where shapes other than balls have friction, under the elliptic cone."""
 GAZEBO = EngineOptions("gazebo", accept=("contact.cone.elliptic",))
-"""What a world accepts in which something has friction, under the elliptic cone."""
+"""Features to accept in a world with friction, under the elliptic cone."""
 RAPIER = EngineOptions("rapier", accept=("contact.cone.elliptic",))
-"""What a world accepts in which more than balls has friction, under the elliptic cone."""
+"""Features to accept in a world where shapes other than balls have friction, under the elliptic cone."""
 PHYSX = EngineOptions("physx", accept=("contact.cone.elliptic", "shape.box", "shape.mesh"))
-"""What a world accepts in which something has friction, under the elliptic cone, and boxes or hulls may meet each other."""
+"""Features to accept in a world with friction, under the elliptic cone, where boxes or hulls may meet each other."""
 ROUGH = (MUJOCO, MJX, MJWARP, BULLET, GAZEBO, RAPIER, PHYSX)
 KINDS = ("sphere", "box", "cylinder", "capsule")
 
 
 def shapes_world(kinds: tuple[str, ...] = KINDS, friction: float = 0.4) -> World:
-    """As shipped. DART has no collision detector that gets all these shapes right: what it gets wrong is accepted."""
+    """As shipped. DART has no collision detector that is exact for all these shapes: its deviations are accepted."""
     accepted = tuple(f"shape.{kind}" for kind in ("capsule", "cylinder", "ellipsoid", "plane"))
     options = (
         EngineOptions("dart", accept=accepted),
