@@ -96,9 +96,9 @@ def test_a_worker_killed_in_the_middle_costs_its_runs_only_and_the_bits_are_thos
 def test_an_engine_without_a_worker_and_a_lost_scheduler_are_errors(tmp_path):
     both = plan_of((ENGINE, OTHER))
     with cluster(tmp_path) as dask:
-        worker = dask.worker(f"{ENGINE}=1 ODD@1.2=3")
+        worker = dask.worker(f"{ENGINE}=1 RARE@1.2=3")
         dask.wait(1)
-        with pytest.raises(ExecutorError, match=f"no worker of {dask.address} runs {OTHER};.*ODD@1.2, {ENGINE}"):
+        with pytest.raises(ExecutorError, match=f"no worker of {dask.address} runs {OTHER};.*RARE@1.2, {ENGINE}"):
             do(tmp_path / "store", both, on(dask.address, both))
         assert results(Store.open(tmp_path / "store")) == {}
         with pytest.raises(ExecutorError, match="no Dask scheduler but a Worker"):

@@ -185,7 +185,7 @@ def test_a_result_comes_back_with_its_tables(sent):
         lambda facts: facts["result"].update(more=1),
         lambda facts: facts["result"].update(engine=7),
         lambda facts: facts["asked"].update(outcomes="none"),
-        lambda facts: facts.update(asked=None),
+        lambda facts: facts.update({"asked": None}),
         lambda facts: facts.update(circumstances=3),
         lambda facts: facts.update(rows=[1]),
         lambda facts: facts["rows"].update(states="10"),

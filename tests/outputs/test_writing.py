@@ -379,11 +379,11 @@ WRITER = """
 import sys
 from pathlib import Path
 from simspec.outputs.writing import add_file, change_file, write_folder
-who = sys.argv[1]
+name = sys.argv[1]
 for turn in range(15):
-    write_folder({"a": who, "b/c": who, f"d{turn}": who}, Path("out"), "compiled")
+    write_folder({"a": name, "b/c": name, f"d{turn}": name}, Path("out"), "compiled")
     change_file(Path("study"), "study", "count", lambda old: str(int(old or b"0") + 1))
-    add_file(Path("out"), "compiled", f"from-{who}", who)
+    add_file(Path("out"), "compiled", f"from-{name}", name)
 """
 
 

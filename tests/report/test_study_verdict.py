@@ -140,7 +140,7 @@ def test_the_page_has_the_name_of_the_study_its_description_and_sentences_under_
     object.__setattr__(playback, "description", None)
     text = page([part, playback])
     assert "<title>the-name: simspec report</title>" in text
-    assert "<h1>the-name</h1>\n<p>What it shows</p>" in text
+    assert "<h1>the-name</h1>\n<p>A description</p>" in text
     under = text[text.index("made-up: over_time</caption>") :]
     assert under.index("first: slowest 2 × real time") < under.index("made-up: unequal.equal</caption>")
     verdict_list = text[text.index('<ul class="verdict">') : text.index("</ul>")]
