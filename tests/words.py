@@ -74,8 +74,8 @@ def in_module(path: Path) -> list[Finding]:
     found: list[Finding] = []
     before = ("", "")
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        of_numpy, before = before == ("np", "."), (before[1], token.string)
-        if token.type == tokenize.NAME and not of_numpy:
+        of_library, before = before in (("np", "."), ("st", ".")), (before[1], token.string)
+        if token.type == tokenize.NAME and not of_library:
             found += [Finding(token.start[0], word, token.string) for word in in_name(token.string)]
         elif token.type == tokenize.COMMENT:
             found += in_prose(token.string.lstrip("# "), token.start[0])
