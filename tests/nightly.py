@@ -37,7 +37,7 @@ ENGINES = {
     "engines/test_native.py::test_the_same_run_twice_gives_the_same_bits": BOTH,
     "proof/test_contact_coupled.py::test_engines_keep_to_the_coupled_law": BOTH,
     "proof/test_contact_friction.py::test_an_oblong_slider_shows_whether_friction_is_against_the_slip": BOTH,
-    "proof/test_contact_friction.py::test_engines_keep_the_law_and_another_is_noticed": BOTH,
+    "proof/test_contact_friction.py::test_engines_keep_the_law_and_another_is_found": BOTH,
     "proof/test_contact_run.py::test_planted_defects_are_measured": BOTH,
     "proof/test_contact_scenes.py::test_a_scene_comes_out_as_its_oracle_says": BOTH,
     "proof/test_contact_scenes.py::test_a_tower_of_boxes_stands": BOTH,

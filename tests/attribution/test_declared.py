@@ -46,7 +46,7 @@ def asking(warm_processes):
 
 
 @pytest.mark.parametrize(("engines", "height"), [(("mujoco", "dart"), 0.5), (("dart", "pybullet"), 0.3)])
-def test_a_declared_law_of_recovery_accounts_for_what_it_makes(engines, height, asking, tmp_path):
+def test_a_declared_law_of_recovery_accounts_for_its_effects(engines, height, asking, tmp_path):
     sides = [Configuration(dropped(tmp_path, height), engine) for engine in engines]
     found = explain_sides(sides[0], sides[1], engines, asking=asking)
     (declared,) = [declared for declared in found.declared if declared.predicted]

@@ -56,7 +56,7 @@ def test_a_window_is_no_longer_than_the_run():
     assert window_length(stepping(0.001), Fraction(7, 1000)) == Fraction(7, 1000)
 
 
-def test_timesteps_are_what_was_meant():
+def test_timesteps_are_exact():
     assert exact(1 / 240) == Fraction(1, 240)
     assert exact(0.1) == Fraction(1, 10)
 
@@ -79,7 +79,7 @@ def test_windows_are_impacts_where_a_pair_touches_that_did_not():
     assert [CLASSES[kind] for kind in _kinds(answer, 4, 2)] == ["impact", "contact", "impact", "free"]
 
 
-def test_the_sample_is_spread_and_keeps_what_is_rare():
+def test_the_sample_is_spread_and_keeps_rare_mutations():
     kinds = np.zeros(1000, dtype=np.int64)
     kinds[[100, 500]] = 1
     kinds[600:] = 2

@@ -69,7 +69,7 @@ def test_a_small_change_of_friction_shows_above_bounded_noise(pair):
     ("others", "tolerance", "verdict", "code"),
     [(1, "1e-3", WITHIN, 0), (1, "1e-6", OUT, 1), (0, "1e-9", INCONCLUSIVE, 1)],
 )
-def test_the_command_says_it_and_its_exit_code_follows(pair, tmp_path, capsys, others, tolerance, verdict, code):
+def test_the_command_reports_it_by_text_and_exit_code(pair, tmp_path, capsys, others, tolerance, verdict, code):
     folders = []
     for name, (entry, floor) in (("a", pair[0]), ("b", pair[others])):
         entry.save(tmp_path / name)

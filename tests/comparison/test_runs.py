@@ -341,7 +341,7 @@ def test_rows_that_differ_by_more_than_half_a_step_are_not_simultaneous(steps):
         diff(a, late)
 
 
-def test_records_that_meet_now_and_then_are_compared_there_and_it_is_said():
+def test_records_with_few_common_times_are_compared_there_with_a_note():
     """Records every second at 1 ms, and every 1.001 s at 7 ms: as of a sweep that rounds times up."""
     a = run(TWO, drifting(1.0))
     where = [k for k in range(len(a.time)) if k % 3 == 0]

@@ -51,7 +51,7 @@ def test_each_added_or_removed_body_is_a_single_change():
     assert (removed.path, removed.kind) == ("bodies.ball_2", "removed")
 
 
-def test_everything_else_that_a_world_says():
+def test_all_other_fields_of_a_world():
     world = dataclasses.replace(worlds.gripper(), engines=(worlds.BULLET,))
     other = dataclasses.replace(
         world,

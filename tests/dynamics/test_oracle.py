@@ -189,7 +189,7 @@ def test_a_loop_in_a_world_of_a_single_coordinate():
     assert v[-1] == pytest.approx([0.0], abs=1e-12)
 
 
-def test_it_says_what_its_motion_leaves_out():
+def test_features_omitted_from_its_motion_are_reported():
     assert Oracle(worlds.limits_and_armature(dry_friction=0.2)).leaves_out == [
         "joint.dry_friction",
         "joint.limits.position",

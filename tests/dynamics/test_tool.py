@@ -166,7 +166,7 @@ def test_a_near_place_is_reached_by_a_small_motion(change):
 
 
 @pytest.mark.parametrize("beyond", [1e-6, 0.01, 5.0])
-def test_a_place_out_of_reach_is_as_far_as_geometry_says(beyond):
+def test_the_distance_of_an_unreachable_place_agrees_with_geometry(beyond):
     found = planar_tool(2).solve(at(0.48 + beyond, 0.64), np.array([0.3, 0.4]), turning=False)
     wanted = math.hypot(0.48 + beyond, 0.64) - 0.8
     assert not found.reached

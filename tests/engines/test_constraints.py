@@ -45,7 +45,7 @@ def test_constraints_computed_outside_need_a_request_and_no_other_forces(name):
         compile_world(solid(options), [name])
 
 
-def test_dry_friction_would_not_feel_what_is_computed_outside():
+def test_dry_friction_does_not_include_forces_computed_outside():
     rough = jointed(constrained.follower(), dry_friction=0.1)
     options = with_options(rough, "dart", outside=("constraint.coupling",), accept=("joint.dry_friction",))
     with pytest.raises(UnsupportedError, match="dry friction, whose impulses would ignore 'mirror'"):
@@ -101,7 +101,7 @@ def test_a_coupling_holds_in_contact(name, tmp_path):
     assert worst < 1e-9
 
 
-def test_pybullet_does_not_feel_a_loop_of_what_is_fixed_below_a_ball_at_the_root():
+def test_pybullet_ignores_a_loop_of_bodies_fixed_below_a_ball_joint_at_the_root():
     def pinned(*kinds: str) -> World:
         base = worlds.world(worlds.tree(list(kinds), 5), "pinned")
         floor = dataclasses.replace(worlds.world(worlds.tree(["fixed"], 6), "floor").bodies[0], name="floor")

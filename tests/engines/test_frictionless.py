@@ -107,7 +107,7 @@ def test_settings_stated_in_a_spec_are_kept(engine):
         assert written(world, engine)[name] == ordinary
 
 
-def test_a_stated_setting_keeps_what_it_needs():
+def test_a_stated_setting_keeps_its_requirements():
     """The line search is Newton's: a spec with its iterations gets Newton, and a spec with PGS and them is rejected."""
     mujoco = find_engine("mujoco")
     world = stating(SLIPPERY, "mujoco", ("ls_iterations", 20))

@@ -86,7 +86,7 @@ def test_a_hull_touches_where_its_surface_is(engine, tmp_path):
     assert [index in seen for index in range(len(states))] == wanted
 
 
-def test_two_meshes_do_not_meet_in_dart_whoever_accepts_them():
+def test_two_meshes_do_not_meet_in_dart_even_when_accepted():
     base = worlds.shapes_world(("mesh",))
     floor, body = base.bodies
     joint = dataclasses.replace(body.joint, name="other_joint")

@@ -209,7 +209,7 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
         assert error.max() < 1e-6
 
 
-def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):
+def test_the_proof_passes_a_native_world_and_lists_omitted_checks(name):
     world = worlds.with_options(with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4), name)
     proof = verify(world, [name], levels=["L0", "L1", "L2", "L3", "L6"]).engines[name]
     assert [check for check in proof.checks if not check.passed] == []

@@ -147,7 +147,7 @@ def test_features_declared_not_yet_do_not_work(name, feature, attempt, tmp_path,
     ],
     ids=str,
 )
-def test_an_attempt_sees_what_works(name, feature, attempt, tmp_path, monkeypatch):
+def test_an_attempt_finds_working_features(name, feature, attempt, tmp_path, monkeypatch):
     assert works(name, feature, attempt, tmp_path, monkeypatch)
 
 

@@ -40,7 +40,7 @@ def python(tmp_path_factory) -> str:
 
 
 @pytest.mark.slow
-def test_another_version_in_another_environment_holds_the_same_model(python, tmp_path):
+def test_another_version_in_another_environment_stores_the_same_model(python, tmp_path):
     world = worlds.every_joint()
     write_folder(compile_world(world, ["mujoco"])["mujoco"].files, tmp_path / "artifacts")
     here = call("mujoco", tmp_path / "artifacts", [Operation("read_back")])

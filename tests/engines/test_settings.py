@@ -166,7 +166,7 @@ def test_defaults_without_effect_are_known_and_no_error():
 
 
 @pytest.mark.parametrize(("engine", "name"), EVERY)
-def test_every_setting_says_what_it_acts_on_and_its_finer_value_is_allowed(engine, name):
+def test_every_setting_names_its_features_and_its_finer_value_is_valid(engine, name):
     setting = find_engine(engine).SETTINGS[name]
     assert setting.group is not Group.OTHER
     if setting.finer is not None:

@@ -93,7 +93,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("language", "profile", "reader"), LOADED, ids=NAMED)
-def test_a_reader_has_the_worlds_model_but_for_what_is_foreseen(language, profile, reader, folder):
+def test_a_reader_has_the_model_of_the_world_except_for_foreseen_differences(language, profile, reader, folder):
     if not installed(reader):
         pytest.skip(f"{reader.name} is not installed")
     rows = [(name, file, part) for name in NAMES for file, part in parts(name, language, profile).items()]

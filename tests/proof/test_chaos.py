@@ -86,7 +86,7 @@ def test_growing_errors_are_chaos_and_a_narrow_range_is_not():
     assert short.chaos == "", "it fails, since limits leave too few steps"
 
 
-def test_the_verdict_says_what_is_too_chaotic_and_a_judge_sees_that_it_is():
+def test_the_verdict_names_chaotic_parts_and_a_judge_confirms_them():
     proof = verify(STANDING, ["mujoco"]).engines["mujoco"]
     assert proof.valid
     assert proof.verdict.startswith(f"valid; not compared: L6 ({TOO_CHAOTIC}")

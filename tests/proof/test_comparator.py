@@ -315,7 +315,7 @@ def test_a_perfect_read_back_passes():
 
 
 @pytest.mark.parametrize(("level", "name", "found"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
-def test_every_field_is_noticed(level, name, found):
+def test_every_field_is_found(level, name, found):
     failed = failures(WORLD, found)
     assert (level, name) in [entry[:2] for entry in failed]
     assert len({entry[1] for entry in failed}) <= 3, "one error should not be reported as many"
@@ -398,7 +398,7 @@ def test_a_material_that_a_file_names_is_the_shapes():
     assert [entry[:2] for entry in wrong] == [("L4", "material")]
 
 
-def test_a_margin_that_the_world_has_not_is_noticed():
+def test_an_additional_margin_is_found():
     assert [entry[1] for entry in failures(WORLD, with_shape(READ_BACK, "link0", "shape_box", margin=1e-6))] == [
         "margin"
     ]
@@ -583,7 +583,7 @@ def test_explicit_pairs_are_compared_and_must_all_be_there():
     assert explicit_failures(world, dataclasses.replace(found, pairs=(*found.pairs, stray))) == {"explicit pair"}
 
 
-def test_an_explicit_pair_of_what_does_not_collide_is_noticed():
+def test_an_explicit_pair_of_excluded_shapes_is_found():
     world = table_world()
     found = explicit(world)
     passing = tuple(
@@ -593,7 +593,7 @@ def test_an_explicit_pair_of_what_does_not_collide_is_noticed():
     assert "explicit pair" in explicit_failures(separate, found)
 
 
-def test_a_failure_says_where_and_what():
+def test_a_failure_has_its_place_and_quantity():
     found = with_joint(READ_BACK, HINGE, damping=0.4)
     (check,) = (c for c in compare(WORLD, found, RULES, True) if not c.passed)
     assert check.where == f"bodies.{HINGE}.joint.damping"

@@ -85,7 +85,7 @@ def test_a_stand_in_is_tried_where_the_world_itself_is_refused(refused, tried, m
     assert {*done, *(name.removeprefix("mujoco, ") for name in found.skipped)} == {"whole", "part", "bit", "other"}
 
 
-def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkeypatch):
+def test_a_process_without_a_result_fails_only_the_operation_that_ended_it(monkeypatch):
     from simspec.engines.kit.process import Answer
     from simspec.errors import EngineError
 
@@ -108,7 +108,7 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
 
 
 @pytest.mark.parametrize("missed", [True, False])
-def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
+def test_the_command_lists_missed_defects(missed, monkeypatch, capsys):
     place = ("model.xml", "scaled", "joint@damping", "joint[a]@damping", "1 to 1.01")
     verdicts = (
         Verdict("one", "world", *place, "missed" if missed else "caught", "L2", "damping"),

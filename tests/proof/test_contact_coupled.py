@@ -249,7 +249,7 @@ POST = (
     ("wide", "thick", "jams"),
     [(0.3, 0.2, True), (0.3, 0.5, False), (0.0, 0.1, True)],  # √(0.3² + 0.2²) = 0.36 m between centres; 0.2 m
 )
-def test_a_clamp_jams_on_what_fits_between_its_shapes(tmp_path, wide, thick, jams):
+def test_a_clamp_jams_on_a_body_that_fits_between_its_shapes(tmp_path, wide, thick, jams):
     assert found(tmp_path, CLAMP.format(wide=wide) + POST.format(thick=thick)).jams is jams
 
 
@@ -356,7 +356,7 @@ def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
         ("rod", 0.65, 0.004, "elliptic"),  # friction turns the slip that it is laid against
     ],
 )
-def test_ode_settles_what_its_passes_once_did_not(name, friction, timestep, cone, tmp_path):
+def test_ode_solves_steps_that_its_passes_did_not_solve(name, friction, timestep, cone, tmp_path):
     """Cases that were off by 10 to 60 % while each point was carried on by itself."""
     if not installed("ode"):
         pytest.skip("ode is not installed")

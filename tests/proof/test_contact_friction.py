@@ -255,7 +255,7 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
 
 @pytest.mark.parametrize("engine", with_the_cone(Feature.RESTITUTION))
 @pytest.mark.parametrize("name", PROBES)
-def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
+def test_engines_keep_the_law_and_another_is_found(engine, name, tmp_path):
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
     requested, probe = law(0.3), PROBES[name]

@@ -59,7 +59,7 @@ def test_sound_files_hold_the_world(engine, tmp_path):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_files_of_another_law_are_what_counts(engine, tmp_path):
+def test_files_of_another_law_are_measured(engine, tmp_path):
     world = worlds.table(PAIRS)
     other = worlds.table({**PAIRS, ("rubber", "rubber"): 0.15})
     kind = find_engine(engine)

@@ -31,7 +31,7 @@ def test_a_bounce_within_a_single_step():
     assert bounce_ratio(speed, DT) == pytest.approx(0.5)
 
 
-def test_a_bounce_over_several_steps_gets_back_what_gravity_took():
+def test_a_bounce_over_several_steps_recovers_the_loss_to_gravity():
     after = [-1.0, -0.4, 0.1, 0.7 - 2 * GRAVITY * DT, 0.7 - 3 * GRAVITY * DT, 0.7 - 4 * GRAVITY * DT]
     assert bounce_ratio(np.array([-0.99, *after]), DT) == pytest.approx(0.7)
 

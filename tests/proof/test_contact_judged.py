@@ -142,7 +142,7 @@ def test_counts_of_motion_are_left_to_a_thorough_judgement(sealed):
 # --- what a verdict rests on ----------------------------------------------------------------------------------------
 
 
-def test_a_verdict_says_what_it_rests_on(sealed):
+def test_a_verdict_names_its_basis(sealed):
     _, certificate = sealed
     proof = certificate.engines[ENGINE]
     rests = proof.declared
@@ -180,7 +180,7 @@ def test_an_effect_is_absent_where_an_engine_without_it_would_pass(change, absen
     assert rests.absent == ((figure.probe,) if absent and figure.declared else ())
 
 
-def test_every_probe_says_what_it_wants():
+def test_every_probe_states_its_expectation():
     for law in laws(worlds.table(PAIRS)):
         for probe in PROBES.values():
             if probe.applies(law):

@@ -74,7 +74,7 @@ def test_a_slide_stops_where_the_textbook_says(steps, part, friction, degrees):
     assert abs(place[-1] @ np.array([-direction[1], direction[0]])) <= 1e-12
 
 
-def test_under_pyramids_a_slide_is_what_each_coordinate_does():
+def test_under_pyramids_the_coordinates_of_a_slide_are_independent():
     """Circumscribed: each coordinate is braked on its own, so a slide ends parallel to an axis. Inscribed: the diamond's
     faces brake both alike, by half of μ g each."""
     friction, gravity, dt = 0.4, GRAVITY, 0.001

@@ -105,7 +105,7 @@ def made(wanted, trial):
 @pytest.mark.parametrize("timestep", [0.0005, 0.016])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 @pytest.mark.parametrize("friction", [0.05, 0.5, 1.5])
-def test_closed_forms_are_what_momentum_says(friction, restitution, timestep):
+def test_closed_forms_agree_with_momentum(friction, restitution, timestep):
     wanted = law(timestep, friction, restitution)
     found = PROBE.figures(wanted, [made(wanted, trial) for trial in PROBE.trials(wanted)])
     assert [figure.probe for figure in found].count("oblique") == 10  # balls: velocity and spin, each slips and grips

@@ -397,7 +397,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypatch):
+def test_a_damaged_entry_is_measured_again(damage, tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     world = worlds.ball_with_law()
     place = files(world, engine, tmp_path / engine)

@@ -178,7 +178,7 @@ def test_shapes_without_contact_are_not_probed():
     assert size_trial(dataclasses.replace(world, contact=separate)) is None
 
 
-def test_shapes_left_out_are_said(monkeypatch):
+def test_omitted_shapes_are_reported(monkeypatch):
     monkeypatch.setattr(size, "MOST_SHAPES", 2)
     trial = size_trial(world_of(["box"]))
     assert len(trial.shapes) == 2

@@ -98,7 +98,7 @@ def test_a_perfect_engine_passes(probe):
 
 
 @pytest.mark.parametrize("factor", [0.99, 1.01, 0.0, 1.001])
-def test_a_friction_that_is_off_is_noticed(probe, factor):
+def test_a_wrong_friction_is_found(probe, factor):
     world, plan, friction = probe
     joints = ["joints.link1_joint", "joints.link3_joint", "joints.loose_link1_joint", "joints.loose_link2_joint"]
     for place, joint in zip(plan.places, joints, strict=True):

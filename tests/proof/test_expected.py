@@ -80,7 +80,7 @@ def test_motion_is_compared_with_dry_friction(proof):
     assert judge(ARM, proof.checks, proof.not_compared) == []
 
 
-def test_a_level_that_is_missing_is_noticed_whoever_left_it_out(proof):
+def test_a_missing_level_is_found(proof):
     for level in ("L0", "L1", "L2", "L3", "L4", "L6"):
         rest = [check for check in proof.checks if check.level != level]
         missing = shortfalls(ARM, rest, proof.not_compared)

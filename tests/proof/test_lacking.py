@@ -41,7 +41,7 @@ def test_missing_capabilities_are_not_requested_and_are_in_the_certificate(lacki
     assert judge_proof(NAME, proof, WORLD) == []
 
 
-def test_a_certificate_that_says_so_of_an_engine_that_has_it_proves_nothing():
+def test_a_certificate_that_omits_a_present_capability_is_not_valid():
     proof = verify(WORLD, [NAME]).engines[NAME]
     checks = tuple(check for check in proof.checks if check.name != "mass matrix")
     forged = dataclasses.replace(proof, checks=checks, not_checked={**proof.not_checked, "L3 mass matrix": WHY})

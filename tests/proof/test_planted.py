@@ -68,7 +68,7 @@ def test_the_table_is_between_its_marks_and_counts_missed_defects():
         planted_pages.with_tables("no marks", rows)
 
 
-def test_the_record_says_what_hides_and_what_is_missed():
+def test_the_record_lists_hidden_and_missed_defects():
     text = planted_pages.record([row("hidden", why="pile 0.1 m", pairs=["push"]), row("blind", cone="other")])
     assert "*hidden* pile 0.1 m; push" in text
     assert "*blind*; **missed**" in text

@@ -101,7 +101,7 @@ def test_a_perfect_engine_passes(engine):
 
 @pytest.mark.parametrize("body", range(6))
 @pytest.mark.parametrize(("column", "name"), [(0, "pose, position"), (2, "pose, position"), (4, "pose, orientation")])
-def test_a_pose_that_is_off_is_noticed(engine, body, column, name):
+def test_a_wrong_pose_is_found(engine, body, column, name):
     world, oracle, states, kinematics, *_ = engine
     kinematics["pose"][1, body, column] += 10 * MISS
     checks = kinematics_checks(world, oracle, *states, kinematics)
@@ -116,7 +116,7 @@ def test_the_sign_of_a_quaternion_means_nothing(engine):
     assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set()
 
 
-def test_velocities_and_states_that_are_off_are_noticed(engine):
+def test_wrong_velocities_and_states_are_found(engine):
     world, oracle, states, kinematics, *_ = engine
     kinematics["velocity"][0, 3, 5] += 100 * MISS
     kinematics["v"][2, 1] += MISS
@@ -190,7 +190,7 @@ def test_forces_at_speed_and_at_rest_are_distinguished(engine):
     assert "bias force" in failed(dynamics_checks(world, oracle, *states, dynamics))
 
 
-def test_gravity_pulling_the_other_way_is_noticed(engine):
+def test_gravity_pulling_the_other_way_is_found(engine):
     world, _, states, _, dynamics = engine
     up = dataclasses.replace(world, physics=dataclasses.replace(world.physics, gravity=(0.0, 0.0, 9.81)))
     assert failed(dynamics_checks(up, Oracle(up), *states, dynamics)) == {"bias force", "gravity force"}
@@ -261,7 +261,7 @@ def test_motion_is_2000_steps_of_everything_at_once():
     assert "floor" in check.detail
 
 
-def test_a_body_that_leaves_the_path_is_noticed_with_its_step():
+def test_a_body_that_leaves_the_path_is_found_with_its_step():
     world = worlds.damped_springs()
     _, plan = moved(world)
     for change in (slice(0, 3), slice(3, 7)):
@@ -273,7 +273,7 @@ def test_a_body_that_leaves_the_path_is_noticed_with_its_step():
 
 
 @pytest.mark.parametrize("factor", [1.0 + 1e-6, 1.0 - 1e-6])
-def test_an_engine_with_another_damping_is_noticed(factor):
+def test_an_engine_with_another_damping_is_found(factor):
     world = worlds.damped_springs()
     _, plan = moved(world)
     bodies = tuple(
@@ -344,7 +344,7 @@ def test_motion_is_requested_without_dry_friction_and_reports_it():
     assert not plan.checks(world, {"pose": plan.poses * 2})[0].passed
 
 
-def test_a_world_that_cannot_move_is_compared_all_the_same():
+def test_a_world_that_cannot_move_is_compared():
     world = worlds.world(worlds.tree(["fixed", "fixed"], 3))
     _, plan = moved(world)
     assert plan.floor == 0.0
@@ -364,7 +364,7 @@ def test_the_floor_of_chaos_is_the_tolerance():
 
 
 @pytest.mark.parametrize(("kinds", "seed", "parents", "joint", "why"), WILD)
-def test_motion_is_compared_as_far_as_it_means_something_and_says_why_not_farther(kinds, seed, parents, joint, why):
+def test_motion_is_compared_while_meaningful_with_the_reason_for_its_end(kinds, seed, parents, joint, why):
     world = at_4_ms(kinds, seed, parents, **joint)
     oracle, plan = moved(world)
     assert plan.steps >= motion.FEWEST

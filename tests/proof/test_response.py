@@ -49,7 +49,7 @@ def test_a_ball_begins_inside_its_limit(begins, steps):
     assert angles_of(response.q[None, :4])[0] == pytest.approx(0.8 * min(begins, 1.0 - probes.INSIDE), abs=1e-12)
 
 
-def test_a_ball_that_comes_near_its_limit_ends_what_is_compared():
+def test_a_ball_that_comes_near_its_limit_ends_the_comparison():
     inertia = {"mass": 1, "inertia": {"principal": [0.1, 0.2, 0.3]}, "centre_of_mass": [0, 0, 0.3]}
     ball = {"type": "ball", "limits": {"angle": 0.3}, "position": {"quat": [1, 0.05, 0, 0]}}
     bodies = {

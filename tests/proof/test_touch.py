@@ -279,7 +279,7 @@ def test_pairs_planned_as_separate_are_separate_in_random_states(seed):
             assert depth[pair] < 0.4, [meetings.solids[number].name for number in pair]
 
 
-def test_effort_is_bounded_and_what_is_left_is_said(monkeypatch):
+def test_effort_is_bounded_and_the_remainder_is_reported(monkeypatch):
     monkeypatch.setattr(free, "EFFORT", 9 * 3)
     monkeypatch.setattr(free, "CROWD", 4)
     world = worlds.spheres(8)
@@ -340,7 +340,7 @@ def test_the_right_filter_passes(gripper):
     )
 
 
-def test_a_contact_that_is_missing_is_noticed(gripper):
+def test_a_contact_that_is_missing_is_found(gripper):
     world, meetings, units, touching = gripper
     for row in range(len(touching)):
         (check,) = touch_checks(world, meetings, units, np.delete(touching, row, axis=0))
@@ -362,7 +362,7 @@ def test_copies_of_two_shapes_meet_once(gripper):
     assert "this one should touch once, not by several pairs of their copies" in check.detail
 
 
-def test_a_contact_that_should_be_filtered_is_noticed(gripper):
+def test_a_contact_that_should_be_filtered_is_found(gripper):
     world, meetings, _, _ = gripper
     (check,) = touch_checks(world, meetings, *perfect(meetings))
     assert not check.passed
@@ -396,7 +396,7 @@ def test_a_forbidden_contact_counts_wherever_it_shows():
     assert check.where == "shapes lower_0, tip_0"
 
 
-def test_where_a_link_inconclusive_note_from_another_of_its_shapes_it_is_said():
+def test_contacts_reported_only_for_groups_of_shapes_are_listed():
     """Two shapes in one place: a touching link is one of them."""
     base = worlds.spheres(1)
     ball = base.bodies[1]

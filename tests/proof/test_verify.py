@@ -58,7 +58,7 @@ def test_it_survives_its_json(certificate):
     assert json.loads(text)["valid"] is True
 
 
-def test_a_forged_verdict_is_noticed(certificate):
+def test_a_forged_verdict_is_found(certificate):
     _, found = certificate
     data = json.loads(found.to_json())
     data["engines"]["mujoco"]["checks"][0]["worst"] = 1.0

@@ -121,7 +121,7 @@ POSITIVE = st.floats(1e-3, 1e3)
 @given(
     gear=st.floats(1e-2, 1e2), kp=POSITIVE, kd=POSITIVE, limit=POSITIVE, error=st.floats(-9, 9), speed=st.floats(-9, 9)
 )
-def test_a_geared_actuator_pushes_as_its_controller_says(gear, kp, kd, limit, error, speed):
+def test_a_geared_actuator_applies_the_effort_of_its_controller(gear, kp, kd, limit, error, speed):
     """The actuator turns g times as far and as fast as the joint, and its effort counts g times at the joint."""
     numbers = {"kp": kp, "kd": kd, "effort_limit": limit, "gear": gear}
     (found,) = driven(r={"joints": ["wrist"], **numbers}).controllers

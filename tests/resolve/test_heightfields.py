@@ -49,7 +49,7 @@ def test_rows_are_a_map_whose_lowest_point_is_at_the_shapes_origin(folder):
     assert shape.material == "soil"
 
 
-def test_heights_stretch_what_the_numbers_say(folder):
+def test_heights_scale_the_values(folder):
     shape = shape_of(folder, {"rows": ROWS, "size": [4, 3], "heights": [-1, 1]})
     assert shape.pose.position == (0.0, 0.0, -1.0)
     np.testing.assert_allclose(field_of(shape.size).heights, np.array([[4, 0, 1], [2, 1, 3]]) * 0.5, atol=1e-15)

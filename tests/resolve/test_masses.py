@@ -131,7 +131,7 @@ def test_combined_inertias_move_as_their_members():
         np.testing.assert_allclose(oracle.body_poses(q[row]), two.body_poses(q[row]), rtol=0, atol=1e-13)
 
 
-def test_only_what_engines_ask_for_is_gathered():
+def test_only_required_inertias_are_combined():
     assert not lumped(worlds.tool_frame()), "a body without mass below one with mass"
     assert not lumped(worlds.every_joint())
     assert set(lumped(worlds.point_mass())) == {"link0", "link1"}

@@ -525,7 +525,7 @@ def test_materials_combine_by_the_rule_and_are_themselves_with_themselves(rule, 
     assert found["b", "b"] == (0.4, 0.1)
 
 
-def test_explicit_pairs_win_in_what_they_say():
+def test_explicit_pairs_override_the_values_that_they_state():
     given_pairs = [{"between": ["b", "a"], "friction": 0.7}, {"between": ["a", "a"], "restitution": 0.5}]
     found = pairs(world({"a": SOLID}, contact={"materials": MATERIALS, "pairs": given_pairs}))
     assert found["a", "b"] == (0.7, 0.1)

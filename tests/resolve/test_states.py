@@ -41,7 +41,7 @@ def joints(world: World) -> tuple[Joint, Joint, Joint]:
     return base, upper, fore
 
 
-def test_a_state_replaces_what_it_names(tmp_path):
+def test_a_state_replaces_the_quantities_that_it_names(tmp_path):
     base, upper, fore = joints(scenario(tmp_path, "state: home, pose: {xyz: [5, 0, 0]}"))
     assert base.position[:3] == (5.0, 0.0, 2.0)
     assert base.velocity[:3] == (1.0, 0.0, 0.0)

@@ -200,7 +200,7 @@ def test_the_fastest_moment_of_a_cubic_is_found(lasting, way):
 # --- programs ---
 
 
-def test_a_program_begins_where_the_joints_are_and_holds_what_it_does_not_move():
+def test_a_program_begins_at_the_joints_and_keeps_unmoved_joints_in_place():
     world = solved({"wait": 0.3}, {"move": {"xyz": [0.5, 0.3, 0], "free_orientation": True}, "in": 0.5})
     found = world.trajectory
     assert found.joints == ("arm/shoulder", "arm/elbow", "arm/jaw", "arm/thumb")
@@ -471,7 +471,7 @@ def test_the_same_world_every_time_and_on_machines_that_round_differently(monkey
     assert sha256(load(path).resolve()) == sha256(first)
 
 
-def test_without_the_library_it_says_what_to_install(monkeypatch):
+def test_without_the_library_the_error_names_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     monkeypatch.setattr(simspec, "dynamics", importlib.import_module("simspec.dynamics"))  # put back after it
     for name in [name for name in sys.modules if name.startswith("simspec.dynamics")]:

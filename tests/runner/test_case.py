@@ -106,7 +106,7 @@ def test_a_seed_draws_other_directions():
     assert not np.array_equal(first, second)
 
 
-def test_a_case_is_run_as_it_says():
+def test_a_case_is_run_as_specified():
     world = dataclasses.replace(worlds.damped_springs(), physics=Physics(timestep=1e-3, steps=4))
     run = run_case(Case(world, ENGINE, (("iterations", 7),), perturb=1e-3, seed=5, record=Record(2, ("pose",))))
     assert run.provenance["settings"]["iterations"] == 7

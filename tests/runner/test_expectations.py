@@ -227,7 +227,7 @@ def test_keeps_place(slip, more, distance, passed):
         assert "at 1 s" in found.detail
 
 
-def test_the_oracles_motion_is_not_that_of_what_is_driven():
+def test_the_oracle_has_no_motion_of_driven_bodies():
     of = world(free_body("ball"), expect=(expect("follows_oracle", tolerance=1e9),))
     (found,) = evaluate(run(dataclasses.replace(of, controllers=(Controller("robot", ("elbow",)),))))
     assert not found.passed
@@ -328,13 +328,13 @@ def test_the_separation_of_bodies_is_measured(at_least, passed):
     assert found.measured == pytest.approx(0.5)
 
 
-def test_a_time_that_was_not_recorded_is_said():
+def test_a_time_without_a_record_is_reported():
     found = outcome(expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1.0, at=0.55), going)
     assert not found.passed
     assert "nothing was recorded at 0.55 s" in found.detail
 
 
-def test_a_body_that_is_not_there_is_said():
+def test_a_missing_body_is_reported():
     found = outcome(expect("position", body="box", xyz=(0.0, 0.0, 0.0), tolerance=9.0), going)
     assert not found.passed
     assert "no body 'box'" in found.detail

@@ -111,7 +111,7 @@ def test_a_gap_is_no_penetration():
     assert metrics.deepest_penetration(entry.world, entry.arrays) == metrics.Penetration(0.0, 0.0, None)
 
 
-def test_spread_leaves_out_what_cannot_move():
+def test_the_spread_omits_fixed_bodies():
     far = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed", origin=Pose((100.0, 0.0, 0.0))))
     places = {"wall": 100.0, "a": 0.0, "b": 2.0}
     entry = run(world(far, free_body("a"), free_body("b")), lambda n, t: column(0 * t + places[n], 0, 0))

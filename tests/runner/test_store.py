@@ -117,7 +117,7 @@ def test_failures_in_another_interpreter_name_the_interpreter(monkeypatch):
     assert requested == ["/no/such/python"]
 
 
-def test_saving_replaces_what_simspec_wrote_and_no_more(tmp_path):
+def test_saving_replaces_only_files_of_simspec(tmp_path):
     folder = tmp_path / "run"
     noisy().save(folder)
     (folder / "mine.txt").write_text("mine")

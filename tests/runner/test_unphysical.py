@@ -74,7 +74,7 @@ def test_energy_that_grows_without_a_drive_is_found(share, found):
     assert kinds(lost) == []
 
 
-def test_energy_of_what_is_driven_is_not_judged_and_says_why():
+def test_the_energy_of_driven_bodies_is_not_judged_with_a_reason():
     of = scene(free_body("ball"))
     driven = dataclasses.replace(of, controllers=(Controller("c", ("ball_joint",), "native"),))
     entry = made(driven, lambda t: column(t, 0.0, 0.0), lambda t: column(1.0 + t, 0.0, 0.0))

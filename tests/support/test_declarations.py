@@ -94,7 +94,7 @@ def test_declarations_that_contradict_themselves_are_errors(wrong):
         Support(**wrong)
 
 
-def test_a_refinement_takes_the_place_of_what_it_names():
+def test_a_refinement_replaces_the_features_that_it_names():
     soft = approximate("soft", lambda world: Refinement(Level.VIA_API, f"not in {world.name}"), "a short one")
     there = soft.in_world(WORLD)
     assert (there.level, there.how, there.short, there.refine) == (Level.VIA_API, f"not in {WORLD.name}", "", None)
@@ -126,7 +126,7 @@ def test_an_engine_that_is_exact_in_a_world_is_as_good_as_its_dialect_there():
     assert (there.level, there.how, there.asked) == (Level.OUTSIDE, "a force of simspec's", False)
 
 
-def test_cases_say_in_short_what_a_level_costs():
+def test_cases_estimate_the_cost_of_a_level():
     case = Refinement(Level.OUTSIDE, "by a loop", "a loop around the solver", asked=True)
     soft = approximate("soft", lambda world: case, "soft springs", cases=(case,))
     both = combine(TABLE, TABLE | {Feature.SPRING: soft})[Feature.SPRING]

@@ -17,7 +17,7 @@ def light(moment, mass=1.0, centre=(0.0, 0.0, 0.5), kinds=("hinge",)):
     return worlds.world((*bodies[:-1], last))
 
 
-def test_mujoco_refuses_what_it_does_not_take():
+def test_mujoco_rejects_unsupported_features():
     refused = heavy_enough(light(1e-20))
     assert refused is not None
     assert refused.level is Level.UNSUPPORTED

@@ -46,7 +46,7 @@ def test_the_stricter_bound():
     assert (later("", "2"), earlier("2", ""), later("", "")) == ("2", "2", "")
 
 
-def test_a_label_is_before_a_release_where_all_that_it_stands_for_is():
+def test_a_label_is_before_a_release_if_all_its_versions_are():
     before = ("3.0", "3.2", "3.2.7", "3.3.0", "3.3.5", "2", "3.2.0rc1")
     for version in ("3", "3.3", "3.3.6", "3.3.7", "3.3.10", "3.4", "4.0.1", "main", ""):
         assert not is_wholly_before(version, "3.3.6")

@@ -67,7 +67,7 @@ def test_expectations_keep_the_places_of_bodies():
         assert hash(again) == hash(expectation)
 
 
-def test_a_damaged_place_of_a_body_is_noticed():
+def test_a_damaged_place_of_a_body_is_found():
     plain = to_plain(Expectation("x", (("targets", (("ball", (3.0, 4.0, 5.0)),)),)))
     plain["parameters"][0][1][0][1].pop()
     with pytest.raises(TypeError, match="expected 3 values"):
@@ -84,7 +84,7 @@ def test_a_damaged_place_of_a_body_is_noticed():
         (lambda data: data.update(parent=3), TypeError),
     ],
 )
-def test_damaged_data_is_noticed(change, error):
+def test_damaged_data_is_found(change, error):
     data = to_plain(Joint("a", "hinge"))
     change(data)
     with pytest.raises(error):

@@ -48,7 +48,7 @@ def test_constraints_are_in_the_text_and_read_again(constraints):
         lambda constraint: constraint.update(ratio="1"),
     ],
 )
-def test_damaged_constraints_are_noticed(change):
+def test_damaged_constraints_are_found(change):
     content = to_plain(constrained.follower())
     change(content["constraints"][0])
     with pytest.raises((KeyError, TypeError)):

@@ -105,7 +105,7 @@ def ball_over_ground(height: float) -> World:
     return World("valley", bodies, Contact(materials=(Material("m"),), pairs=(PairContact("m", "m", 0.0, 0.0),)))
 
 
-def test_deep_overlaps_with_ground_are_those_with_what_is_below_its_triangles():
+def test_deep_overlaps_with_ground_are_with_the_solid_below_its_triangles():
     touching = 0.1 * math.sqrt(2.0)
     assert overlap.deep_overlaps(ball_over_ground(touching - 0.005)) == []  # its hull would hold it whole
     (found,) = overlap.deep_overlaps(ball_over_ground(touching - 0.05))

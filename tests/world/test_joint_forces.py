@@ -31,7 +31,7 @@ def body(name: str, kind: str, parent: str | None, **numbers) -> Body:
     return Body(name, name, inertial, joint)
 
 
-def test_the_effort_is_what_the_oracle_accelerates_by():
+def test_the_effort_agrees_with_the_acceleration_of_the_oracle():
     """The difference between worlds with and without damping and springs, whose state is the same."""
     tree = [
         ("root", "free", None),

@@ -120,7 +120,7 @@ def test_radii_are_those_of_the_support_function(kind, size):
 
 
 @pytest.mark.parametrize(("kind", "size"), LENGTHS)
-def test_volume_and_moments_are_those_of_what_the_support_function_bounds(kind, size):
+def test_volume_and_moments_are_of_the_solid_of_the_support_function(kind, size):
     """Two ways to say what the solid is: a point is in it where n·x ≤ h(n) for every n (here for many)."""
     row = SHAPES[kind]
     directions = np.vstack([SPREAD, np.eye(3), -np.eye(3), np.random.default_rng(1).normal(size=(900, 3))])
@@ -137,7 +137,7 @@ def test_volume_and_moments_are_those_of_what_the_support_function_bounds(kind, 
 
 
 @pytest.mark.parametrize(("kind", "size"), SOLIDS)
-def test_turns_that_are_said_to_change_nothing_change_nothing(kind, size):
+def test_declared_symmetries_of_shapes_hold(kind, size):
     row = SHAPES[kind]
     reach = row.support(size, SPREAD)
     upside_down = SPREAD * (1.0, 1.0, -1.0)

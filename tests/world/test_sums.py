@@ -163,7 +163,7 @@ def test_positions_are_brought_inside_and_to_the_limits():
     assert ends == [-0.2, 0.4]
 
 
-def test_a_limit_that_does_not_act_is_noticed():
+def test_a_limit_that_does_not_act_is_found():
     world = limited("")
     plan = limits.plan(world, Oracle(world))
     assert plan is not None

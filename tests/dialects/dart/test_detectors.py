@@ -71,7 +71,7 @@ def load(world, folder):
     return engine
 
 
-def test_the_table_names_pairs_as_they_are_looked_up():
+def test_pairs_of_the_tables_are_sorted_and_disjoint():
     assert set(ORDER) == set(LESSER_EVIL) <= set(UNSOUND)
     assert set(UNSOUND) == set(Dart.SETTINGS["collision_detector"].choices) - {"auto"}
     assert set(OVERLOOKED) <= set(UNSOUND)
@@ -119,7 +119,7 @@ def test_a_pair_that_was_not_measured_is_refused_unless_accepted(monkeypatch):
     assert detector_of(scene(*bodies, accept=("shape.sphere",))) == "ode"
 
 
-def test_only_what_may_touch_counts():
+def test_only_permitted_pairs_count():
     floor = body("floor", "box")
     capsule = body("capsule", "capsule", (0.0, 0.0, 1.0), group="g")
     cylinder = body("cylinder", "cylinder", (1.0, 0.0, 1.0))
@@ -315,7 +315,7 @@ def test_friction_that_dart_takes_for_none_is_refused(tmp_path):
     compile_world(scene(*slider, friction=1.1e-3), ["dart"])
 
 
-def test_more_contacts_than_dart_takes_are_noticed(tmp_path):
+def test_more_contacts_than_dart_takes_are_found(tmp_path):
     """252 boxes with four contacts each: eight too many."""
     at = [(0.5 * (i % 16), 0.5 * (i // 16), 0.05 - 1e-5) for i in range(252)]
     boxes = [body(f"b{i}", "box", place, size=(0.1, 0.1, 0.1)) for i, place in enumerate(at)]

@@ -91,7 +91,7 @@ def test_settings_that_a_target_lacks_are_named_all_at_once():
         assert word not in message
 
 
-def test_an_engine_declares_what_its_dialect_needs():
+def test_an_engine_declares_the_requirements_of_its_dialect():
     LinesDialect().check_declared({"depth", "share", "way", "other"})
     with pytest.raises(ValueError, match="lacks the settings depth, way, which the dialect 'lines' needs"):
         LinesDialect().check_declared({"share"})

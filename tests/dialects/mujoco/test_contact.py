@@ -102,7 +102,7 @@ def test_too_many_pairs_fall_back_to_numbers_or_are_refused_by_name():
     assert [problem.path for problem in caught.value.problems] == ["contact.pairs.a.b"]
 
 
-def test_beyond_the_limit_what_numbers_give_is_left_to_them():
+def test_beyond_the_limit_pairs_use_the_values_of_their_shapes():
     """Pairs whose numbers do are dropped before those whose numbers do not."""
     world = worlds.table(TABLE)
     needed = [pair for pair, given in listed(world).items() if given["friction"].startswith("0.8")]
@@ -149,7 +149,7 @@ DAMAGE = [
 
 
 @pytest.mark.parametrize(("kind", "old", "new"), DAMAGE)
-def test_changed_hardness_is_noticed(kind, old, new, tmp_path):
+def test_changed_hardness_is_found(kind, old, new, tmp_path):
     world = laws(worlds.table(dict.fromkeys(TABLE, 0.5)), hardness=HARDNESS[kind])
     files = emit(world)
     head, tail = files[MODEL].split("<contact>")
@@ -164,7 +164,7 @@ def test_changed_hardness_is_noticed(kind, old, new, tmp_path):
     assert "hardness" in wrong(world, {**files, MODEL: changed}, tmp_path)
 
 
-def test_a_margin_is_noticed(tmp_path):
+def test_a_margin_is_found(tmp_path):
     world = worlds.table(TABLE)
     files = emit(world)
     changed = files[MODEL].replace('condim="3" margin="0"', 'condim="3" margin="0.001"', 1)
@@ -286,7 +286,7 @@ def test_bodies_that_touch_in_part_beyond_the_bits_are_refused():
         emit(shapes_of([*kinds, *mixed, *mixed], passing=passing, per_body=2))
 
 
-def test_no_explicit_pair_for_what_passes():
+def test_excluded_pairs_have_no_explicit_pair():
     world = worlds.table(TABLE)
     pairs = tuple(dataclasses.replace(p, collide=p.first == p.second) for p in world.contact.pairs)
     found = listed(dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs)))
@@ -329,7 +329,7 @@ def test_stiffness_of_mechanisms_is_refused():
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.5, 1.0])
-def test_restitution_is_read_back_as_it_was_said_at_every_timestep(restitution):
+def test_restitution_is_read_back_as_written_at_every_timestep(restitution):
     """At 13 ms and eight others of these (1 + e) / dt dt is not 1 + e."""
     rigid = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     for step in range(1, 60):

@@ -159,7 +159,7 @@ def test_friction_lists_exactly_the_pairs_that_may_touch():
     assert found == {frozenset(("bar", "left")), frozenset(("bar", "right"))}
 
 
-def test_too_many_frictional_pairs_are_left_out_and_said():
+def test_too_many_frictional_pairs_are_omitted_and_reported():
     assert "<pair geom1" in emit(frictional(0.0, 100))[MODEL]
     files = emit(frictional(0.0, 3))
     assert "<pair geom1" not in files[MODEL]

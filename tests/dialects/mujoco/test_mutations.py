@@ -52,7 +52,7 @@ def written() -> dict[str, set[str]]:
     return found
 
 
-def test_every_attribute_of_what_is_written_is_written_or_added():
+def test_every_attribute_of_written_files_is_written_or_added():
     known, there = schema(SECTIONS - {"actuator", "equality"}), written()
     known["fixed"] = schema(SECTIONS - {"tendon"})["fixed"]
     known["hfield"] = schema(SECTIONS - {"asset"})["hfield"]

@@ -226,7 +226,7 @@ def test_the_read_back_reports_an_inexact_copy(old, new, load_dart):
         assert ("shape type", "bodies.ice_cube.shapes") in failures(world, engine.read_back())
 
 
-def test_copies_that_touch_out_of_turn_are_noticed(load_dart):
+def test_wrong_contacts_of_copies_are_found(load_dart):
     """Where ice and rubber touch by the copies of another layer, the engine says so as soon as they touch."""
     for files, wrong in ((edited(lambda root, content: None), False), (edited(drop_filter), True)):
         engine = load_dart(surfaces("dart"), lambda _, files=files: files)

@@ -117,7 +117,7 @@ def test_the_read_back_adds_implicit_damping_that_a_file_should_not_have(load_da
         ("friction_cone", "pyramid-circumscribed"),
     ],
 )
-def test_the_read_back_has_what_the_sidecar_set(key, value, load_dart):
+def test_the_read_back_has_the_values_of_the_sidecar(key, value, load_dart):
     world = dataclasses.replace(WORLDS["limits"](), contact=WORLDS["shapes"]().contact)
     shape = Shape("s", "sphere", (0.1,), Pose(), "default")
     world = dataclasses.replace(

@@ -58,7 +58,7 @@ def load(load_files):
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_it_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     world = SOUND[name]()
     check = inventory_check(world, load(world))
     assert check.passed, check.detail

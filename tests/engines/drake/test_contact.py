@@ -37,7 +37,7 @@ def figures(tmp_path, monkeypatch):
     return of
 
 
-def test_tamsi_has_the_law_and_what_it_takes_back_slowly_is_declared(figures):
+def test_tamsi_has_the_law_and_its_slow_correction_is_declared(figures):
     found = figures("tamsi", 0.5)
     assert [figure for figure in found if not figure.passed] == []
     assert {figure.probe for figure in found if figure.deviation} == {"overlap"}
@@ -56,6 +56,6 @@ def test_sap_is_off_as_it_declares(figures):
 
 
 @pytest.mark.parametrize("solver", ["tamsi", "sap"])
-def test_another_friction_is_noticed(figures, solver):
+def test_another_friction_is_found(figures, solver):
     found = figures(solver, 0.1, actual=0.3, probes=("push", "stop"))
     assert {figure.probe for figure in found if not figure.passed} == {"push", "stop"}

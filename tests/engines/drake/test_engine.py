@@ -46,7 +46,7 @@ def load(load_files):
 
 
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
-def test_the_inventory_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     world = WORLDS[name]("drake")
     back = load(world).read_back()
     (check,) = inventory_checks(Drake.expected_inventory(world, back.neutral), back.inventory)
@@ -106,7 +106,7 @@ def test_features_that_drake_lacks_are_rejected_by_name(name, feature):
         (("schema",), 2, "schema"),
     ],
 )
-def test_a_file_that_says_such_a_thing_is_refused_by_its_place(load, place, value, word):
+def test_such_a_file_is_rejected_with_its_location(load, place, value, word):
     def change(content):
         for step in place[:-1]:
             content = content[step]
@@ -133,7 +133,7 @@ def test_planes_are_of_bodies_that_cannot_move_and_few(load):
 
 
 @pytest.mark.parametrize(("solver", "helped"), [("tamsi", True), ("sap", False)])
-def test_where_tamsi_finds_no_solution_the_error_names_what_does(load, solver, helped):
+def test_without_a_solution_of_tamsi_the_error_names_an_alternative(load, solver, helped):
     """Seen with boxes whose edges cross, at the last bits of their places; so Drake's answer is put in its place here."""
 
     def unsolved(context):

@@ -45,7 +45,7 @@ def check_of(world, engine):
 
 @pytest.mark.parametrize("solver", ["sap", "tamsi"])
 @pytest.mark.parametrize("floor", ["box", "plane"])
-def test_boxes_stand_by_pressure_as_deep_as_their_modulus_says(load, solver, floor):
+def test_boxes_stand_by_pressure_at_the_depth_of_their_modulus(load, solver, floor):
     engine = load(pressed(boxes(2, floor=floor), solver, hydroelastic_modulus=2e7))
     engine.step(1500)  # by SAP an e-fold takes 100
     contacts = engine.contacts()
@@ -75,7 +75,7 @@ def test_normals_are_as_those_of_points(load):
 
 
 @pytest.mark.parametrize("kind", ["cylinder", "sphere"])
-def test_other_shapes_touch_boxes_at_points_all_the_same(load, kind):
+def test_other_shapes_touch_boxes_at_points(load, kind):
     """On a box and below one: a box's corners are there for them."""
     world = boxes(2, kind=kind)
     top = dataclasses.replace(world.bodies[2], shapes=(Shape("b1_0", "box", (0.1, 0.1, 0.1), material="a"),))
@@ -90,7 +90,7 @@ def test_other_shapes_touch_boxes_at_points_all_the_same(load, kind):
 
 
 @pytest.mark.parametrize("name", ["model", "surfaces", "cylinder", "plane"])
-def test_the_inventory_is_what_the_choice_demands(name, load):
+def test_the_inventory_follows_the_choice(name, load):
     made = {
         "cylinder": lambda _: boxes(2, kind="cylinder"),
         "plane": lambda _: boxes(2, floor="plane"),
@@ -156,7 +156,7 @@ def test_tamsi_holds_a_tower_at_4_ms_that_fails_on_corners(load):
 
 @pytest.mark.parametrize("solver", ["tamsi", "sap"])
 @pytest.mark.parametrize(("depth", "timestep"), [(1e-4, 0.001), (1e-3, 0.001), (1e-4, 0.008)])
-def test_an_overlap_of_boxes_is_taken_back_as_the_law_of_the_solver_says(load, solver, depth, timestep):
+def test_an_overlap_of_boxes_is_corrected_by_the_law_of_the_solver(load, solver, depth, timestep):
     """By SAP β of it in a step, by TAMSI 1/dissipation, as with corners: the modulus has no part in it."""
     world = boxes(1, timestep, friction=0.0)
     joint = dataclasses.replace(world.bodies[1].joint, position=(0.0, 0.0, HEIGHT / 2 - depth, 1.0, 0.0, 0.0, 0.0))

@@ -25,7 +25,7 @@ CYLINDER = {"cylinder": {"radius": 0.1, "length": 0.2}}
 @pytest.mark.parametrize(
     ("shape", "most", "too_many"), [(BALL, 2000, 3000), (BOX, 450, 520), (CYLINDER, 200, 260)], ids=str
 )
-def test_large_worlds_are_taken_or_refused_by_what_they_need(shape, most, too_many):
+def test_large_worlds_are_accepted_or_rejected_by_their_requirements(shape, most, too_many):
     assert memory_covered(pile(shape, most)) is None
     with pytest.raises(UnsupportedError, match=r"Drake needs \d\.\d GB") as refused:
         compile_world(pile(shape, too_many), ["drake"])

@@ -50,7 +50,7 @@ def failed(world, files, folder):
 
 
 @pytest.mark.parametrize("key", WRONG)
-def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, tmp_path):
+def test_a_wrong_gain_in_the_file_is_found_in_the_text_and_by_the_engine(key, tmp_path):
     change, name = WRONG[key]
     world = driven()
     assert failed(world, changed(world, lambda bodies: change(bodies[0]["joint"]["servo"])), tmp_path / "drake") == {
@@ -59,7 +59,7 @@ def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, 
     }
 
 
-def test_a_controller_less_or_more_is_noticed(tmp_path):
+def test_a_controller_less_or_more_is_found(tmp_path):
     world = driven()
     less = changed(world, lambda bodies: bodies[0]["joint"].pop("servo"))
     checks = failed(world, less, tmp_path / "less")

@@ -28,7 +28,7 @@ def measured(requested, actual, folder):
         return measuring.wait()[0]
 
 
-def test_every_probe_measures_the_law_and_another_is_noticed(tmp_path):
+def test_every_probe_measures_the_law_and_another_is_found(tmp_path):
     requested = under_the_pyramid(worlds.table(PAIRS))
     found = measured(requested, requested, tmp_path / "asked")
     assert [figure for figure in found if not figure.passed] == []

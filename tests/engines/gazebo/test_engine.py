@@ -62,7 +62,7 @@ def joint_world(**fields):
 
 @installed
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
-def test_the_inventory_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     world = accepting_gazebo(WORLDS[name]("gazebo"))
     back = load(world).read_back()
     (check,) = inventory_checks(Gazebo.expected_inventory(world, back.neutral), back.inventory)
@@ -162,7 +162,7 @@ def test_restitution_above_1_is_stored_where_the_law_of_a_pair_needs_it(load):
 
 
 @installed
-def test_a_mass_of_what_cannot_move_is_seen(load):
+def test_a_mass_of_a_fixed_body_is_found(load):
     world = accepting_gazebo(boxes(1))
     engine = load(world, lambda content, sidecar: content["bodies"][0].update(mass=0.01))
     (check,) = inventory_checks(Gazebo.expected_inventory(world, {}), engine.read_back().inventory)

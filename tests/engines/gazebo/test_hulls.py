@@ -73,7 +73,7 @@ def test_a_tower_of_ten_cubes_stands(load):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_hulls_overlap_where_coal_says(kind, load):
+def test_hulls_overlap_where_they_do_in_coal(kind, load):
     world = worlds.shapes_world(("mesh", kind))
     floor, entry, other = world.bodies
     if kind == "mesh":  # of the same size as the first

@@ -64,7 +64,7 @@ DOCUMENT = _document(
 )
 
 
-def test_bodies_are_placed_in_what_moves_them() -> None:
+def test_bodies_are_placed_in_the_bodies_that_move_them() -> None:
     walk = Walk.of(DOCUMENT)
     assert [body.carrier for body in walk.bodies] == [STATIC, 1, 1, 3]
     assert [body.parent for body in walk.bodies] == [STATIC, STATIC, 1, 2]

@@ -72,7 +72,7 @@ def test_an_engine_that_declares_nothing_lacking_defines_the_methods(capability)
 
 
 @pytest.mark.parametrize("capability", [entry for entry in Capability if entry is not Capability.NATIVE_CONTROLLERS])
-def test_an_engine_cannot_define_what_it_declares_as_lacking(capability):
+def test_an_engine_cannot_define_capabilities_that_it_declares_as_lacking(capability):
     with pytest.raises(TypeError, match=f"declares that it lacks {capability}, and defines {METHODS[capability][0]}"):
         make(ALL, **{METHODS[capability][0]: lambda self: None})
 
@@ -88,7 +88,7 @@ def test_native_controllers_and_control_native_go_together():
         make(ALL, SUPPORT=dict.fromkeys(Feature, EXACT))
 
 
-def test_who_has_native_controllers_says_which_law_they_follow():
+def test_engines_with_native_controllers_declare_their_law():
     with pytest.raises(TypeError, match="must declare NATIVE_LAW exactly where it has native controllers"):
         make(without(Capability.NATIVE_CONTROLLERS), track=lambda self: None)
     with pytest.raises(TypeError, match="must declare NATIVE_LAW exactly where it has native controllers"):
@@ -98,7 +98,7 @@ def test_who_has_native_controllers_says_which_law_they_follow():
     assert engine.NATIVE_LAW is law
 
 
-def test_a_subclass_may_lack_what_its_parent_has_and_give_it_back():
+def test_a_subclass_may_drop_and_restore_capabilities_of_its_parent():
     able = make(without(Capability.ENERGY), energy=lambda self: (1.0, 2.0))
     assert able().energy() == (1.0, 2.0)
     unable = make(ALL, able)
@@ -123,7 +123,7 @@ def test_a_shared_base_class_declares_nothing():
 
 
 @pytest.mark.parametrize("name", engines())
-def test_the_engines_of_simspec_say_what_they_lack(name):
+def test_the_engines_of_simspec_declare_missing_capabilities(name):
     engine = engines()[name]
     for capability, methods in METHODS.items():
         for method in methods:

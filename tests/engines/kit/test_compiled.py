@@ -63,7 +63,7 @@ def failure(what: Compiled, **more) -> CompileError:
     return raised.value
 
 
-def test_it_is_compiled_once_and_does_what_it_says(place):
+def test_it_is_compiled_once_and_works(place):
     library = of(place).load()
     library.twice.restype, library.twice.argtypes = compiled.ctypes.c_double, [compiled.ctypes.c_double]
     assert library.twice(1.5) == 3.0
@@ -251,7 +251,7 @@ def test_packages_give_flags_and_their_version(place, monkeypatch):
     )
 
 
-def test_without_pkg_config_that_is_said(place, monkeypatch):
+def test_a_missing_pkg_config_is_reported(place, monkeypatch):
     monkeypatch.setenv("PATH", str(place / "bin"))
     assert failure(of(place, packages=("toys",))).missing is Missing.PKG_CONFIG
 
@@ -287,7 +287,7 @@ def test_a_file_that_others_can_write_is_not_taken(place):
     assert "this user alone" in str(error)
 
 
-def test_no_place_to_keep_it_is_said(place, monkeypatch):
+def test_a_missing_cache_folder_is_reported(place, monkeypatch):
     (place / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(place / "file"))
     error = failure(of(place))

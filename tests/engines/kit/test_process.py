@@ -100,7 +100,7 @@ def stub(monkeypatch, tmp_path):
         ("fine", "KeyError: 'no such thing'"),
     ],
 )
-def test_a_failing_engine_is_an_error_that_says_how(stub, what, message):
+def test_a_failing_engine_is_an_error_with_its_cause(stub, what, message):
     with pytest.raises(EngineError, match=message) as caught:
         stub(what)
     assert caught.value.engine == "stub"

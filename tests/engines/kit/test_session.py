@@ -113,7 +113,7 @@ def test_changes_are_known(folder, name):
     assert session.condition is Condition.CHANGED, "a state does not undo what was changed"
 
 
-def test_a_state_is_a_change_and_what_is_lent_may_be_changed(folder):
+def test_a_set_state_is_placed_and_a_lent_engine_is_changed(folder):
     session = Session(Noting, folder)
     session.set_state(np.zeros(1), np.zeros(1))
     assert (session.condition, session.clean) == (Condition.PLACED, False)
@@ -168,7 +168,7 @@ def test_an_unknown_engine_and_missing_artifacts_are_reported(folder):
         Session(Noting, folder / "nowhere")
 
 
-def test_every_operation_says_what_it_needs():
+def test_every_operation_has_its_requirements():
     stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "stopped", "windows", "run"}
     other = {"foreign"}  # it loads a file of its own
     assert {name for name, operation in OPERATIONS.items() if operation.needs is Condition.FRESH} == stepping | other

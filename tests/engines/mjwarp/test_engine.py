@@ -65,7 +65,7 @@ def test_massless_bodies_with_friction_are_rejected_where_the_solver_returns_nan
         (0.01, 0.0, None, True),  # needs no more than an impratio of 1000
     ],
 )
-def test_torsional_friction_alone_is_refused_where_what_lands_would_be_no_number(torsional, rolling, ratio, taken):
+def test_torsional_friction_alone_is_rejected_where_landing_bodies_would_be_nan(torsional, rolling, ratio, taken):
     world = WORLDS["rolling"]("mjwarp")
     law = dataclasses.replace(world.contact.pairs[0], torsional_friction=torsional, rolling_friction=rolling)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=(law,)))
@@ -132,7 +132,7 @@ def test_a_changed_value_is_reported(load_files):
 
 
 @installed
-def test_a_file_that_says_otherwise_is_noticed(load_files):
+def test_a_contradicting_file_is_found(load_files):
     world = accepting(shipped.hinges(), "mjwarp")
     files = files_of(world, MjWarp)
     for before, after, name in (

@@ -83,7 +83,7 @@ def test_the_proof_reads_every_field_of_the_model():
 
 
 @installed
-def test_a_file_that_says_otherwise_is_noticed(load_files):
+def test_a_contradicting_file_is_found(load_files):
     world = accepting(shipped.hinges(), "mjx")
     files = dict(compile_world(world, ["mjx"])["mjx"].files)
     for before, after, name in (

@@ -139,7 +139,7 @@ def test_a_single_solve_is_not_sufficient(load, monkeypatch):
     assert "ended unconverged after 1 solves" in line
 
 
-def test_a_sudden_push_of_what_rests_does_not_lift_it(load):
+def test_a_sudden_push_does_not_lift_a_resting_body(load):
     """A resting body is solved once; the effect of a force in its first step must be found (8 mm otherwise)."""
     engine = load(coulomb(scene(box("one", (0.0, 0.0, 0.02)), friction=1.0)))
     engine.step(100)

@@ -85,7 +85,7 @@ DEFECTS = [
 
 
 @pytest.mark.parametrize(("name", "old", "new"), DEFECTS)
-def test_read_back_sees_what_the_engine_holds(name, old, new, tmp_path):
+def test_the_read_back_reports_the_state_of_the_engine(name, old, new, tmp_path):
     """Read from the engine, not from the request: a change of the file shows."""
     world = WORLDS[name]
     folder = write(world, tmp_path)
@@ -138,7 +138,7 @@ def test_a_shifted_zero_is_an_engine_error(tmp_path):
 
 
 @pytest.mark.parametrize("friction", ["0.5 0.5 0 0 0", "0.4 0.5 0 0 0"])
-def test_an_explicit_pair_with_another_law_is_noticed(friction, tmp_path):
+def test_an_explicit_pair_with_another_law_is_found(friction, tmp_path):
     world = worlds.gripper()
     folder = write(world, tmp_path)
     text = (folder / MODEL).read_text()
@@ -382,7 +382,7 @@ def block(friction: float, speed: float, timestep: float) -> World:
 
 
 @pytest.mark.parametrize(("friction", "speed"), [(0.3, 1.0), (0.5, 5.0), (1.0, 5.0)])
-def test_a_box_slides_as_far_as_coulomb_says_and_stays_down(friction, speed, load):
+def test_a_box_slides_as_far_as_coulombs_law_and_stays_down(friction, speed, load):
     engine = load(block(friction, speed, 0.001))
     highest = 0.0
     for _ in range(3000):
@@ -502,7 +502,7 @@ def test_acceptance_names_unlisted_pairs_and_the_alternative():
     assert support.refine(by_coulomb).level is Level.OUTSIDE
 
 
-def test_the_log_says_that_pairs_were_left_out_and_what_went_wrong(load):
+def test_the_log_reports_omitted_pairs_and_failures(load):
     assert load(frictional(0.0, 100)).log() == []
     assert load(frictional(0.0, 3)).log() == [NO_EXPLICIT_PAIRS]
     engine = load(slider(0.001, 0.0))

@@ -26,7 +26,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("key", WRONG)
-def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, tmp_path):
+def test_a_wrong_gain_in_the_file_is_found_in_the_text_and_by_the_engine(key, tmp_path):
     engine = "mujoco"
     text, other, check = WRONG[key]
     world = with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4)

@@ -50,7 +50,7 @@ def joint_world(**fields):
 
 
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
-def test_the_inventory_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     world = WORLDS[name]("ode")
     back = load(world).read_back()
     (check,) = inventory_checks(Ode.expected_inventory(world, back.neutral), back.inventory)
@@ -139,7 +139,7 @@ def with_moments(world, friction, torsional, rolling, velocity):
     ("kind", "axis", "friction"),
     [("box", 5, 0.0), ("sphere", 5, 0.0), ("sphere", 4, 0.0), ("sphere", 5, 0.5), ("sphere", 4, 0.5)],
 )
-def test_friction_moments_slow_what_turns_by_c_n_on_however_many_points(kind, axis, cone, friction, load):
+def test_friction_moments_slow_rotations_by_c_n_on_any_number_of_points(kind, axis, cone, friction, load):
     """A box spins on four points whose rows of torsion are the same, a ball on one; without sliding friction the law has one
     torque alone, and with it what rolls slows down as much as friction needs."""
     c, inertia, speed = 0.002, 0.00166, 3.0

@@ -111,7 +111,7 @@ def points_of(load, kind, size, hull, place, static):
     return given["position"], -given["distance"]
 
 
-def test_a_face_on_a_face_has_the_corners_of_what_they_share(load):
+def test_a_face_on_a_face_has_the_corners_of_their_intersection(load):
     """A cube reaches over the edge of a box; turned by 45° it shares an octagon."""
     half = Pose((0.05, 0.0, 0.099), FREE)
     position, depth = points_of(load, "box", (0.1, 0.2, 0.1), CUBE, half, Pose())
@@ -214,7 +214,7 @@ def _dropped(content):
 
 
 @pytest.mark.parametrize("change", [_moved, _dropped])
-def test_a_vertex_that_is_moved_or_missing_is_seen_in_what_ode_holds(change, load):
+def test_a_moved_or_missing_vertex_is_found_in_the_read_back_of_ode(change, load):
     world = two("box", SIZES["box"], stone(7))
     sound, other = load(world).read_back(), load(world, change).read_back()
     size = sound.bodies[0].shapes[0].size

@@ -44,7 +44,7 @@ def load(load_files):
 
 @installed
 @pytest.mark.parametrize("name", list(shared("physx")))
-def test_the_inventory_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     check_inventory(name, PhysX, load, 50)
 
 
@@ -278,7 +278,7 @@ def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
 
 
 @installed
-def test_asking_what_touches_changes_nothing(load):
+def test_queries_of_contacts_change_nothing(load):
     size = (0.2, 0.2, 0.2)
     bodies = [ball(str(row), (0.01 * row, 0.0, 0.1 + 0.199 * row), kind="box", size=size) for row in range(4)]
     requested, quiet = load(scene(*bodies)), load(scene(*bodies))
@@ -290,7 +290,7 @@ def test_asking_what_touches_changes_nothing(load):
 
 
 @installed
-def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
+def test_shapes_of_massless_bodies_are_parts_of_their_carriers(load):
     check_parts(load)
 
 

@@ -54,7 +54,7 @@ def test_states_are_those_of_the_actors_in_order():
 
 
 @pytest.mark.parametrize("swapped", [(0, 1), (3, 4), (7, 10), (6, 7)])
-def test_another_layout_of_what_is_packed_is_refused(swapped):
+def test_another_layout_of_packed_data_is_rejected(swapped):
     order = list(AS_SAPIEN)
     entry, other = swapped
     order[entry], order[other] = order[other], order[entry]
@@ -119,7 +119,7 @@ def test_the_deepest_overlap_of_each_pair_counts():
     assert depths([contact((floor, two), [(-0.1, 0.0)])], rows).rows.tolist() == [[-1, 1]]
 
 
-def test_pressed_is_what_some_impulse_acts_on():
+def test_pressed_contacts_have_an_impulse():
     floor, actor, two, three = (Actor() for _ in range(4))
     rows = {actor: 0, two: 1, three: 2}
     contacts = [

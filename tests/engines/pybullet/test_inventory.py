@@ -69,7 +69,7 @@ def load(load_files):
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_it_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     world = SOUND[name]()
     check = inventory_check(world, load(world))
     assert check.passed, check.detail
@@ -129,7 +129,7 @@ def test_arguments_of_load_calls_are_recorded(load):
     assert inventory_check(world, engine).where.endswith(".linearDamping")
 
 
-def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
+def test_every_member_of_pybullets_queries_is_named(load):
     engine = load(WORLDS["model"]("pybullet"))
     sim = engine._sim
     p, client = sim.bullet, sim.client

@@ -38,7 +38,7 @@ def load(load_files):
 
 
 @pytest.mark.parametrize("name", list(shared("rapier")))
-def test_the_inventory_is_what_the_world_demands(name, load):
+def test_the_inventory_equals_the_expectation_of_the_world(name, load):
     check_inventory(name, Rapier, load, 100)
 
 
@@ -95,7 +95,7 @@ def test_any_other_change_in_the_live_engine_is_found(change, load):
     assert not check.passed
 
 
-def test_a_mass_of_what_cannot_move_is_seen(load):
+def test_a_mass_of_a_fixed_body_is_found(load):
     world = scene(ball("ball", (0.0, 0.0, 0.1)))
     engine = load(world, lambda content, sidecar: of("floor")(content).update(mass=0.01))
     back = engine.read_back()
@@ -185,7 +185,7 @@ def test_bodies_that_an_effort_turns_fast_are_rotated_fully(friction, load):
     assert bool(sim._watched) == bool(friction)
 
 
-def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
+def test_shapes_of_massless_bodies_are_parts_of_their_carriers(load):
     check_parts(load)
 
 

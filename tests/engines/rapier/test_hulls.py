@@ -123,7 +123,7 @@ def test_faces_as_rapier_merges_them():
 
 
 @installed
-def test_a_corner_that_is_said_to_be_unfelt_is(load):
+def test_a_corner_reported_as_without_contact_has_none(load):
     """Were Rapier to feel it, hulls need not be refused on planes: the same hull, written without the check."""
     size = random_hull(1)
     world = scene(solid("hull", cube(0.2), (0.0, 0.0, 1.0)))

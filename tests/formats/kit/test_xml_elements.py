@@ -117,7 +117,7 @@ def valid(text: str) -> bool:
     before=st.integers(0, 40),
     chunk=st.integers(1, 50),
 )
-def test_a_text_is_the_same_wherever_a_chunk_ends_and_however_it_is_written(pieces, before, chunk):
+def test_a_text_is_independent_of_chunks_and_of_the_way_it_is_written(pieces, before, chunk):
     content = f"<a>{' ' * before}<b>{''.join(in_form(*piece) for piece in pieces)}</b><c/>tail</a>".encode()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(xml_elements, "CHUNK", chunk)

@@ -102,6 +102,6 @@ def test_another_tree_is_refused():
         Mjcf().write("model")
 
 
-def test_the_format_is_offered_and_says_what_the_language_carries():
+def test_the_format_is_offered_with_the_features_of_its_language():
     assert isinstance(formats()["mjcf"], Mjcf)
     check_total("format mjcf", Mjcf.SUPPORT)

@@ -88,7 +88,7 @@ def test_equal_orientations_in_different_notations_are_read_equal():
     assert read(nested).classes["x"].elements["geom"] == {"euler": "1 0 0"}
 
 
-def test_actuators_of_all_kinds_share_what_all_kinds_have():
+def test_actuators_of_all_kinds_share_the_common_attributes():
     document = read(
         '<mujoco><default><general gear="3" dyntype="filter"/><motor gear="2"/><position kp="5"/></default>'
         '<actuator><motor name="a"/><general/><position kp="7"/><velocity gear="4"/></actuator></mujoco>'

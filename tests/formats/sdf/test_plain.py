@@ -283,7 +283,7 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
                 assert listed[need.feature.value].how
 
 
-def test_who_touches_whom_in_a_tree_is_said_by_self_collide_where_it_can_be(tmp_path):
+def test_self_collide_selects_the_contacts_in_a_tree_where_possible(tmp_path):
     data = {
         "simspec": 1,
         "name": "w",

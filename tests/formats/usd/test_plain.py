@@ -184,7 +184,7 @@ def test_validators_find_nothing(tmp_path, name, profile):
         ("physics:mass = ", "physics:mass = -1 # ", "mass"),
     ],
 )
-def test_the_checks_find_what_is_planted(tmp_path, old, new, finds):
+def test_the_checks_find_planted_defects(tmp_path, old, new, finds):
     _, path = written(worlds.limits_and_armature(armature=0.2, dry_friction=0.3), tmp_path)
     text = path.read_text()
     assert old in text
