@@ -232,13 +232,11 @@ class WorldJson(Format):
             *(*features.SHAPES_OF_BODIES, *features.CONTACT_LAWS, *features.HARDNESSES, *features.FILTERS),
             *(*features.CONSTRAINTS, *features.SUMS, Feature.FORCES, *features.CONTROLS, *features.PHYSICS),
         ),
-        Feature.BALL_LIMIT: never("world.json has no limits of balls: no engine that reads it has any"),
         Feature.FRAME: classes.FRAMES_ALONGSIDE,
-        Feature.FREE_ARMATURE: never("world.json has no armature of free bodies: no engine that reads it has any"),
-        Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
-        **for_each(never("world.json has no margins: no engine that reads it has any"), *features.MARGINS),
-        Feature.SURFACE_VELOCITY: never(
-            "world.json has no surfaces that move by themselves: no engine that reads it has any"
+        **for_each(
+            never("world.json has no field for it, since no engine that reads the format has it"),
+            *(Feature.BALL_LIMIT, Feature.FREE_ARMATURE, Feature.BALL_ARMATURE, *features.MARGINS),
+            Feature.SURFACE_VELOCITY,
         ),
         **shape_kinds("world.json", SHAPES),
     }

@@ -118,20 +118,20 @@ HEAD = f"""# Support matrix
 
 | word | meaning |
 |---|---|
-| exact | the file says it and the engine holds it |
-| exact, by API | exact; set through the engine's API, since the file cannot carry it |
-| on request | exact, computed outside the engine at each step, where the spec requests it: `engines.NAME.outside` |
-| approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
-| no | the engine cannot: an error that names the line of the spec |
-| not yet | the engine could, and simspec does not implement it: the same error, and a test fails when it starts to work |
-| from V, before V | the versions of the engine that have it; an error in others, but for what stands in brackets |
+| exact | the file represents it and the engine stores it |
+| exact, by API | exact; simspec sets it through the engine's API, since the file cannot represent it |
+| on request | exact; simspec computes it outside the engine at each step if the spec requests it by `engines.NAME.outside` |
+| approximate | not exact; available only if the spec accepts it by `engines.NAME.accept` |
+| no | not supported by the engine or its format: an error that names the line of the spec |
+| not yet | supported by the engine, but not implemented in simspec: the same error, and a test fails once it works |
+| from V, before V | only in these versions of the engine: an error in others, except as stated in parentheses |
 """
-TIERS = """An engine has one of three tiers. *Runs*: it loads files, steps, and reports states. *Proven*: simspec also compares
-the model that it reads back, and its dynamics. *Complete*: also every number that the engine stores, so that the self-test
-can plant changes. *Files only*: no run of the real program is part of simspec's tests."""
+TIERS = """Each engine has a tier. *Runs*: it loads files, steps, and reports states. *Proven*: simspec also compares the model
+read back from the engine, and its dynamics. *Complete*: simspec also compares every number that the engine stores, so that
+the self-test can plant changes. *Files only*: simspec's tests do not run the real program."""
 CAPABILITIES = (
-    "Abilities of an engine in addition to its core (load, read back, states, steps, contacts). simspec does not request those "
-    "that it lacks."
+    "Abilities of an engine in addition to its core (load, read back, states, steps). simspec does not use "
+    "those that an engine lacks."
 )
 
 
@@ -263,7 +263,7 @@ def markdown() -> str:
     tiers = [[name, tier(engine), engine.PRECISION, format_of(engine)] for name, engine in engines().items()]
     lines = [HEAD, TIERS, "", *markdown_rows(("engine", "tier", "precision", "format"), tiers), ""]
     lines += markdown_rows(["feature", "meaning", *tables], rows)
-    lines += ["", "## Notes", "", "Each reason once, with the engines and features that it is the reason of.", ""]
+    lines += ["", "## Notes", "", "Each reason appears once, with the engines and features that it applies to.", ""]
     lines += notes.lines(anchors=True)
     effects = [
         [name, effect, markdown_cell(where), markdown_cell(why)]
@@ -272,7 +272,13 @@ def markdown() -> str:
     ]
     lines += ["", "## Absent effects of contact", "", ABSENT, ""]
     lines += [*markdown_rows(("engine", "absent effect", "where", "why"), effects), *_capabilities()]
-    lines += ["", "## Solver settings", "", "`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
+    lines += [
+        "",
+        "## Solver settings",
+        "",
+        "A spec sets them by `engines.NAME.settings`. They do not change the model.",
+        "",
+    ]
     for name, engine in engines().items():
         settings = [_setting_row(key, setting) for key, setting in engine.SETTINGS.items()]
         lines += [f"### {name}", "", *markdown_rows(("setting", "default", "allowed", "meaning"), settings), ""]
@@ -299,8 +305,9 @@ def _setting_row(name: str, setting: Setting) -> list[str]:
 
 
 ABSENT = (
-    "By the deviations that each engine declares (docs/records/contact.md): one so wide that an engine with less than a tenth "
-    "of the effect would pass is no tolerance, and the effect is absent. A certificate names those of its figures."
+    "Each engine declares deviations from the contact law (docs/records/contact.md). An effect is absent where a deviation is "
+    "so wide that an engine with less than a tenth of the effect would pass. A certificate names the absent effects of its "
+    "figures."
 )
 
 

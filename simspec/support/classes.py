@@ -29,7 +29,6 @@ from simspec.support.features import (
     LIMIT_RATINGS,
     MARGINS,
     MOMENTS,
-    PASSIVE_FORCES,
     PHYSICS,
     RESTITUTIONS,
     SHAPES_OF_BODIES,
@@ -38,24 +37,41 @@ from simspec.support.features import (
 )
 
 HEAVY = (
-    "a free body of 1e5 times the mass of all that moves, to which an effort before every step gives the velocity that its "
-    "motion asks for: contact and joints feel that velocity, and shift it by 1e-5 of what they would shift themselves"
+    "simspec represents a kinematic body by a free body of 1e5 times the mass of all moving bodies, and applies an "
+    "effort before each step so that it follows its motion. Contact and joint forces change its velocity by 1e-5 "
+    "of what they change of other bodies"
 )
 """Of a kinematic body, in engines."""
-AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engine's own poses"
+SIDECAR = "simspec sets it through the engine's API"
+"""Of what a file cannot carry."""
+AS_EFFORTS = "simspec applies forces as joint efforts Jᵀ F before each step, with J from the engine's poses"
 """Of forces on bodies."""
-EFFORTS = "given as efforts before every step"
-WEIGHTS = "the difference as a force at the centre of mass before every step"
-DRAG = "its forces on each body as an effort before every step, from the engine's own velocities"
-FRAMES_ALONGSIDE = exact("outside the engine: no motion depends on frames, and their places follow from bodies'")
+EFFORTS = "simspec applies efforts before each step"
+WEIGHTS = "simspec applies the difference from mass × gravity as a force at the centre of mass before each step"
+DRAG = "simspec computes the force from the engine's velocities and applies it before each step"
+FRAMES_ALONGSIDE = exact(
+    "simspec computes frames outside the engine, from the poses of bodies: no motion depends on them"
+)
 """Of named frames, for dialects and engines that have none."""
-BETWEEN_JOINTS = exact("bodies without mass and shapes stand between the joints")
+BETWEEN_JOINTS = exact("simspec inserts massless bodies without shapes between the joints")
 """Of several joints of one body, for dialects and engines that represent such bodies."""
 LUMPED: Table = for_each(
-    exact("the topmost body of the rigid group has the inertia of the whole group"),
+    exact("simspec assigns the inertia of a rigid group to its topmost body"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
 )
 """For dialects that write what ``formats/kit/contract.py`` gathers."""
+
+
+def no_margin(engine: str) -> Support:
+    """Of margins, in engines and dialects."""
+    return never(f"{engine} has no contact margin: contact begins where shapes touch")
+
+
+def explicit(engine: str) -> Support:
+    """Of springs and dampers of joints, in engines and dialects."""
+    return via_api(
+        f"{engine} integrates springs and dampers implicitly; simspec applies explicit efforts before each step"
+    )
 
 
 def driven(engine: str) -> dict[Feature, Support]:
@@ -67,45 +83,42 @@ def driven(engine: str) -> dict[Feature, Support]:
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: via_api(WEIGHTS),
-        Feature.FREE_DAMPING: via_api("as an effort before every step, from the engine's own velocities"),
+        Feature.FREE_DAMPING: via_api(DRAG),
         Feature.FLUID: via_api(DRAG),
-        Feature.CONTROL: via_api("efforts given before every step"),
-        **for_each(never(f"{engine}'s contact begins where shapes touch"), *MARGINS),
+        Feature.CONTROL: via_api(EFFORTS),
+        **for_each(no_margin(engine), *MARGINS),
         Feature.FREE_ARMATURE: never(
-            f"{engine} has no armature of free bodies, and contact would ignore a computed one"
+            f"{engine} has no armature of free joints, and contact would ignore a computed one"
         ),
         Feature.SUM: via_api(EFFORTS),
         Feature.SUM_DRY_FRICTION: never(
-            f"{engine} has dry friction of single joints, and none along sums of their positions"
+            f"{engine} has dry friction at single joints only, not along sums of joint positions"
         ),
-        Feature.SUM_LIMITS: never(f"{engine} stops joints one by one, and no sum of their positions"),
+        Feature.SUM_LIMITS: never(f"{engine} limits single joints only, not sums of joint positions"),
     }
 
 
-def free_bodies_only(engine: str, drift: str, moved_by: str) -> dict[Feature, Support]:
-    """A driven engine that simspec gives no joints. ``drift``: the reason; ``moved_by``: what of the engine would move them."""
-    joints = never(f"simspec gives {engine} no joints, which alone have it: {drift}")
+def free_bodies_only(engine: str, drift: str) -> dict[Feature, Support]:
+    """A driven engine that simspec passes no joints to. ``drift``: the reason, as a sentence."""
+    joints = never(f"simspec passes no joints to {engine}. {drift}")
     return {
         **driven(engine),
-        **for_each(never(drift), Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL),
+        **for_each(joints, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL),
         **for_each(joints, Feature.LIMIT_POSITION, Feature.BALL_LIMIT, *DAMPERS_AND_SPRINGS, Feature.DRY_FRICTION),
         **for_each(joints, Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.CONTROL, *SUMS),
-        Feature.CONSTRAINT_COUPLING: joints,
-        Feature.CONSTRAINT_LOOP: never(f"loops are closed by joints: {drift}"),
-        Feature.CONTROL_NATIVE: never(f"simspec gives {engine} no joints, which its {moved_by} would move"),
-        Feature.EVEN_PRESSURE: never(f"simspec gives {engine} no joints"),
+        **for_each(joints, *CONSTRAINTS, Feature.CONTROL_NATIVE, Feature.EVEN_PRESSURE),
         **for_each(never(f"{engine}'s contacts transmit no torque"), *MOMENTS),
         Feature.SURFACE_VELOCITY: NO_BELTS,
         Feature.HARDNESS_NATIVE: unwritten(engine, Attempt.READ_BACK),
     }
 
 
-NO_BELTS = never("the format world has no surfaces that move by themselves")
+NO_BELTS = never("the format world has no surface velocities")
 
 
 def unwritten(engine: str, attempt: Attempt) -> Support:
     """Supported by the engine, and not written by simspec."""
-    return not_yet(f"simspec does not write it for {engine}", attempt)
+    return not_yet(f"simspec does not implement it for {engine}", attempt)
 
 
 def with_sidecar(engine: str, how: str) -> dict[Feature, Support]:
@@ -117,13 +130,18 @@ def with_sidecar(engine: str, how: str) -> dict[Feature, Support]:
         **LUMPED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         Feature.FRAME: FRAMES_ALONGSIDE,
-        **for_each(via_api(how), *PASSIVE_FORCES, *FILTERS, *CONSTRAINTS, *SUMS, Feature.ARMATURE),
+        **for_each(via_api(how), *FILTERS, *CONSTRAINTS, *SUMS, Feature.ARMATURE),
+        Feature.GRAVITY_SCALE: via_api(WEIGHTS),
+        **for_each(via_api(DRAG), Feature.FREE_DAMPING, Feature.FLUID),
+        Feature.SUM: via_api(EFFORTS),
         Feature.CONE_ELLIPTIC: via_api(how),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(how),
         Feature.CONE_PYRAMID_INSCRIBED: never(f"{engine} has the elliptic cone and the circumscribed pyramid only"),
-        Feature.BALL_ARMATURE: never(f"{engine} has no armature: what stands for it is of one axis"),
-        Feature.FREE_ARMATURE: never(f"{engine} has no armature of free bodies"),
-        **for_each(never(f"{engine}'s contact begins where shapes touch"), *MARGINS),
+        Feature.BALL_ARMATURE: never(
+            f"{engine} has no armature, and simspec's substitute acts on joints of one axis only"
+        ),
+        Feature.FREE_ARMATURE: never(f"{engine} has no armature of free joints"),
+        **for_each(no_margin(engine), *MARGINS),
     }
 
 
@@ -132,15 +150,19 @@ def file_language(language: str) -> dict[Feature, Support]:
     return {
         **exactly(*JOINTS, *INERTIAS, *LARGE_TREES, *SHAPES_OF_BODIES, *PHYSICS),
         **for_each(never(f"{language} has no armature"), *ARMATURES),
-        **for_each(never(f"{language} has no margins"), *MARGINS),
-        Feature.SURFACE_VELOCITY: never(f"{language} has no surfaces that move by themselves"),
+        **for_each(never(f"{language} has no contact margins"), *MARGINS),
+        Feature.SURFACE_VELOCITY: never(f"{language} has no surface velocities"),
         Feature.FLUID: never(f"{language} has no fluids"),
-        Feature.GRAVITY_SCALE: never(f"{language} has no weights of single bodies"),
-        Feature.FREE_DAMPING: never(f"{language} has no damping of free bodies"),
+        Feature.GRAVITY_SCALE: never(f"{language} has no gravity scale of single bodies"),
+        Feature.FREE_DAMPING: never(f"{language} has no damping of free joints"),
         Feature.BALL_LIMIT: never(f"{language} has no limits of ball joints"),
-        **for_each(never(f"{language} has nothing along sums of joint positions"), *SUMS),
-        **for_each(never(f"{language} does not say which surfaces touch"), *FILTERS),
-        Feature.FORCES: never(f"{language} has no forces on bodies"),
-        **for_each(never(f"{language} has no gains of controllers"), *CONTROLS),
-        Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+        **for_each(
+            never(f"{language} has no springs, dampers, friction or limits along sums of joint positions"), *SUMS
+        ),
+        **for_each(never(f"{language} has no collision filters"), *FILTERS),
+        Feature.FORCES: never(f"{language} has no external forces on bodies"),
+        **for_each(never(f"{language} has no controller gains"), *CONTROLS),
+        Feature.KINEMATIC: approximate(
+            "simspec writes a free body of 1e5 times the mass of all moving bodies, without its motion"
+        ),
     }

@@ -27,7 +27,7 @@ def advice(name: str) -> Iterator[tuple[str, re.Match[str]]]:
 def test_settings_that_declarations_advise_can_be_set(name):
     for before, found in advice(name):
         engine, setting, value = found.groups()
-        assert engine == name or f"the engine {engine} has it" in before, f"{name} refuses {found.group()}"
+        assert engine == name or f"the engine {engine} with" in before, f"{name} refuses {found.group()}"
         declared = engines()[engine].SETTINGS[setting]
         assert value in declared.choices, f"{engine} refuses {found.group()}"
 
@@ -36,4 +36,4 @@ def test_features_of_mujoco_alone_are_attributed_to_mujoco():
     for name in ("mjx", "mjwarp"):
         assert "coulomb" not in engines()[name].SETTINGS["friction"].choices
         assert len(list(advice(name))) == 3
-    assert len(list(advice("mujoco"))) == 3
+    assert len(list(advice("mujoco"))) == 4

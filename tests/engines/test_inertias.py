@@ -16,7 +16,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, World
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 LIGHT = "MuJoCo"
-OFFSET = "Drake has inertias about"
+OFFSET = "Drake stores inertias about"
 FREE = (0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0)
 
 

@@ -24,7 +24,7 @@ from simspec.formats.skel.format import KINDS, coordinates, file_name, zero_pose
 from simspec.formats.skel.reading import SkelDocument
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support import classes, features
-from simspec.support.declarations import Table, acceptance, exact, for_each, never, shape_kinds, via_api
+from simspec.support.declarations import Table, acceptance, for_each, never, shape_kinds, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.contact_pairs import excluded_pairs, frictionless, only_free_spheres, solid_shapes
@@ -43,9 +43,13 @@ SMALL_TURN = (1e-5, 1e-3)
 """Rotation vectors whose length lies in between are written as the same rotation the long way round (θ − 2π): DART turns
 vectors shorter than 1e-3 by a Taylor form, which is off by θ³/6, up to 1.7e-10 (measured). Below 1e-5 that is 2e-16."""
 
-_SIDECAR = "in the sidecar, set through the engine's API"
-_COPIES = "copies of shapes on welded bodies without mass; their numbers and what they touch in the sidecar"
-_COMPUTED = "in the sidecar: .skel's own is implicit in time"
+COPIES = via_api(
+    "simspec writes copies of shapes on massless welded bodies, and DART's collision filter lets one pair of copies touch"
+)
+LIMITS = via_api(
+    "simspec enables the limits of the file through the API; joints then stop inelastically within the step"
+)
+ANGLE = never("DART limits the components of the rotation vector, not its angle")
 
 
 class DartDialect(Dialect):
@@ -54,15 +58,17 @@ class DartDialect(Dialect):
     NAME: ClassVar[str] = "dart"
     FORMAT: ClassVar[str] = "skel"
     SUPPORT: ClassVar[Table] = {
-        **classes.with_sidecar("DART", "in the sidecar, set through the engine's API"),
+        **classes.with_sidecar("DART", classes.SIDECAR),
         **shape_kinds("DART", KINDS),
-        Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
-        Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
-        **for_each(via_api(_SIDECAR), *features.LIMIT_RATINGS, Feature.FRICTION, Feature.RESTITUTION),
-        **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS),
-        Feature.INERTIA_FULL: exact("the full tensor"),
-        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
-        Feature.BALL_LIMIT: never(".skel has no limits of ball joints that DART would stop at their angle"),
+        Feature.SURFACE_VELOCITY: never(".skel has no surface velocities"),
+        Feature.LIMIT_POSITION: LIMITS,
+        Feature.LIMIT_VELOCITY: via_api(
+            "simspec keeps the rating in the sidecar: DART would enforce it together with the position limits"
+        ),
+        **for_each(via_api(classes.SIDECAR), Feature.LIMIT_EFFORT, Feature.FRICTION, Feature.RESTITUTION),
+        **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
+        **for_each(COPIES, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
+        Feature.BALL_LIMIT: ANGLE,
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar

@@ -45,6 +45,8 @@ from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.bodies import (
     CONES,
     DEFAULT_COLOUR,
+    FRAME_SITE,
+    GRAVCOMP,
     GROUPS,
     KINDS,
     SINGLE_NUMBER,
@@ -253,7 +255,7 @@ def heavy_enough(world: World) -> Refinement | None:
         heavy = (min(body.inertial.mass, least_moment(body.inertial)) >= LEAST_INERTIA for body, _ in members)
         if top not in absorbed(world) and not any(heavy):
             return unsupported_if(
-                f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo refuses"
+                f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo rejects"
             )
     return None
 
@@ -285,29 +287,25 @@ class MujocoDialect(Dialect):
             *(Feature.SURFACE_VELOCITY, *features.FRICTIONS, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, *features.HARDNESSES, *features.FILTERS, Feature.IMPACT_FRICTION),
             *(*features.COUPLED_CONTACT, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.FORCES),
-            *(Feature.CONTROL, *features.PHYSICS, Feature.FLUID),
+            *(*features.CONTROLS, *features.PHYSICS, Feature.FLUID, *features.CONSTRAINTS, *features.SUMS),
         ),
         **shape_kinds("MuJoCo", KINDS),
         Feature.INERTIA: exact(
-            f"of moving bodies from {LEAST_INERTIA:g} kg and kg m² on: MuJoCo refuses less", refine=heavy_enough
+            f"MuJoCo rejects moving bodies below {LEAST_INERTIA:g} kg or kg m²", refine=heavy_enough
         ),
-        Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
-        **for_each(exact("as user data of the joint"), *features.LIMIT_RATINGS),
-        Feature.CONTROL_NATIVE: exact("position and velocity actuators in the file"),
+        Feature.INERTIA_FULL: exact("simspec writes principal moments with an orientation"),
+        **for_each(exact("simspec writes the rating into the joint's user data"), *features.LIMIT_RATINGS),
         Feature.RESTITUTION: approximate(
             "a reference velocity of the contact constraint, −e times the approach speed",
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
-        Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+        Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),
         Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
         Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **classes.LUMPED,
-        Feature.JOINT_SEVERAL: exact("several joints of one MuJoCo body, which act one after the other"),
-        Feature.CONSTRAINT_COUPLING: exact("an equality of two joints"),
-        Feature.CONSTRAINT_LOOP: exact("an equality of two sites"),
-        Feature.FRAME: exact("a site"),
-        **for_each(exact("a fixed tendon"), *features.SUMS),
+        Feature.JOINT_SEVERAL: exact("simspec writes several joints of one MuJoCo body, which act in sequence"),
+        Feature.FRAME: exact(FRAME_SITE),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

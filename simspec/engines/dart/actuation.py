@@ -16,10 +16,9 @@ from simspec.world.kinematics import natively_driven, trees
 from simspec.world.types import World
 
 NATIVE = (
-    "DART's servo, a motor for velocity that makes v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the "
-    "limit: errors vanish with the time constant kd/kp whatever the inertia, and do not sag under gravity; kp and kd count by "
-    "their ratio alone. To its solver's tolerance (a wheel of 0.02 kg m² 4e-7 rad, measured). At the limit the joint's damping "
-    "d is weaker by 1 + dt d / I, being DART's own"
+    "DART's servo is a velocity motor: v' = v* + kp/(kd + dt kp) (q* − q) within the effort limit, so that only "
+    "the ratio kp/kd matters and loads cause no position error. At the limit joint damping d is weaker by 1 + dt d "
+    "/ I"
 )
 
 
@@ -29,7 +28,7 @@ def no_springs(world: World) -> Refinement | None:
     served = [name for name in natively_driven(world.bodies, world) if name in sprung]
     if not served:
         return None
-    return unsupported_if(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
+    return unsupported_if(f"DART's servos allow no other effort on their joint, and {served[0]!r} has a spring")
 
 
 def none_on_servos(world: World) -> Refinement | None:
@@ -51,7 +50,7 @@ def _alone_on_servos(world: World, pushed: Container[str]) -> Refinement | None:
     for bodies in trees(world).values():
         served = natively_driven(bodies, world)
         if served and any(body.name in pushed for body in bodies):
-            return unsupported_if(f"DART's servos let no other effort act on their joint, and {served[0]!r} has one")
+            return unsupported_if(f"DART's servos allow no other effort on their joint, and {served[0]!r} has one")
     return None
 
 
@@ -61,7 +60,7 @@ def none_along_servos(world: World) -> Refinement | None:
     for sum_ in world.sums:
         if served := natively_driven([owner[joint] for joint, _ in sum_.joints], world):
             return unsupported_if(
-                f"DART's servos let no other effort act on their joint, and {served[0]!r} is in {sum_.name!r}"
+                f"DART's servos allow no other effort on their joint, and {served[0]!r} is in {sum_.name!r}"
             )
     return None
 

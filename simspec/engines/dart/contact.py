@@ -80,22 +80,22 @@ COUPLED: Table = coupled(
     DEVIATIONS,
     {
         Feature.MASS_RATIO: (
-            "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 mm at a ratio "
-            "of 1000 and 4 ms, 6 mm at 16 ms. By NSGS what slides on a plane with ten times its mass on it stops 4 % short at "
-            "2 ms, 10 % at 4 ms",
-            "1000 times the mass sinks through at 4 ms",
+            "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 "
+            "mm at a ratio of 1000 and 4 ms, 6 mm at 16 ms. By NSGS what slides on a plane with ten times its "
+            "mass on it stops 4 % short at 2 ms, 10 % at 4 ms",
+            "a body of 1000 times the mass sinks through at 4 ms",
         ),
         Feature.EVEN_PRESSURE: (
-            "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns by 170° as it "
-            "slips by 0.1 m, and falls by 0.07 m in 0.3 s at 1.5 times the friction that holds it (1 ms; iterations: 1000 and "
-            "tolerance: 1e-9 turn it by 5 to 130°); contact_solver: dantzig has both right",
-            "boxes that fingers press fall and turn over in 0.3 s (contact_solver: dantzig does not)",
+            "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns "
+            "by 170° as it slips by 0.1 m, and falls by 0.07 m in 0.3 s at 1.5 times the friction that holds "
+            "it (1 ms; iterations: 1000 and tolerance: 1e-9 turn it by 5 to 130°); contact_solver: dantzig has "
+            "both right",
+            "boxes between fingers fall and turn over in 0.3 s (contact_solver: dantzig avoids this)",
         ),
         Feature.SELF_LOCKING: (
-            "a clamp that jams falls or creeps, since NSGS ends its sweeps before friction has made its normal force: under a "
-            "moment of its weight times its height not at 1 ms, by 3 mm in 0.3 s at 4 ms and μ = 0.05, under a hundredth of "
-            "that as without friction (μ = 0.05 to 0.2); with iterations: 10000 it stands; by dantzig it falls",
-            "a clamp that jams falls where little but friction presses it on",
+            "DART's NSGS solver ends before friction has built up the normal force of a jammed clamp, which creeps "
+            "or falls. Raise iterations to 10000; contact_solver: dantzig does not help",
+            "a jammed clamp falls where little but friction presses it on",
         ),
     },
     # how bodies slide over each other under the pyramid is accepted by the name of the cone

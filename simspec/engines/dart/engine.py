@@ -17,6 +17,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.reference import Servos
 from simspec.dialects.dart.contact import OVERLOOKED, accepted_contact, detector_of, overlooked
+from simspec.dialects.dart.dialect import ANGLE, COPIES, LIMITS
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (
     NATIVE,
@@ -64,13 +65,13 @@ from simspec.world.contact_pairs import frictionless, meeting_laws
 from simspec.world.reach import reach
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
-_COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
-_SET = "set through dartpy"
-_SLOW_LOADING = "DART's own loading grows with the cube of a chain's length: 2 s for 500 bodies, 8 s for 800"
-_COPIES = "copies of shapes on welded bodies without mass, of which the collision filter lets one pair touch"
-_NO_MOMENT = "DART's contacts have three rows, one normal and two tangential: no torque"
-_RIGID = "DART's contacts are rigid; dartpy gives no access to its error reduction and constraint force mixing"
-_DETECTORS = "pairs of shapes for which no detector is sound are refused unless accepted"
+_NO_TORQUE = "DART's contacts have one normal and two tangential constraints, and transmit no torque"
+_RIGID = "DART's contacts are rigid, and dartpy gives no access to their error reduction and constraint force mixing"
+_DETECTORS = (
+    "simspec selects DART's collision detector by the pairs of shapes that may touch, and rejects pairs "
+    "without an exact detector unless the spec accepts them"
+)
+_PAGE = "see docs/engines/dart.md"
 
 
 MOST_RECOVERY = 1e-3
@@ -94,21 +95,19 @@ _HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt
 DANTZIG = ("contact_solver", "dantzig")
 _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
 _BOUNDS = (
-    "friction is bound by the normal forces that would be without it: too little where bodies lean (a rod on a smooth wall has "
-    "0.81 of it at 60° to the floor, 0.44 at 30°, and falls), none where friction alone presses (a clamp that holds itself by "
-    "its own weight), too much where it lightens"
+    "DART's Dantzig solver bounds friction by the normal forces of the frictionless problem, so that leaning and "
+    "clamped bodies slip"
 )
 _FRICTIONLESS_BOUNDS = Refinement(
     Level.APPROXIMATE,
-    f"DantzigBoxedLcpSolver, as the settings ask for: {_BOUNDS}",
+    f"{_BOUNDS}. Use contact_solver: nsgs, whose bounds are those of the actual normal forces",
     short="leaning bodies have 0.4 to 0.8 of their friction, and fall",
 )
 _TURNED = Refinement(
     Level.APPROXIMATE,
-    "NsgsFrictionSolver, law Box; between two bodies that move the pyramid's axes follow the tilt of the face below, from "
-    "1e-6 rad on: a box on a box that lies level has up to √2 μ along x, and stops after 0.71 of the way (measured). On what "
-    "is fixed or kinematic and level they are the world's",
-    short="between two bodies that move the pyramid's axes are turned: up to √2 μ along x",
+    "Between two moving bodies the pyramid's axes follow the tilt of the lower face, so that friction along x is "
+    "up to √2 μ. On fixed bodies and level kinematic ones they are the world's axes",
+    short="between two moving bodies the pyramid's axes are turned: up to √2 μ along x",
 )
 
 
@@ -118,7 +117,7 @@ def _coulomb(world: World) -> Refinement | None:
         return NO_FRICTION
     if DANTZIG in world.options("dart").settings:
         return None
-    return Refinement(Level.VIA_API, "NsgsFrictionSolver, law Coulomb")
+    return Refinement(Level.VIA_API, "simspec selects NsgsFrictionSolver with Coulomb's law")
 
 
 def _pyramid(world: World) -> Refinement | None:
@@ -137,7 +136,7 @@ def _shape(kind: str, how: str = _DETECTORS) -> Support:
 
     accepted = Refinement(
         Level.APPROXIMATE,
-        short=f"some contacts of a {kind} are missed, too deep or rounded by the collision detector in use",
+        short=f"the collision detector in use misses, deepens or rounds some contacts of a {kind}",
     )
 
     def refine(world: World) -> Refinement | None:
@@ -169,72 +168,81 @@ class Dart(SteppedEngine[Simulation]):
         **classes.driven("DART"),
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
         **exactly(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
-        Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
-        Feature.SURFACE_VELOCITY: never("the velocity of a contact's surface is not in DART's Python interface"),
-        Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
-        Feature.LIMIT_VELOCITY: exact("in the sidecar only: DART would enforce it together with the position limits"),
-        Feature.LIMIT_EFFORT: via_api(_SET),
-        **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS),
+        Feature.BALL_ARMATURE: never("DART has no armature, and simspec's substitute acts on joints of one axis only"),
+        Feature.SURFACE_VELOCITY: never("dartpy gives no access to the surface velocity of a contact"),
+        Feature.LIMIT_POSITION: LIMITS,
+        Feature.LIMIT_EFFORT: via_api(classes.SIDECAR),
+        **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
         Feature.ARMATURE: implicit_damping_armature(
-            TITLE, "a joint's armature by an implicit damping and an effort against it at every step"
+            TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),
-        **for_each(exact(_SLOW_LOADING), *features.LARGE_TREES),
+        **for_each(
+            exact("DART's loading time grows with the cube of the length of a chain (see docs/engines/dart.md)"),
+            *features.LARGE_TREES,
+        ),
         Feature.SHAPE_SPHERE: _shape("sphere"),
         Feature.SHAPE_BOX: _shape("box"),
         Feature.SHAPE_CYLINDER: _shape(
             "cylinder",
-            "with detector ode, whose flat faces touch at the corners of the octagon around the circle: a flat disc that spins "
-            "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R off the "
-            "axis tips at 1.00 to 1.08 R, by how it is turned; some contacts of an edge of a box with the rim are "
-            f"missed (docs/records/dart-detectors.md, and said where a world has such pairs); {_DETECTORS}",
+            "DART's detector ode represents a flat face by the corners of an octagon, and misses some contacts "
+            f"of box edges with the rim. Pairs without an exact detector are rejected unless accepted; {_PAGE}",
         ),
-        Feature.SHAPE_CAPSULE: _shape("capsule", f"with detector dart, on planes with ode; {_DETECTORS}"),
-        Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
-        Feature.SHAPE_MESH: _shape("mesh", f"seen, and in contacts that are accepted; {_DETECTORS}"),
-        Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
-        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
-        Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART treats it as zero"),
+        **{
+            Feature(f"shape.{kind}"): _shape(kind, f"{_DETECTORS}; {_PAGE}")
+            for kind in ("capsule", "ellipsoid", "plane")
+        },
+        Feature.SHAPE_MESH: _shape(
+            "mesh",
+            "None of DART's collision detectors is exact for meshes: simspec rejects their contacts unless accepted",
+        ),
+        **for_each(COPIES, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
+        Feature.FRICTION: via_api(
+            f"{classes.SIDECAR}. DART treats friction up to 0.001 as zero, which simspec rejects unless accepted"
+        ),
         Feature.RESTITUTION: approximate(
-            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
-            "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
-            short="bodies that would leave at less than 0.1 m/s do not bounce; otherwise e is up to 0.009 too large",
+            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the "
+            "body would leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves "
+            "faster than 100 m/s",
+            short="no bounce at less than 0.1 m/s after the impact; above that e is up to 0.009 too large",
         ),
         Feature.RESTITUTION_THRESHOLD: approximate(
-            "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
-            "and all else does, for any threshold in the spec",
-            short="the threshold is DART's own, 0.1 m/s after the impact, for any value in the spec",
+            "DART's restitution threshold is fixed: bodies bounce if and only if they leave at 0.1 m/s or more, "
+            "for any threshold in the spec",
+            short="DART's fixed threshold, 0.1 m/s after the impact, replaces the one in the spec",
         ),
-        Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
-        Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
+        **for_each(never(_NO_TORQUE), *features.MOMENTS),
         Feature.HARDNESS_COMMON: exact(
-            "DART's own law, for overlaps up to 0.1 mm for each ms of the timestep; larger ones are taken back at 1 mm/s"
+            "DART's error reduction is the common law for overlaps up to 0.1 mm per ms of timestep; it removes "
+            "larger ones at 1 mm/s"
         ),
         **for_each(never(_RIGID), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
-        Feature.HARDNESS_NATIVE: exact("DART's default is the common law"),
-        **for_each(
-            via_api("pairs in the collision filter"),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
-        ),
+        Feature.HARDNESS_NATIVE: exact("DART's default contact is the common law"),
+        **for_each(via_api(classes.SIDECAR), *features.FILTERS),
         **COUPLED,
         Feature.CONE_ELLIPTIC: approximate(
-            "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
-            "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes of what slides on one body; and "
-            f"{_BOUNDS}",
+            "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and "
+            "is four times faster, the circumscribed pyramid: up to 1.41 times the friction between its axes "
+            "of what slides on one body; and friction is bound by the normal forces that would be without it: "
+            "too little where bodies lean (a rod on a smooth wall has 0.81 of it at 60° to the floor, 0.44 at "
+            "30°, and falls), none where friction alone presses (a clamp that holds itself by its own weight), "
+            "too much where it lightens",
             _coulomb,
-            "the pyramid: up to 1.41 times the friction; but what leans has 0.4 to 0.8 of it, and falls",
+            "up to 1.41 times the friction; leaning bodies have 0.4 to 0.8 of theirs, and fall",
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: Support(
-            Level.VIA_API, "NsgsFrictionSolver, law Box", refine=_pyramid, cases=(_FRICTIONLESS_BOUNDS, _TURNED)
+            Level.VIA_API,
+            "simspec selects NsgsFrictionSolver with the box law",
+            refine=_pyramid,
+            cases=(_FRICTIONLESS_BOUNDS, _TURNED),
         ),
         Feature.FORCES: via_api(classes.AS_EFFORTS, none_on_servos),
         Feature.GRAVITY_SCALE: via_api(classes.WEIGHTS, no_weights_on_servos),
         Feature.FLUID: via_api(classes.DRAG, no_fluid_on_servos),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
-        Feature.TOUCHING_PAIRS: via_api("enableAdjacentBodyCheck"),
         **outside_constraints(TITLE),
-        Feature.SUM: via_api(_COMPUTED, none_along_servos),
-        Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
+        Feature.SUM: via_api(classes.EFFORTS, none_along_servos),
+        Feature.BALL_LIMIT: ANGLE,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (

@@ -58,20 +58,20 @@ COUPLED: Table = coupled(
     DEVIATIONS,
     {
         Feature.MASS_RATIO: (
-            "by SAP heavy bodies sink into light ones in steps of 4 ms and more: by 9 mm at a ratio of 1000; by TAMSI they do "
-            "not. By SAP what slides with another body on it stops up to 40 % short at 1 ms, by TAMSI 5 % at a ratio of 1000",
-            "by SAP 1000 times the mass sinks 9 mm in at 4 ms",
+            "SAP lets heavy bodies sink into light ones at timesteps from 4 ms on, and stops bodies that slide "
+            "under a load too early. contact_approximation: tamsi avoids the first and reduces the second",
+            "with SAP a body of 1000 times the mass sinks 9 mm in at 4 ms",
         ),
         Feature.EVEN_PRESSURE: (
-            "beside its corners a box has one point of contact with another, off the centre of the face: by TAMSI a box "
-            "between two fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose contact is convex, it slips 6 "
-            "% too little at 1 ms and hardly at all from 4 ms on",
-            "by TAMSI boxes that slip between fingers turn by 0.9 rad, by SAP they slip too little",
+            "beside its corners a box has one point of contact with another, off the centre of the face: by "
+            "TAMSI a box between two fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose "
+            "contact is convex, it slips 6 % too little at 1 ms and hardly at all from 4 ms on",
+            "boxes that slip between fingers turn by 0.9 rad with TAMSI, and slip too little with SAP",
         ),
         Feature.SELF_LOCKING: (
-            "by TAMSI a clamp that jams falls as without friction at some frictions (0.2 to 0.4 measured), where a hundredth "
-            "of the moment of its weight presses it on; under the whole it stands; contact_approximation: sap",
-            "by TAMSI a clamp that jams may fall where little but friction presses it on",
+            "With TAMSI a jammed clamp falls at some frictions where little but friction presses it on. Use "
+            "contact_approximation: sap",
+            "with TAMSI a jammed clamp may fall where little but friction presses it on",
         ),
     },
 )
@@ -131,8 +131,7 @@ def light_enough(world: World) -> Refinement | None:
     if requested_approximation(world) != "tamsi" or not carries_joints(world):
         return None
     return unsupported_if(
-        "TAMSI fails to converge in the first step of a tree whose root is 1e5 times as heavy as what it carries (measured); "
-        "contact_approximation: sap does not"
+        "TAMSI fails to converge in the first step of a kinematic body with joints; use contact_approximation: sap"
     )
 
 
@@ -153,9 +152,7 @@ def stops(world: World) -> Refinement | None:
     """Joints stop at their limits as the language has it but by TAMSI, which has springs there."""
     if requested_approximation(world) != "sap":
         return None
-    return Refinement(
-        Level.VIA_API, "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"
-    )
+    return Refinement(Level.VIA_API, "with contact_approximation: sap joints stop within the step")
 
 
 def boxes_supported(world: World) -> Refinement | None:
@@ -165,7 +162,7 @@ def boxes_supported(world: World) -> Refinement | None:
         return (
             None
             if crossing(world)
-            else Refinement(Level.EXACT, "no two boxes are so alike in size that their edges may cross")
+            else Refinement(Level.EXACT, "no two boxes are so similar in size that their edges may cross")
         )
     small = world.physics.timestep <= PRESSURE_SECONDS
     if (
@@ -173,10 +170,10 @@ def boxes_supported(world: World) -> Refinement | None:
         or requested_approximation(world) == "tamsi"
         or not any(law.friction for law in meeting_laws(world).values())
     ):
-        return Refinement(Level.EXACT, "by pressure")
+        return Refinement(Level.EXACT, "boxes touch by hydroelastic contact")
     return unsupported_if(
-        f"hydroelastic contact with friction by SAP throws boxes off at timesteps above {1e3 * PRESSURE_SECONDS:g} ms "
-        "(measured): take a smaller one, or contact_approximation: tamsi"
+        f"hydroelastic contact with friction throws boxes off at timesteps above {1e3 * PRESSURE_SECONDS:g} ms "
+        "with SAP. Lower physics.timestep, or use contact_approximation: tamsi"
     )
 
 
@@ -210,9 +207,9 @@ def too_large(geometries: int, velocities: int) -> str | None:
     if needed <= MOST_GIGABYTES:
         return None
     return (
-        f"Drake needs {needed:.1f} GB, and more than {MOST_GIGABYTES:g} GB are not given to it: its collision filter keeps "
-        f"every pair of {geometries:,} geometries (a box is nine, itself and its corners; a cylinder 19, a mesh up to 49), and "
-        f"its mass matrix of {velocities:,} velocities is dense"
+        f"Drake needs {needed:.1f} GB, and simspec allows {MOST_GIGABYTES:g} GB: its collision filter stores "
+        f"every pair of {geometries:,} geometries (a box is nine, itself and its corners; a cylinder 19, a mesh "
+        f"up to 49), and its mass matrix of {velocities:,} velocities is dense"
     )
 
 

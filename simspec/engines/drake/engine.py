@@ -15,7 +15,6 @@ from simspec.engines.drake.approximations import (
     BODY_SECONDS,
     COUPLED,
     DEVIATIONS,
-    MOST_CORNERS,
     MOST_GIGABYTES,
     MOST_TAMSI,
     boxes_supported,
@@ -57,14 +56,26 @@ from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import VELOCITY_SIZE, PairContact, ReadBack, World
 
-_COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
+_COMPUTED = (
+    "Drake integrates joint damping implicitly and has no joint springs; simspec applies explicit "
+    "efforts before each step"
+)
+NO_DRY_FRICTION = "Drake has no dry friction in joints"
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
-_SINGLE_POINT = "Drake has one point of contact for each pair of geometries"
+_MORE_POINTS = (
+    "Drake computes one contact point for each pair of geometries; simspec adds balls and discs "
+    "within the shape for further points"
+)
 _LIFTS = (
-    "SAP's contact is convex and lifts sliding bodies by up to μ times their slip: a push at 1.6 times the limit meets "
-    "between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within 1 %)"
+    "SAP's contact is convex and lifts sliding bodies by up to μ times their slip: a push at 1.6 times "
+    "the limit meets between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within "
+    "1 %)"
 )
 _LIFTS_IMPACT = "SAP's contact is convex: friction in an impact separates the bodies, at 0.3 μ to 0.6 μ times the slip"
+_CONVEX = (
+    "SAP's contact model is convex: friction lifts sliding bodies and separates bodies in impacts, and its size is wrong. Use "
+    "contact_approximation: tamsi, whose friction is exact; see docs/engines/drake.md"
+)
 _SLOW_RECOVERY = (
     "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
 )
@@ -84,7 +95,7 @@ def _planes_that_crash(world: World) -> str | None:
     if moving:
         return f"Drake crashes with half spaces on moving bodies, such as {moving[0]!r}"
     if sum(len(plan.layers(shape.material)) for _, shape in planes) > MOST_PLANES:
-        return f"Drake crashes with many half spaces; up to {MOST_PLANES} are given to it, copies included"
+        return f"Drake crashes with many half spaces; simspec passes at most {MOST_PLANES}, copies included"
     return None
 
 
@@ -116,7 +127,8 @@ def inertia_supported(world: World) -> Refinement | None:
             lost and body.joint.kind != "free" and static[body.name] != "world"
         ):  # Drake receives free bodies' inertias about their centres
             return unsupported_if(
-                f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"
+                f"Drake stores inertias about the origins of bodies, where the moments of {body.name!r} are "
+                "below round-off"
             )
     return memory_covered(world)
 
@@ -131,7 +143,7 @@ class Drake(WorldEngine[Simulation]):
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
-    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints"}
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
@@ -140,73 +152,80 @@ class Drake(WorldEngine[Simulation]):
         **exactly(Feature.JOINT_SEVERAL, Feature.FRICTION, Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
         Feature.INERTIA: exact(
-            f"in worlds that need at most {MOST_GIGABYTES:g} GB: Drake keeps every pair of geometries, and a dense mass matrix",
+            (
+                "Drake stores every pair of geometries and a dense mass matrix; simspec rejects worlds that need "
+                f"more than {MOST_GIGABYTES:g} GB"
+            ),
             refine=inertia_supported,
         ),
-        Feature.JOINT_FREE: exact("rotations by the exponential map after every step, for Drake's own"),
-        Feature.JOINT_BALL: exact(
-            "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°"
+        Feature.JOINT_FREE: exact(
+            "simspec replaces Drake's integration of rotations by the exponential map after each step"
         ),
-        Feature.BALL_ARMATURE: never("Drake's rotors are those of joints of one axis"),
-        Feature.SURFACE_VELOCITY: never("Drake's surfaces move with their bodies alone"),
+        Feature.JOINT_BALL: exact(
+            "simspec keeps Drake's BallRpyJoint, which is singular at a pitch of 90°, at zero on a frame that "
+            "carries the rotation"
+        ),
+        Feature.BALL_ARMATURE: never("Drake has rotor inertia at joints of one axis only"),
+        Feature.SURFACE_VELOCITY: never("Drake has no surface velocities: surfaces move with their bodies only"),
         Feature.SHAPE_MARGIN: never(
-            "Drake's contact begins where shapes touch: its margin is that of pressure fields, without a force"
+            "Drake's margin belongs to pressure fields and exerts no force: contact begins where shapes touch"
         ),
         Feature.LIMIT_POSITION: approximate(
-            "TAMSI's limits are springs: under gravity a joint sinks 2.6e-3 rad, or 1e-3 m, beyond them at 1 ms (with dt²), at "
-            "10 rad/s 0.035 rad, and comes back at an eighth of its speed; SAP's stop within the step",
+            "TAMSI models joint limits as springs, which joints overrun, and leave with part of their speed. "
+            "Use contact_approximation: sap, which stops them within the step",
             stops,
             "with contact_approximation: tamsi limits are springs: 0.035 rad deep at 10 rad/s and 1 ms",
         ),
         **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS, Feature.SUM),
-        Feature.DRY_FRICTION: never("Drake has no dry friction in joints"),
-        Feature.ARMATURE: exact("the rotor inertia of an actuator with gear ratio 1"),
+        Feature.DRY_FRICTION: never(NO_DRY_FRICTION),
+        Feature.ARMATURE: exact("simspec sets the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: approximate(
-            f"with eight balls in its corners: {_SINGLE_POINT}. Exact on planes, on boxes four times as wide, and by pressure "
-            "with hydroelastic_faces: true. Where the edges of boxes cross, and fewer than three corners are over the other's "
-            "face, the upper box sinks by 1 to 13 mm in a second at 1 ms; where boxes of like faces land on each other, their "
-            "corners press each other sideways, with forces that cancel (13 kN a point, 5 kg that fell 5 cm: measured)",
+            "with eight balls in its corners: Drake has one point of contact for each pair of geometries. "
+            "Exact on planes, on boxes four times as wide, and by pressure with hydroelastic_faces: true. "
+            "Where the edges of boxes cross, and fewer than three corners are over the other's face, the upper "
+            "box sinks by 1 to 13 mm in a second at 1 ms; where boxes of like faces land on each other, their "
+            "corners press each other sideways, with forces that cancel (13 kN a point, 5 kg that fell 5 cm: "
+            "measured)",
             boxes_supported,
-            "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true does not)",
+            "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true avoids this)",
         ),
-        Feature.SHAPE_CYLINDER: exact(
-            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_SINGLE_POINT}"
-        ),
-        Feature.SHAPE_CAPSULE: exact(f"with its two ends as balls: {_SINGLE_POINT}"),
+        Feature.SHAPE_CYLINDER: exact(_MORE_POINTS),
+        Feature.SHAPE_CAPSULE: exact(_MORE_POINTS),
         Feature.SHAPE_HEIGHTFIELD: never(
-            "Drake's point contact takes a mesh for its convex hull: a ball that does not touch a valley 1 m deep is "
-            "reported 0.55 m deep in it (measured), and Drake has no hydroelastic contact of static with rigid geometries"
+            "Drake's point contact treats a mesh as its convex hull, and Drake has no hydroelastic contact of "
+            "static with rigid geometries"
         ),
         Feature.SHAPE_MESH: exact(
-            f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_SINGLE_POINT}; hulls touch "
-            "hulls, boxes and cylinders from 2e-6 m of overlap on. By TAMSI 15 of 160 landings of irregular hulls at 1 m/s and "
-            "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20"
+            f"{_MORE_POINTS}. TAMSI fails to converge at some landings of irregular hulls; use "
+            "contact_approximation: sap"
         ),
-        Feature.SHAPE_PLANE: exact("half spaces of bodies that cannot move", refine=planes_covered),
+        Feature.SHAPE_PLANE: exact("Drake supports half spaces of static bodies only", refine=planes_covered),
         **COUPLED,
-        Feature.FRICTION_PAIRS: exact("copies of shapes in layers"),
+        Feature.FRICTION_PAIRS: exact("simspec writes copies of shapes in layers"),
         **for_each(never("Drake's contact has no restitution"), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-        Feature.RESTITUTION_THRESHOLD: exact("nothing bounces"),
-        Feature.TORSIONAL_FRICTION: never("Drake's point contact has no moment about the normal"),
-        Feature.ROLLING_FRICTION: never("Drake's point contact has no moment across the normal"),
-        Feature.HARDNESS_TIME_CONSTANT: never("Drake's contact is a spring in N/m, for whatever mass"),
+        Feature.RESTITUTION_THRESHOLD: exact("Drake's contact has no restitution"),
+        **for_each(never("Drake's point contact transmits no torque"), *features.MOMENTS),
+        Feature.HARDNESS_TIME_CONSTANT: never(
+            "Drake defines the stiffness of contact in N/m, independently of the masses"
+        ),
         Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
         **for_each(classes.unwritten(TITLE, Attempt.READ_BACK), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         **for_each(never("Drake has the elliptic cone only"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
-            f"exact by TAMSI (to 0.01 %), and without friction. {_LIFTS}; stops are up to 15 % off from μ = 1 on",
+            _CONVEX,
             coulomb,
-            "by SAP: pushed and sliding bodies are lifted, friction is 0.7 to 1.7 times what it should be",
+            "with SAP pushed and sliding bodies are lifted: friction is 0.7 to 1.7 times the law's",
         ),
         Feature.IMPACT_FRICTION: approximate(
-            f"exact by TAMSI, and without friction. {_LIFTS_IMPACT}: up to 62 % too much",
+            _CONVEX,
             coulomb,
-            "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies separate",
+            "with SAP friction in oblique impacts is up to 62 % too large, and the bodies separate",
         ),
         Feature.KINEMATIC: via_api(classes.HEAVY, light_enough),
         Feature.CONTROL_NATIVE: exact(NATIVE, refine=pd_controllers_hold),
         **outside_constraints(TITLE),
         Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
+        Feature.SUM_DRY_FRICTION: never(NO_DRY_FRICTION),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(

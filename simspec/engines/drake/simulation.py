@@ -303,20 +303,16 @@ def _depth(surface: Any) -> float:
 # Drake's own PD controllers, which its actuators have: SAP solves for them in each step, with contact and limits.
 
 NATIVE = (
-    "PD controllers of Drake's actuators, by SAP, implicit in time: clip(kp (q* − q − dt v') + kd (v* − v')) with the velocity "
-    "v' after the step, to SAP's tolerance (3.5e-8 rad of a wheel of 0.02 kg m²; one at its effort limit loses up to 1e-6 of "
-    "its momentum in each step; measured). The targets are those of the beginning of a step, so that it follows dt v* "
-    "behind them. Drake weakens gains of which "
-    "dt kd + dt² kp is above 3900 times the inertia, which take more than 99.97 % of the error back in a step"
+    "Drake's PD controllers are implicit in time, with SAP only: clip(kp (q* − q − dt v') + kd (v* − v')), "
+    "where v' is the velocity after the step. They follow dt v* behind their targets, and Drake weakens gains "
+    "with dt kd + dt² kp above 3900 times the inertia"
 )
 
 
 def pd_controllers_hold(world: World) -> Refinement | None:
     """Not supported by TAMSI, nor with an effort limit of zero."""
     if requested_approximation(world) != "sap":
-        return unsupported_if(
-            "Drake's PD controllers work by SAP alone, and the spec sets contact_approximation: tamsi"
-        )
+        return unsupported_if("Drake's PD controllers need contact_approximation: sap, and the spec sets tamsi")
     for controller in natives(world):
         for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):
             if limit == 0.0:

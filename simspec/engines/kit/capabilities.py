@@ -32,16 +32,16 @@ class Capability(StrEnum):
 
 
 MEANING: Mapping[Capability, str] = {
-    Capability.MASS_MATRIX: "gives the mass matrix at a state",
-    Capability.BIAS_FORCE: "gives the bias force (Coriolis, centrifugal, gravity) at a state",
-    Capability.ENERGY: "gives kinetic and potential energy at a state",
-    Capability.CONTACTS: "tells the contacts of its last step: which bodies, where, in which direction and how hard",
-    Capability.INVENTORY: "reads back everything that it holds and that can act, beside the world's own fields",
-    Capability.PAIR_DETECTION: "tells which pairs of shapes or bodies touch at a state, without a step",
-    Capability.CONTACT_OFF: "steps without any contact",
-    Capability.DRY_FRICTION_OFF: "steps without the dry friction of chosen joints",
+    Capability.MASS_MATRIX: "returns the mass matrix at a state",
+    Capability.BIAS_FORCE: "returns the bias force (Coriolis, centrifugal, gravity) at a state",
+    Capability.ENERGY: "returns kinetic and potential energy at a state",
+    Capability.CONTACTS: "reports the contacts of its last step: bodies, position, normal and force",
+    Capability.INVENTORY: ("reads back every stored value that affects the motion, in addition to the world's fields"),
+    Capability.PAIR_DETECTION: "reports the pairs of shapes or bodies in contact at a state, without a step",
+    Capability.CONTACT_OFF: "steps without contact",
+    Capability.DRY_FRICTION_OFF: "steps without the dry friction of selected joints",
     Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
-    Capability.FOREIGN_FILES: "loads files of other languages as its users do, and tells what it holds of them",
+    Capability.FOREIGN_FILES: ("loads files of other languages as its users do, and reports the model that it stores"),
 }
 
 METHODS: Mapping[Capability, tuple[str, ...]] = {

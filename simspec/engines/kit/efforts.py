@@ -40,8 +40,8 @@ from simspec.world.types import Body, Constraint, ReadBack, World
 # so that worlds in which that may happen to a held body are refused.
 
 HOW = (
-    "−Jᵀ λ/dt from the engine's own M and h before every step, for trees that nothing touches; a joint that arrives at a limit "
-    "stops alone, and the constraint is taken up again in the next steps"
+    "simspec applies −Jᵀ λ/dt before each step, from the engine's mass matrix and bias force, to trees without "
+    "contact. A joint that reaches a limit stops alone; the constraint acts again in the next steps"
 )
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def outside_constraints(title: str) -> dict[Feature, Support]:
         feature: outside(
             HOW,
             functools.partial(constraints_felt, title=title),
-            f"a {noun} as an effort before every step, outside {title}, where nothing touches the held trees",
+            f"a {noun} by efforts before each step, outside {title}, while nothing touches the constrained trees",
         )
         for feature, noun in ((Feature.CONSTRAINT_LOOP, "loop"), (Feature.CONSTRAINT_COUPLING, "coupling"))
     }

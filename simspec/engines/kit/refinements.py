@@ -88,12 +88,18 @@ def static_or_massless(why: str) -> Support:
         name = next(heavy, None)
         return unsupported_if(None if name is None else why.format(name=repr(name)))
 
-    return exact("of what cannot move, and of bodies without mass on one that moves, which are parts of it", refine)
+    return exact(
+        (
+            "simspec merges massless bodies with the moving body that they are fixed to, and rejects other "
+            "fixed joints of moving bodies"
+        ),
+        refine,
+    )
 
 
 def static_planes(why: str) -> Support:
     """Planes of bodies that cannot move alone. ``why`` names a plane that would move as ``{name}``."""
-    return exact("of bodies that cannot move", only_static_planes(why))
+    return exact("simspec rejects planes on moving bodies", only_static_planes(why))
 
 
 def only_static_planes(why: str) -> Refine:
@@ -165,7 +171,7 @@ def implicit_damping_armature(title: str, short: str) -> Support:
         return None
 
     return outside(
-        "the engine's implicit damping A / dt with the effort (A / dt) v against it",
+        "simspec adds implicit damping A/dt and the opposite effort (A/dt) v, which together act as the armature A",
         lambda world: armature_felt(world, title, not_felt),
         short,
     )

@@ -57,12 +57,12 @@ from simspec.world.types import EngineValue, ReadBack, World
 # hops otherwise in singles. Data, measured at 1 ms where no timestep is said.
 
 _SOFT = (
-    "friction is as soft as its contact, and at most 1e5 times as hard (high_impratio): on springs a box creeps 4.9e-4 m/s at "
-    "60 % of the limit"
+    "friction is as soft as its contact, and at most 1e5 times as hard (high_impratio): on springs a box "
+    "creeps 4.9e-4 m/s at 60 % of the limit"
 )
 _HOPS = (
-    "friction's cone is associated, as MuJoCo's: what slides is lifted, and hops; in singles at other moments, so that more of "
-    "a short slide, or of a push that is measured, can be without friction"
+    "friction's cone is associated, as MuJoCo's: what slides is lifted, and hops; in singles at other moments, "
+    "so that more of a short slide, or of a push that is measured, can be without friction"
 )
 
 
@@ -81,17 +81,16 @@ LARGEST_RATIO = 1e5
 _SETTINGS = settings(
     "Warp",
     "Warp solves groups of bodies separately only where bodies sleep.",
-    "The constraint solver. Newton solves MuJoCo's convex problem to the round-off of singles in a handful of iterations. "
-    "Warp's cg is not offered, since 100 iterations, MuJoCo's number, are too few for it: a box that should lose 0.6 m/s along "
-    "the surface in an impact gains 0.12, where newton's loses 0.06; of 1000 iterations it has newton's answer (one world, "
-    "only these settings changed; measured, 1 ms). It has no pgs.",
+    "The constraint solver: newton, which solves MuJoCo's convex problem to single precision in a few "
+    "iterations. Warp's cg needs more than MuJoCo's 100 iterations (see docs/engines/mjwarp.md), and Warp has "
+    "no pgs.",
 )
 SETTINGS: Mapping[str, Setting] = {
     **_SETTINGS,
     "device": Setting(
         AUTO,
-        "What computes. auto: the first graphics processor that Warp finds (CUDA), where there is one, else the processor "
-        "(cpu). Others than the processor are told with the run's messages; nobody has run simspec on one.",
+        "The device that computes. auto: the first graphics processor (CUDA) that Warp finds, else the "
+        "processor (cpu). The log names other devices; simspec is not tested on them.",
         (AUTO, PROCESSOR, *(f"cuda:{index}" for index in range(8))),
         group=Group.ORDER,  # of sums, which a graphics processor takes otherwise
     ),
@@ -99,10 +98,9 @@ SETTINGS: Mapping[str, Setting] = {
     "high_impratio": dataclasses.replace(
         _SETTINGS["high_impratio"],
         default=LARGEST_RATIO,
-        meaning="impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: "
-        "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at 1e7, MuJoCo's here, a "
-        "box that friction holds on a slope is no number (NaN) after 2 to 228 steps, since singles have seven digits; at 1e5 "
-        "it creeps 1e-6 m/s (measured).",
+        meaning="impratio of worlds with friction in compliant contact, or with torsional or rolling friction: "
+        "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at "
+        "MuJoCo's 1e7 single precision yields NaN (see docs/engines/mjwarp.md).",
         maximum=LARGEST_RATIO,
     ),
 }
@@ -172,9 +170,7 @@ MOST_WARNINGS = 10
 # - A box that bounces may be by chance: of 240 pushes of boxes with restitution one is (L5, which says so and is not valid
 #   then).
 
-PYRAMID = (
-    "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
-)
+PYRAMID = "MuJoCo Warp's solver returns NaN for pushed boxes with friction under the pyramid, in single precision"
 MOST_TORSIONAL_RATIO = 1000.0
 """``impratio`` up to which torsional friction by itself is met."""
 
@@ -187,8 +183,8 @@ def weightless_rub(world: World) -> Refinement | None:
         weightless = not body.inertial.mass and groups[body.name] != "world"
         if weightless and any(shape.material in friction for shape in solid_shapes(body)):
             return unsupported_if(
-                f"{body.name!r} has no mass and touches with friction, of which MuJoCo Warp's solver makes no numbers (NaN) "
-                "within 0.1 s, in single precision (measured); give it mass, or its shapes to the body that carries it"
+                f"MuJoCo Warp's solver returns NaN for massless bodies with friction, such as {body.name!r}. "
+                "Give it mass, or give its shapes to the body that carries it"
             )
     return None
 
@@ -200,17 +196,17 @@ def torsional_alone(world: World, ratio: float) -> Refinement | None:
     for pair, law in sorted(meeting_laws(world).items()):
         if law.torsional_friction and not law.rolling_friction:
             return unsupported_if(
-                f"{' and '.join(map(repr, pair))} have torsional friction and no rolling friction: a ball that lands so is no "
-                f"number (NaN), in single precision at impratio {ratio:g} (measured); give them rolling friction, or set "
-                f"engines.mjwarp.settings.high_impratio to {MOST_TORSIONAL_RATIO:g}, at which friction on springs creeps faster"
+                "MuJoCo Warp's solver returns NaN for torsional without rolling friction at impratio "
+                f"{ratio:g}, between {' and '.join(map(repr, pair))}. Add rolling friction, or set "
+                f"engines.mjwarp.settings.high_impratio to {MOST_TORSIONAL_RATIO:g}, at which friction on "
+                "springs creeps faster"
             )
     return None
 
 
 SEARCHED = (
-    "MuJoCo Warp finds the contacts of the two by a search in single precision, which loses digits with size: a 10 cm box on "
-    "one of 4 m it so finds 12 µm deep, on one of 20 m 0.17 mm, on one of 400 m 1.3 mm and in half of all steps not at all "
-    "(measured)"
+    "MuJoCo Warp finds contacts of this pair by a search in single precision, which is inaccurate for large "
+    "shapes (see docs/engines/mjwarp.md)"
 )
 EXACTLY_MET: Mapping[str, tuple[str, ...]] = {
     "capsule": ("plane", "sphere", "capsule", "box"),
@@ -233,7 +229,7 @@ def _torsional(world: World) -> Refinement | None:
 def _of_kind(kind: str) -> Support:
     met = EXACTLY_MET[kind]
     return exact(
-        f"with what is a {' or a '.join(met)}, and what never meets anything",
+        f"MuJoCo Warp supports contacts of this shape with some kinds only: {', '.join(met)}",
         refine=functools.partial(met_exactly, kind, met, SEARCHED),
     )
 
@@ -256,12 +252,19 @@ class MjWarp(RewrittenSimulation):
         Feature.SHAPE_ELLIPSOID: _of_kind("ellipsoid"),
         Feature.SHAPE_MESH: _of_kind("mesh"),
         Feature.SHAPE_HEIGHTFIELD: never(
-            "MuJoCo Warp meets height fields by prisms of their cells, by the search that loses digits with size"
+            "MuJoCo Warp represents height fields by prisms of their cells, whose contacts a single-precision "
+            "search finds inaccurately"
         ),
-        Feature.MASSLESS: exact("of what touches nothing with friction", refine=weightless_rub),
+        Feature.MASSLESS: exact(
+            ("MuJoCo Warp supports massless bodies without friction only: its solver returns NaN for others"),
+            refine=weightless_rub,
+        ),
         Feature.TORSIONAL_FRICTION: dataclasses.replace(
             _TORSIONAL,
-            how=f"beside rolling friction, or at an impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
+            how=(
+                "MuJoCo Warp supports it together with rolling friction, or at impratio up to "
+                f"{MOST_TORSIONAL_RATIO:g}. {_TORSIONAL.how}"
+            ),
             refine=_torsional,
         ),
     }

@@ -21,7 +21,6 @@ from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.readback import CONE_NAMES
 from simspec.engines.mujoco.rewritten import (
-    OF_MUJOCO,
     EngineModel,
     RewrittenSimulation,
     has_friction,
@@ -33,7 +32,7 @@ from simspec.engines.mujoco.rewritten import (
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.support import features
-from simspec.support.declarations import Refinement, Table, approximate, exact, for_each, never, unsupported_if
+from simspec.support.declarations import Refinement, Table, exact, for_each, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import layout_of
@@ -43,8 +42,8 @@ from simspec.world.types import Body, EngineValue, Quaternion, ReadBack, World
 # measured with MJX 3.17.0 at 0.5 to 16 ms, μ of 0.5 and 0.9, and e of 0.01 to 0.7.
 
 _CORNERS = (
-    "a pair that bounces has no cushion, and of two faces that overlap by less than 1 µm MJX takes one corner up to three "
-    "times, so that a box is tilted and hops"
+    "a pair that bounces has no cushion, and of two faces that overlap by less than 1 µm MJX takes one corner "
+    "up to three times, so that a box is tilted and hops"
 )
 _BOUNCES = 0.01
 
@@ -57,30 +56,30 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
 
 # MJX's solver settings: those of MuJoCo's files, as far as MJX has what they say.
 
-_UNUSED = "MuJoCo's, of the file; MJX has nothing of the kind, so that this alone is allowed."
+_UNUSED = "A setting of MuJoCo's file: MJX has no such sweeps, and allows 0 only."
 
 _SETTINGS = settings(
     "MJX",
     "MJX solves all bodies together.",
-    "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations. MJX's cg ends "
-    "before that: a ball that should lose 0.6 m/s along the surface in an impact gains 0.17 (measured, 1 ms). It has no pgs.",
+    "The constraint solver: newton, which solves MuJoCo's convex problem to round-off in a few iterations. "
+    "MJX's cg ends too early (see docs/engines/mjx.md), and MJX has no pgs.",
 )
 SETTINGS: Mapping[str, Setting] = {
     **_SETTINGS,
     "tolerance": dataclasses.replace(
         _SETTINGS["tolerance"],
-        meaning="The solver ends when it improves by less than this. MuJoCo's own number; smaller where bodies are light "
-        "beside others, as for MuJoCo.",
+        meaning="The solver ends when the improvement is below this. MuJoCo's default; smaller for bodies that "
+        "are light relative to others, as for MuJoCo.",
     ),
     "noslip_iterations": dataclasses.replace(_SETTINGS["noslip_iterations"], meaning=_UNUSED, maximum=0),
     "multiccd": dataclasses.replace(
         _SETTINGS["multiccd"],
         default=False,
-        meaning="MuJoCo's, of the file, and without effect: MJX has functions of its own for every two kinds of shapes, which "
-        "find a face's points always.",
+        meaning="A setting of MuJoCo's file, without effect: MJX always finds several contact points of faces, "
+        "with a function for each pair of kinds of shapes.",
     ),
     "ccd_tolerance": dataclasses.replace(
-        _SETTINGS["ccd_tolerance"], meaning="MuJoCo's, of the file, and without effect in MJX.", finer=None
+        _SETTINGS["ccd_tolerance"], meaning="A setting of MuJoCo's file, without effect in MJX.", finer=None
     ),
 }
 
@@ -126,19 +125,20 @@ def turns(bodies: Sequence[Body]) -> dict[str, Quaternion]:
 MOST_NUMBERS = 1_000_000
 """Of a step's Jacobian: bytes of each possible contact, for every degree of freedom."""
 _TOO_MANY = (
-    f"MJX computes every contact there can be in each step, by a dense matrix, here of more than {MOST_NUMBERS:,} numbers: "
-    "with 64 balls on a floor, which have 800,000, a step takes 50 ms (measured)"
+    f"MJX evaluates every possible contact in each step with a dense matrix, here of more than {MOST_NUMBERS:,} "
+    "entries (see docs/engines/mjx.md)"
 )
 FACE, FRICTIONAL_ROWS = 4, 3
 """Points of contact of two shapes, neither of which is a sphere, and rows of a point with friction."""
 PYRAMIDAL = 0
 """MuJoCo's number of the cone that frictionless contacts are solved with."""
 EXACTLY_MET = ("plane", "sphere")
-_NOT_EXACTLY = "MJX has no function for the two, or one that searches on distance functions"
+_SOME_PAIRS = "MJX supports contacts of this shape with planes and spheres only"
+_NOT_EXACTLY = "MJX has no collision function for this pair, or one that searches on distance functions"
 _HOPS = (
-    "under the pyramid what rests overlaps by 0.2 nm, and of faces that overlap by less than 1 µm MJX takes some corners "
-    "more than once: a cube at rest hops again and again, by g dt (measured)"
+    "MJX counts corners of faces that overlap by less than 1 µm more than once: under the pyramid bodies at rest hop"
 )
+_SUPPORT = support("MJX", _HOPS)
 
 
 def _friction_everywhere(world: World) -> Refinement | None:
@@ -147,7 +147,7 @@ def _friction_everywhere(world: World) -> Refinement | None:
     if smooth is None or not any(map(has_friction, meeting_laws(world).values())):
         return None
     return unsupported_if(
-        f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have"
+        f"under the elliptic cone MJX has no frictionless contacts, and {' and '.join(smooth)} have no friction"
     )
 
 
@@ -183,35 +183,34 @@ class Mjx(RewrittenSimulation):
     SEPARATE_VERSION: ClassVar[str] = "3.17"
     LACKS: ClassVar[Mapping[Capability, str]] = lacks("MJX")
     SUPPORT: ClassVar[Table] = {
-        **support("MJX", _HOPS),
+        **_SUPPORT,
         **{
             feature: dataclasses.replace(MuJoCo.SUPPORT[feature], refine=_small_enough)
             for feature in features.HARDNESSES
             if feature is not Feature.HARDNESS_PAIRS
         },
         Feature.SHAPE_CYLINDER: exact(
-            "against planes and spheres, and what never meets anything",
+            _SOME_PAIRS,
             refine=functools.partial(met_exactly, "cylinder", EXACTLY_MET, _NOT_EXACTLY),
         ),
         Feature.SHAPE_ELLIPSOID: exact(
-            "against planes and spheres", refine=functools.partial(met_exactly, "ellipsoid", EXACTLY_MET, _NOT_EXACTLY)
+            _SOME_PAIRS, refine=functools.partial(met_exactly, "ellipsoid", EXACTLY_MET, _NOT_EXACTLY)
         ),
         Feature.SHAPE_HEIGHTFIELD: never(
-            "MJX meets height fields by prisms of their cells, and with spheres, capsules, boxes and hulls alone"
+            "MJX represents height fields by prisms of their cells, and collides them with spheres, capsules, "
+            "boxes and hulls only"
         ),
         **for_each(
-            never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
+            never("MJX detects a box with a margin above a floor too late (see docs/engines/mjx.md)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
         Feature.CONE_ELLIPTIC: exact(
-            "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
+            "simspec sets a pyramid of one edge where nothing has friction", refine=_friction_everywhere
         ),
-        Feature.IMPACT_FRICTION: approximate(
-            "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "
-            f"stays at 1 ms; {OF_MUJOCO}",
-            short="80 to 90 % of the friction in an impact is missing, at 1 ms",
+        Feature.IMPACT_FRICTION: dataclasses.replace(
+            _SUPPORT[Feature.IMPACT_FRICTION], short="80 to 90 % of the friction in an impact is missing, at 1 ms"
         ),
-        Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),
+        Feature.SURFACE_VELOCITY: never("MJX has no surface velocities (surfacevel)"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS

@@ -24,7 +24,7 @@ from typing import Final
 from simspec.dialects.mujoco.sidecar import COULOMB
 from simspec.engines.kit.deviations import Deviation, Reason, named_reasons, read_deviations
 from simspec.engines.kit.refinements import coupled, in_force
-from simspec.support.declarations import Level, Refinement, Support, approximate, exact, never
+from simspec.support.declarations import EXACT, Level, Refinement, Support, approximate, exact, never
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import CollisionFilter, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.shapes import SHAPES, field_of
@@ -110,17 +110,15 @@ BOXES = "3.4"
 """The first release in which two boxes touch with the depth of their overlap."""
 
 COULOMB_COSTS = (
-    "De Saxcé's correction, computed around MuJoCo's solver at every step (setting friction: coulomb): impacts within 2 %, "
-    "slides within 0.1 %, no hops; 16 µs a step of a body at rest, 29 of one that slides, 1.5 to 2.2 times MuJoCo's own time "
-    "in towers, 3.4 to 4.6 times in a pile of 216 spheres, of whose steps 5 % end unconverged at μ = 0.5 and 35 % at 1 "
-    "(measured, 1 ms)"
+    "simspec applies De Saxcé's correction around MuJoCo's solver at every step (friction: coulomb), for "
+    "Coulomb's law in impacts and slides. See docs/engines/mujoco.md for its cost and convergence"
 )
 
 
 BY_COULOMB = Refinement(
     Level.OUTSIDE,
     COULOMB_COSTS,
-    "friction in impacts by a loop around MuJoCo's solver at every step (friction: coulomb)",
+    "simspec solves friction in impacts in a loop around MuJoCo's solver (friction: coulomb)",
     asked=True,
 )
 
@@ -132,10 +130,10 @@ def coulomb_requested(world: World) -> Refinement | None:
 
 UNLISTED = Refinement(
     Level.APPROXIMATE,
-    "more pairs of shapes with friction may touch than explicit_pairs_limit allows to list (5,000: 100 bodies), and no "
-    "pair has friction of its own: a body that slides is lifted, by 8 mm at 1 m/s (μ = 0.5, 1 ms), and clamps slip half as "
-    "far as they should. Level L5 fails; engines.mujoco.settings: {friction: coulomb} needs no list and is right, at a price",
-    "with more pairs than explicit_pairs_limit what slides hops, and L5 fails; use friction: coulomb",
+    "More pairs of shapes with friction may touch than explicit_pairs_limit allows: simspec writes none of "
+    "them, sliding bodies are lifted, and level L5 fails. Use engines.mujoco.settings: {friction: coulomb}, "
+    "which costs time",
+    "beyond explicit_pairs_limit sliding bodies hop, and L5 fails; use friction: coulomb",
 )
 
 
@@ -155,10 +153,9 @@ def _too_many_to_list(world: World) -> bool:
 
 HALF_DEPTH = Refinement(
     Level.APPROXIMATE,
-    f"before {BOXES} the points of two boxes have half the depth of their overlap: a box lies twice as deep on another one "
-    "(0.2155 mm for 0.1078 mm with MuJoCo's native hardness), and their overlaps are taken back at half the rate; other shapes "
-    "are not affected (measured, 3.3.7)",
-    f"before {BOXES}: a box lies twice as deep on another box, and rises out of it half as fast",
+    f"MuJoCo before {BOXES} computes half the overlap depth of two boxes: a box rests twice as deep on another "
+    "one, and recovers at half the rate",
+    f"before {BOXES} a box rests twice as deep on another box, and recovers half as fast",
 )
 
 
@@ -168,15 +165,15 @@ def boxes_before(world: World) -> Refinement | None:
 
 
 _BY_COULOMB_CARRIED = dataclasses.replace(
-    BY_COULOMB, short="friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
+    BY_COULOMB, short="simspec solves friction on carriers in a loop around MuJoCo's solver (friction: coulomb)"
 )
 COUPLED_SUPPORT: Mapping[Feature, Support] = {
     Feature.CARRIED_FRICTION: approximate(
         "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
-        "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s and 1 rad/s "
-        "by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to "
-        "1.6 times the time of a step",
-        short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
+        "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s "
+        "and 1 rad/s by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: "
+        "{friction: coulomb} holds it at 1.3 to 1.6 times the time of a step",
+        short="a body on a turning carrier slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
         refine=lambda world: _BY_COULOMB_CARRIED if coulomb_requested(world) else None,
         cases=(_BY_COULOMB_CARRIED,),
     ),
@@ -185,21 +182,21 @@ COUPLED_SUPPORT: Mapping[Feature, Support] = {
         COUPLED_DEVIATIONS,
         {
             Feature.SELF_LOCKING: (
-                "a clamp that jams slips by 20 mm in 0.3 s at 1 ms, and falls where a hundredth of the moment of its weight "
-                "presses it on; by friction: coulomb it creeps by 0.5 mm at μ = 0.05 under the elliptic cone and 1 ms, and by "
-                "5 mm at 4 ms, and falls under the pyramid at μ = 0.4 and 0.5 ms",
-                "a clamp that jams slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
+                "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses "
+                "it on. With engines.mujoco.settings: {friction: coulomb} it creeps, and falls under the "
+                "pyramid",
+                "a jammed clamp slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
             ),
             Feature.EVEN_PRESSURE: (
-                "what slips between fingers falls 6 % too slowly under the pyramid, and from 4 ms on 7 to 15 % too far, "
-                "turning by up to 0.14 rad; what they hold creeps by 0.5 mm at 4 ms, and falls at 16 ms",
+                "MuJoCo's bodies between two fingers slip too slowly under the pyramid; from 4 ms on they slip "
+                "too far, turn and creep",
                 "from 4 ms on boxes between fingers creep by 0.5 mm, and turn as they slip",
             ),
             Feature.MASS_RATIO: (
-                "heavy bodies sink into light ones: by 0.25 mm at a ratio of 1000 and 1 ms, with the square of the timestep; "
-                "what stands under one that slides is taken along at 1000, from 2 ms on. By friction: coulomb what slides "
-                "with 1000 times its mass on it stops 10 % short at 1 ms, with 100 times 7 % at 4 ms",
-                "1000 times the mass rests 0.25 mm deep at 1 ms, 50 mm at 16 ms",
+                "MuJoCo lets heavy bodies sink into light ones, with the square of the timestep. Bodies below "
+                "sliding ones are dragged along, and with friction: coulomb bodies that slide under a load "
+                "stop too early",
+                "a body of 1000 times the mass rests 0.25 mm deep at 1 ms, 50 mm at 16 ms",
             ),
         },
         # how native friction slides is accepted as contact.friction.impact
@@ -215,15 +212,15 @@ MOST_CONTACTS: Final = 50
 says nothing: a box on 1,000 triangles stands on one of its edges (measured)."""
 ROCKS: Final = Refinement(
     Level.APPROXIMATE,
-    "one point of contact for each triangle, so that faces and edges have too few to stand on: a cube on one large triangle "
-    "rocks, at up to 2 rad/s (measured); exact for spheres and ellipsoids",
+    "MuJoCo computes one contact point for each triangle of a height field, so that faces and edges rock. "
+    "Spheres and ellipsoids are exact",
     "faces and edges rock on height fields: each triangle gives one point of contact",
 )
 FEW: Final = Refinement(
     Level.APPROXIMATE,
-    f"one point of contact for each triangle, and of one shape at most {MOST_CONTACTS} of them: those beyond are left out "
-    "unsaid, so that what covers more triangles stands on some of them; exact for spheres and ellipsoids",
-    "faces rock on height fields, and what covers more than 25 cells stands on some of them only",
+    "MuJoCo computes one contact point for each triangle of a height field, and drops those beyond "
+    f"{MOST_CONTACTS} of a shape without a warning, so that faces rock. Spheres and ellipsoids are exact",
+    "faces rock on height fields, and shapes over more than 25 cells stand on some of them only",
 )
 
 
@@ -259,84 +256,91 @@ def _covered(field: Shape, shape: Shape) -> float:
 
 HEIGHT_FIELDS: Final = Support(
     Level.EXACT,
-    "an hfield, with heights to 3e-8 of their range; one point of contact for each triangle, which is what spheres and "
-    "ellipsoids have",
+    "MuJoCo stores heights to 3e-8 of their range and computes one contact point for each triangle, as spheres "
+    "and ellipsoids have",
     refine=ground_supported,
     cases=(ROCKS, FEW),
 )
 
 
+_PAIRS = exact("simspec writes explicit pairs of shapes")
+_ONE_CONE = (
+    "MuJoCo bounds sliding, spinning and rolling friction by one cone, (f/μ)² + (τ/c)² ≤ N²: where they occur "
+    "together, each reduces the others"
+)
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.SHAPE_BOX: exact(
-        f"before {BOXES} two boxes that may meet are approximate, and accepted by name: they touch with half the depth of "
-        "their overlap, so that a box lies twice as deep on another one",
+        f"MuJoCo before {BOXES} computes half the overlap depth of two boxes, so that a box rests twice as deep "
+        "on another one. There boxes that may meet must be accepted",
         cases=(HALF_DEPTH,),
         since=BOXES,
         before=boxes_before,
     ),
     Feature.SHAPE_CYLINDER: exact(
-        "flat faces touch at points on their rim; on the soft first layer of friction they lean: an upright cylinder that "
-        "should tip where its weight points 1.00 R beside the axis tips at 0.94 to 0.98 R (R = 5 cm)"
+        "MuJoCo's contacts of a flat face are points on its rim, and lean on the soft first layer of friction: "
+        "upright cylinders tip too early (see docs/engines/mujoco.md)"
     ),
-    Feature.FRICTION_PAIRS: exact("as explicit pairs of shapes"),
+    Feature.FRICTION_PAIRS: _PAIRS,
     Feature.RESTITUTION: approximate(
         "a reference velocity of −e times the approach speed: within 0.03 of e for spheres from 1 m/s at 1 ms, 0.05 at 2 ms, "
         "0.11 at 4 ms, where gravity acts on during the steps out of the overlap; impacts on several bodies pass from one to "
         "the next, so that the last of a row leaves alone",
-        short="what bounces leaves with e off by up to 0.03 at 1 ms, 0.05 at 2 ms and 0.11 at 4 ms",
+        short="e is off by up to 0.03 at 1 ms, 0.05 at 2 ms and 0.11 at 4 ms",
     ),
-    Feature.RESTITUTION_PAIRS: exact("as explicit pairs of shapes"),
+    Feature.RESTITUTION_PAIRS: _PAIRS,
     Feature.RESTITUTION_THRESHOLD: approximate(
-        "MuJoCo has none: what should rest after a slow impact bounces at up to e times the threshold speed",
-        short="there is no threshold: what should rest after a slow impact bounces on",
+        (
+            "MuJoCo has no restitution threshold: bodies bounce after slow impacts, too, at up to e times the "
+            "threshold speed"
+        ),
+        short="there is no threshold: bodies bounce on after slow impacts",
     ),
     Feature.TORSIONAL_FRICTION: approximate(
-        "spin alone decays at c N within 0.01 % at 1 ms; but slip and spin share one cone, (f/μ)² + (τ/c)² ≤ N²: a sphere that "
-        "slides at 1 m/s and spins at 50 rad/s feels 0.55 of μ and 0.74 of c (c = 1 cm, μ = 0.5)",
-        short="what slides and spins at once feels too little of both: 0.55 of μ, 0.74 of c at worst measured",
+        _ONE_CONE,
+        short="slides with spin have 0.55 of μ and 0.74 of c at worst measured",
     ),
     Feature.ROLLING_FRICTION: approximate(
-        "rolling decays within 0.1 % at 1 ms while c is below a tenth of μ r; rolling, spinning and sliding share one cone, "
-        "which costs 1.3 % at c = 0.4 μ r and 17 % at c = μ r",
-        short="what rolls is braked too little where c is large: by 1.3 % at c = 0.4 μ r, 17 % at c = μ r",
+        _ONE_CONE,
+        short="rolling is braked too little where c is large: by 1.3 % at c = 0.4 μ r, 17 % at c = μ r",
     ),
     Feature.HARDNESS_COMMON: exact(
-        "with friction of MuJoCo's own and without restitution on a cushion of 0.1 mm (setting friction_cushion)"
+        "simspec adds a soft layer, the setting friction_cushion, to contacts with native friction and "
+        "without restitution"
     ),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
-        "for one point of contact: rest depth g T² ζ² within 0.01 %, oscillation within 0.3 % at T ζ = 15 steps, rebound "
-        "within 0.04; the n points of a face act as n springs, so a box lies a quarter as deep",
-        short="right for one point of contact; a face is as stiff as its n points: a box lies 1/4 as deep",
+        "MuJoCo's time constant is that of each contact point: the n points of a face act as n springs, so "
+        "that a box rests less deep",
+        short="right for one contact point; a face is as stiff as its n points: a box rests 1/4 as deep",
     ),
     Feature.HARDNESS_STIFFNESS: exact(
-        "between free single bodies and what cannot move: rest depth within 1e-5, at any number of points; mechanisms are "
-        "refused, since MuJoCo's numbers are accelerations"
+        "MuJoCo's contact constraint acts on accelerations: simspec converts the stiffness for free single "
+        "bodies and static ones, and rejects mechanisms"
     ),
-    Feature.HARDNESS_PAIRS: exact("as explicit pairs of shapes"),
-    Feature.SURFACE_VELOCITY: exact("surfacevel of a geom", since="3.11"),
-    Feature.MARGIN_PAIRS: exact("as explicit pairs of shapes"),
+    Feature.HARDNESS_PAIRS: _PAIRS,
+    Feature.SURFACE_VELOCITY: exact("simspec sets the surfacevel of a geom", since="3.11"),
+    Feature.MARGIN_PAIRS: _PAIRS,
     Feature.HARDNESS_NATIVE: approximate(
-        "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
-        "and μ = 0.5; impratio stays the world's",
-        short="MuJoCo's own soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
+        "MuJoCo's default solref and solimp make contact soft, and sliding bodies hop; impratio remains that "
+        "of the world",
+        short="MuJoCo's soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
     ),
-    Feature.PASSING_PAIRS: exact("by masks of shapes, or excluded pairs of bodies"),
+    Feature.PASSING_PAIRS: exact("simspec writes collision masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: approximate(
-        "friction lags where it changes within steps. Most of that in impacts is missing: of the speed along the surface that "
-        "one should take away 80 to 90 % stays at 1 ms. What leans or clamps settles by up to 5 mm before it is held, what "
-        "slips there goes up to 38 % too far, what spins as it slides is braked up to 17 % wrongly, and what slides with "
-        "another body on it stops 9 % off, 38 % below one of 100 times its mass (measured, 1 ms); engines.mujoco.settings: "
-        "{friction: coulomb} has it right, at a price",
-        short="80 to 90 % of the friction in impacts is missing at 1 ms, and what leans settles by up to 5 mm",
+        "friction lags where it changes within steps. Most of that in impacts is missing: of the speed along "
+        "the surface that one should take away 80 to 90 % stays at 1 ms. What leans or clamps settles by up to "
+        "5 mm before it is held, what slips there goes up to 38 % too far, what spins as it slides is braked "
+        "up to 17 % wrongly, and what slides with another body on it stops 9 % off, 38 % below one of 100 "
+        "times its mass (measured, 1 ms); engines.mujoco.settings: {friction: coulomb} has it right, at a price",
+        short="80 to 90 % of the friction in impacts is missing at 1 ms; leaning bodies settle by up to 5 mm",
         refine=impact_friction,
         cases=(BY_COULOMB, UNLISTED),
     ),
     **COUPLED_SUPPORT,
-    Feature.CONE_ELLIPTIC: exact("cone=elliptic"),
+    Feature.CONE_ELLIPTIC: EXACT,
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
-        "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
-        "320 mm at 5 m/s (μ 0.3 to 1), and with restitution slip bounces back too",
-        short="what slides is thrown up: by 4 to 13 mm at 1 m/s, 100 to 320 mm at 5 m/s",
+        "MuJoCo's pyramidal cone throws sliding bodies up, and with restitution slip rebounds, too; the force "
+        "remains within the pyramid",
+        short="sliding bodies are thrown up: by 4 to 13 mm at 1 m/s, 100 to 320 mm at 5 m/s",
     ),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
 }

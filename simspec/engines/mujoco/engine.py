@@ -20,14 +20,23 @@ from simspec.engines.mujoco.joints import explicit_servos_hold
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
-from simspec.formats.mjcf.bodies import KINDS
+from simspec.formats.mjcf.bodies import FRAME_SITE, GRAVCOMP, KINDS
 from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.types import EngineValue, ReadBack, World
 
 EQUALITIES = (
-    "MuJoCo's equalities, solved some three times in a step, each with the reference that the last solve missed by"
+    "simspec solves MuJoCo's equality constraints about three times in a step, each time with the remaining "
+    "error as reference"
+)
+
+_LATE = (
+    "MuJoCo stops joints inelastically, but one step late: they pass a limit by up to v dt, and return by "
+    "limit_error_reduction of that in each step"
+)
+_CREEPS = (
+    "MuJoCo's dry friction is soft: a joint at rest creeps at up to 1e-4 dt times the acceleration that it resists"
 )
 
 
@@ -66,35 +75,35 @@ class MuJoCo(MujocoSimulation):
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
             "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",
-            short="a joint passes its limit by up to one step's way before it stops",
+            short="a joint passes its limit by up to one step's motion before it stops",
         ),
         Feature.BALL_LIMIT: approximate(
-            "as limits of hinges: stops inelastically, but one step late: passes the limit by up to ω dt, and comes back by "
-            "limit_error_reduction of it per step",
-            short="a ball joint passes its largest angle by up to one step's way before it stops",
+            _LATE,
+            short="a ball joint passes its largest angle by up to one step's motion before it stops",
         ),
         Feature.DRY_FRICTION: approximate(
-            "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",
-            short="a joint held by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
+            _CREEPS,
+            short="a joint at rest by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
         ),
         Feature.TREE_DEPTH: never(
-            "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
+            "MuJoCo's XML reader accepts at most 500 nested elements, which are 496 bodies in a chain"
         ),
-        Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1"),
-        Feature.FLUID: exact("density, viscosity and wind: MuJoCo's forces on boxes of equal inertia"),
+        Feature.GRAVITY_SCALE: exact(GRAVCOMP),
+        Feature.FLUID: exact(
+            "MuJoCo computes fluid forces from density, viscosity and wind, on boxes of equal inertia"
+        ),
         Feature.CONTROL_NATIVE: exact(NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
         **for_each(exact(EQUALITIES), *features.CONSTRAINTS),
-        Feature.FRAME: exact("a site"),
-        Feature.SUM: exact("a fixed tendon's spring and damper, explicit in time"),
+        Feature.FRAME: exact(FRAME_SITE),
+        Feature.SUM: exact("simspec writes a fixed tendon, whose spring and damper are explicit in time"),
         Feature.SUM_DRY_FRICTION: approximate(
-            "as dry friction of joints: sticks softly, and creeps at up to 1e-4 dt times the acceleration it holds back",
-            short="what dry friction along a sum holds creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
+            _CREEPS,
+            short="a sum at rest by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
         ),
         Feature.SUM_LIMITS: approximate(
-            "as limits of joints: stops inelastically, but one step late: passes the limit by up to L̇ dt, and comes back by "
-            "limit_error_reduction of it per step",
-            short="a sum passes its limit by up to one step's way before it stops",
+            _LATE,
+            short="a sum passes its limit by up to one step's motion before it stops",
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

@@ -21,8 +21,8 @@ from simspec.world.rotations import conjugate, cross, multiply, rotate, unit
 from simspec.world.types import Pose, Vector3, World
 
 NATIVE = (
-    "a position actuator for each joint (a velocity one without kp), explicit in time: clip(kp (q* − q) + kd (v* − v)) to the "
-    "last digits, the law pd without feed-forward and gravity; refused where it diverges at the timestep"
+    "MuJoCo's position actuators, or velocity actuators without kp, are explicit in time: clip(kp (q* − q) + "
+    "kd (v* − v)). simspec rejects gains that diverge at the timestep"
 )
 
 
@@ -38,14 +38,16 @@ def explicit_servos_hold(world: World) -> Refinement | None:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:
         return unsupported_if(
-            f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec-physics[pin]'"
+            f"simspec needs Pinocchio to check that explicit actuators are stable ({error}): pip install "
+            "'simspec-physics[pin]'"
         )
     if not found:
         return None
     instability = found[0]
     return unsupported_if(
-        f"its actuators are explicit in time, and the gains of {instability.controller!r} diverge at "
-        f"{instability.timestep:.6g} s; the largest stable step is {instability.largest_stable_step:.3g} s"
+        f"MuJoCo's actuators are explicit in time, and the gains of {instability.controller!r} diverge at "
+        f"{instability.timestep:.6g} s. Lower physics.timestep to {instability.largest_stable_step:.3g} s, the "
+        "largest stable step"
     )
 
 

@@ -31,34 +31,39 @@ from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds, meeting_laws
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
-OF_MUJOCO = (
-    "simspec's loop around MuJoCo's solver is not written for it: the engine mujoco has it right, with "
-    "engines.mujoco.settings: {friction: coulomb}"
-)
+OF_MUJOCO = "Use the engine mujoco with engines.mujoco.settings: {friction: coulomb}"
 """The way out where MuJoCo's declaration names a setting that only MuJoCo has."""
+
+
+WITHOUT_COULOMB: Mapping[Feature, str] = {
+    Feature.IMPACT_FRICTION: "MuJoCo's native friction lags where it changes within a step: most of it is "
+    "missing in impacts, and leaning, clamped or spinning bodies slip too far",
+    Feature.CARRIED_FRICTION: "MuJoCo's native friction lets a body on a turning or moving carrier slip at a / friction_rate, "
+    "where a is the acceleration of the carrier there, at any timestep",
+    Feature.SELF_LOCKING: "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses it on",
+}
+"""What MuJoCo's native friction lacks of each feature for which MuJoCo's declaration names ``friction: coulomb``."""
 
 
 def support(title: str, pyramid: str) -> dict[Feature, Support]:
     """MuJoCo's declarations without what simspec computes around MuJoCo's solver. ``pyramid``: why friction needs the cone."""
-    without_coulomb = (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.SELF_LOCKING)
     return {
         **MuJoCo.SUPPORT,
-        **{feature: _without_coulomb(MuJoCo.SUPPORT[feature]) for feature in without_coulomb},
+        **{
+            feature: dataclasses.replace(MuJoCo.SUPPORT[feature], how=f"{lack}. {OF_MUJOCO}", refine=None, cases=())
+            for feature, lack in WITHOUT_COULOMB.items()
+        },
         Feature.SHAPE_BOX: EXACT,  # by a function for two boxes, in every release of MuJoCo
-        Feature.CONTROL_NATIVE: never(f"simspec drives {title} by efforts"),
+        Feature.CONTROL_NATIVE: never(f"simspec drives {title} by efforts only"),
         Feature.CONE_PYRAMID_INSCRIBED: exact(
-            "where nothing has friction: a pyramid of one edge", lambda world: _no_friction(world, pyramid)
+            f"{title} has this cone without friction only: simspec sets a pyramid of one edge",
+            lambda world: _no_friction(world, pyramid),
         ),
         **for_each(
-            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
+            never("simspec implements its iteration of equality constraints for MuJoCo only"),
             *features.CONSTRAINTS,
         ),
     }
-
-
-def _without_coulomb(declared: Support) -> Support:
-    parts = [part for part in declared.how.split("; ") if "friction: coulomb" not in part]
-    return dataclasses.replace(declared, how="; ".join([*parts, OF_MUJOCO]), refine=None, cases=())
 
 
 def settings(title: str, island: str, solver: str) -> dict[str, Setting]:
@@ -70,13 +75,13 @@ def settings(title: str, island: str, solver: str) -> dict[str, Setting]:
         ),
         "friction": dataclasses.replace(
             given["friction"],
-            meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
-            "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for "
-            f"{title}.",
+            meaning="native: MuJoCo's friction, which leaves out most of the friction of an impact. The spec "
+            "must accept contact.friction.impact and contact.friction.carried. simspec implements "
+            "friction: coulomb for MuJoCo only.",
             choices=(NATIVE,),
         ),
         "island": dataclasses.replace(
-            given["island"], meaning=f"MuJoCo's, of the file, and without effect: {island}", needs=None
+            given["island"], meaning=f"A setting of MuJoCo's file, without effect: {island}", needs=None
         ),
     }
 
@@ -84,8 +89,8 @@ def settings(title: str, island: str, solver: str) -> dict[str, Setting]:
 def lacks(title: str) -> Mapping[Capability, str]:
     """The capabilities that it lacks."""
     return {
-        Capability.NATIVE_CONTROLLERS: f"simspec drives {title} by efforts",
-        Capability.FOREIGN_FILES: f"{title} reads no files: it is given a model that MuJoCo has read",
+        Capability.NATIVE_CONTROLLERS: f"simspec drives {title} by efforts only",
+        Capability.FOREIGN_FILES: f"{title} reads no files: MuJoCo loads the model",
     }
 
 
@@ -104,7 +109,7 @@ def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> 
     for name, other in sorted(meeting_kinds(world)):
         met = other if name == kind else name
         if kind in (name, other) and met not in exactly:
-            return unsupported_if(f"a {kind} may meet a {met}: {why}")
+            return unsupported_if(f"a {kind} may touch a {met}: {why}")
     return None
 
 

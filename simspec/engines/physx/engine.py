@@ -87,7 +87,7 @@ class PhysX(WorldEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
-        **classes.free_bodies_only("PhysX", _DRIFT, "drives"),
+        **classes.free_bodies_only("PhysX", _DRIFT),
         **exactly(Feature.FRICTION, Feature.TOUCHING_PAIRS),
         **shape_kinds("PhysX", ("sphere", "box", "capsule")),
         Feature.SHAPE_CYLINDER: never(

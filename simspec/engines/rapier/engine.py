@@ -60,7 +60,7 @@ class Rapier(WorldEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
-        **classes.free_bodies_only("Rapier", _DRIFT, "motors"),
+        **classes.free_bodies_only("Rapier", _DRIFT),
         **exactly(Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
         Feature.SHAPE_SPHERE: exact("balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),

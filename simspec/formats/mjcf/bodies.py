@@ -263,7 +263,9 @@ def dimensions(law: PairContact | Surface) -> int:
     return 3 if law.friction else 1
 
 
-SINGLE_NUMBER = "one number for all six coordinates: that of rotation is that of translation, in SI units"
+GRAVCOMP = "simspec writes gravcomp = 1 − scale, for scales up to 1"
+FRAME_SITE = "simspec writes a site"
+SINGLE_NUMBER = "MJCF has one number for translation and rotation of a free joint, in SI units"
 """MJCF's support for damping and armature of free joints."""
 
 

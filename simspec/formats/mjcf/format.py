@@ -16,6 +16,8 @@ from simspec.formats.kit.text import environment, hulls_of, mesh_files
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.bodies import (
     CONES,
+    FRAME_SITE,
+    GRAVCOMP,
     GROUPS,
     KINDS,
     SINGLE_NUMBER,
@@ -82,54 +84,64 @@ SUPPORT: Final[Table] = {
         Feature.FLUID,
     ),
     **shape_kinds("MJCF", KINDS),
-    Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
-    **for_each(exact(f"in the keyframe {KEYFRAME!r}"), *features.INITIAL_STATE),
+    Feature.INERTIA_FULL: exact("simspec writes principal moments with an orientation"),
+    **for_each(exact(f"simspec writes the keyframe {KEYFRAME!r}"), *features.INITIAL_STATE),
     **for_each(
-        approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+        approximate("simspec writes the range; its stop is a spring-damper with the default solreflimit"),
         Feature.LIMIT_POSITION,
         Feature.BALL_LIMIT,
     ),
-    Feature.LIMIT_EFFORT: exact("as actuatorfrcrange, which holds for actuators only"),
+    Feature.LIMIT_EFFORT: exact("simspec writes actuatorfrcrange, which limits actuators only"),
     Feature.LIMIT_VELOCITY: never("MJCF has no velocity ratings"),
     **for_each(
-        approximate("frictionloss, which creeps; with the default solreffriction"),
+        approximate("simspec writes frictionloss, a soft constraint with the default solreffriction, which creeps"),
         Feature.DRY_FRICTION,
         Feature.SUM_DRY_FRICTION,
     ),
     **for_each(
-        never("MJCF has no restitution; the default solref is critically damped"),
+        never("MJCF has no restitution, and the default solref is critically damped"),
         Feature.RESTITUTION,
         Feature.RESTITUTION_PAIRS,
     ),
-    Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
-    Feature.HARDNESS_COMMON: approximate("contacts are spring-dampers, with the default solref and solimp"),
+    Feature.RESTITUTION_THRESHOLD: never("MJCF has no restitution threshold"),
+    Feature.HARDNESS_COMMON: approximate("MJCF's contacts are spring-dampers with the default solref and solimp"),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
-        "solref has both numbers; the default solimp keeps 5 % to 10 % of the load off the spring"
+        "solref has both numbers, but the default solimp takes 5 % to 10 % of the load off the spring"
     ),
     Feature.HARDNESS_STIFFNESS: approximate(
-        "the default solref: MJCF's own stiffness is an acceleration, which depends on the masses of both bodies"
+        "simspec writes the default solref: MJCF's stiffness is an acceleration, which depends on the masses "
+        "of both bodies"
     ),
-    Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
-    Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
-    Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+    Feature.HARDNESS_PAIRS: approximate(
+        "simspec writes time constants by pair, and the default solref for all other kinds"
+    ),
+    Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate(
+        "simspec writes the inscribed pyramid, with down to half the friction across an edge"
+    ),
+    Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),
     Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
     Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
-    Feature.FORCES: never("MJCF has no forces that begin and end"),
+    Feature.FORCES: never("MJCF has no forces with a beginning and an end"),
     Feature.CONTROL: approximate(
-        "actuators with the gains and effort limits of pd and the target at the start, motors for laws without gains; without "
-        "the trajectory, gravity compensation, implicit laws and laws that act every few steps"
+        "simspec writes actuators with the gains, effort limits and initial target of pd, and motors for laws "
+        "without gains. Trajectories, gravity compensation, implicit laws and laws that act every few steps "
+        "are lost"
     ),
     Feature.CONTROL_NATIVE: approximate(
-        "actuators with gains, effort limits and the target at the start, without the trajectory"
+        "simspec writes actuators with gains, effort limits and the initial target, without the trajectory"
     ),
-    Feature.JOINT_SEVERAL: exact("several joints of one body"),
+    Feature.JOINT_SEVERAL: exact("simspec writes several joints of one body"),
     **classes.LUMPED,
-    Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
-    Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
-    Feature.FRAME: exact("a site"),
-    Feature.SUM: exact("a fixed tendon"),
+    Feature.CONSTRAINT_COUPLING: approximate(
+        "simspec writes an equality of two joints: a spring-damper with the default solref"
+    ),
+    Feature.CONSTRAINT_LOOP: approximate(
+        "simspec writes an equality of two sites: a spring-damper with the default solref"
+    ),
+    Feature.FRAME: exact(FRAME_SITE),
+    Feature.SUM: exact("simspec writes a fixed tendon"),
     Feature.SUM_LIMITS: approximate(
-        "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
+        "simspec writes a fixed tendon's range; its stop is a spring-damper with the default solreflimit"
     ),
 }
 """Support of plain MJCF for each feature."""

@@ -31,44 +31,45 @@ from simspec.world.types import World
 
 KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 """Kinds of shapes that the schemas have."""
-_CUSTOM: Final = "in an attribute of simspec's own, which no other tool reads"
+_CUSTOM: Final = "simspec writes a custom attribute, which no other tool reads"
 _SOLVER: Final = "UsdPhysics leaves it to the solver"
-_COMBINED: Final = "each shape has its own material's number; UsdPhysics does not say how two are combined"
+_COMBINED: Final = "Each shape has the number of its material; UsdPhysics does not define how two are combined"
 
 
 def _between(world: World) -> Refinement | None:
     """Joints of one body that are not at one place, at right angles, slides before turns."""
     names = separate_carriers(world)
-    return Refinement(Level.APPROXIMATE, "bodies of 1e-9 kg stand between the joints") if names else None
+    return Refinement(Level.APPROXIMATE, "simspec inserts bodies of 1e-9 kg between the joints") if names else None
 
 
 SUPPORT: Final[Table] = {
     **classes.file_language("UsdPhysics"),
     **exactly(Feature.LIMIT_POSITION, Feature.FRICTION, Feature.RESTITUTION),
     **shape_kinds("UsdPhysics", KINDS),
-    Feature.SHAPE_MESH: exact("as a mesh with the approximation convexHull"),
-    Feature.SHAPE_VISUAL: exact("shapes that are not drawn have the purpose guide"),
-    Feature.INERTIA_FULL: exact("principal moments and axes"),
-    Feature.INERTIA_SINGULAR: approximate("a moment of zero means that none is said: 1e-12 kg m² stands for it"),
-    Feature.MASSLESS: approximate("a mass of zero means that none is said: 1e-9 kg stands for it"),
+    Feature.SHAPE_MESH: exact("simspec writes a mesh with the approximation convexHull"),
+    Feature.SHAPE_VISUAL: exact("Invisible shapes have the purpose guide"),
+    Feature.INERTIA_FULL: exact("simspec writes principal moments and axes"),
+    Feature.INERTIA_SINGULAR: approximate("UsdPhysics treats a moment of zero as unset: simspec writes 1e-12 kg m²"),
+    Feature.MASSLESS: approximate("UsdPhysics treats a mass of zero as unset: simspec writes 1e-9 kg"),
     Feature.JOINT_SEVERAL: exact(
-        "as one joint with several axes: slides before turns, turns in the order X, Y, Z", refine=_between
+        "simspec writes one joint with several axes: translations before rotations, in the order X, Y, Z",
+        refine=_between,
     ),
-    Feature.DAMPING: exact("as the damping of a drive"),
-    Feature.SPRING: exact("as the stiffness of a drive"),
+    Feature.DAMPING: exact("simspec writes the damping of a drive"),
+    Feature.SPRING: exact("simspec writes the stiffness of a drive"),
     **for_each(
         via_api(_CUSTOM),
         *(*features.LIMIT_RATINGS, Feature.BALL_DAMPING, Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_SPRING),
         Feature.TIMESTEP,
     ),
-    **for_each(never("simspec writes no margins into USD: UsdPhysics has none"), *features.MARGINS),
-    Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves into USD"),
-    Feature.BALL_ARMATURE: never("simspec writes no armature of balls into USD"),
-    Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into USD"),
-    Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into USD"),
-    Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into USD"),
-    Feature.INITIAL_POSITION: exact("by the places of the bodies"),
-    Feature.INITIAL_VELOCITY: via_api("bodies that move freely have theirs; those of joints are " + _CUSTOM),
+    **for_each(never("UsdPhysics has no contact margins"), *features.MARGINS),
+    Feature.SURFACE_VELOCITY: never("simspec writes no surface velocities into USD"),
+    Feature.BALL_ARMATURE: never("simspec writes no armature of ball joints into USD"),
+    Feature.GRAVITY_SCALE: never("simspec writes no gravity scale of single bodies into USD"),
+    Feature.FREE_DAMPING: never("simspec writes no damping of free joints into USD"),
+    Feature.FREE_ARMATURE: never("simspec writes no armature of free joints into USD"),
+    Feature.INITIAL_POSITION: exact("The poses of bodies represent it"),
+    Feature.INITIAL_VELOCITY: via_api(f"UsdPhysics has velocities of free bodies. Those of joints: {_CUSTOM}"),
     **for_each(approximate(_COMBINED), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
     **for_each(
         never(_SOLVER),
@@ -76,20 +77,20 @@ SUPPORT: Final[Table] = {
         *features.CONES,
     ),
     **for_each(never("UsdPhysics has sliding friction only"), *features.MOMENTS),
-    Feature.PASSING_PAIRS: never("UsdPhysics does not say it of pairs of materials"),
-    Feature.COLLISION_GROUPS: exact("as collision groups"),
-    Feature.EXCLUDED_PAIRS: exact("as filtered pairs"),
-    Feature.KINEMATIC: approximate("as a kinematic body, without its motion"),
-    Feature.TOUCHING_PAIRS: exact("as joints with collisions"),
+    Feature.PASSING_PAIRS: never("UsdPhysics has no collision filters for pairs of materials"),
+    Feature.COLLISION_GROUPS: exact("simspec writes collision groups"),
+    Feature.EXCLUDED_PAIRS: exact("simspec writes filtered pairs"),
+    Feature.KINEMATIC: approximate("simspec writes a kinematic body without its motion"),
+    Feature.TOUCHING_PAIRS: exact("simspec writes joints with collisions enabled"),
     Feature.CONTROL: approximate(
-        "drives with the gains and effort limits of pd and the target at the start; without the trajectory, gravity "
-        "compensation, implicit laws, laws that act every few steps, and laws without gains"
+        "simspec writes drives with the gains, effort limits and initial target of pd. Trajectories, gravity "
+        "compensation, implicit laws, laws that act every few steps and laws without gains are lost"
     ),
-    Feature.CONTROL_NATIVE: approximate("drives with gains, effort limits and the target at the start"),
-    Feature.CONSTRAINT_LOOP: exact("as joints that are excluded from the articulation"),
+    Feature.CONTROL_NATIVE: approximate("simspec writes drives with gains, effort limits and the initial target"),
+    Feature.CONSTRAINT_LOOP: exact("simspec writes joints that are excluded from the articulation"),
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
-    Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
-    Feature.FRAME: exact("an Xform in that of its body"),
+    Feature.BALL_LIMIT: never("A cone of UsdPhysics limits the direction of an axis, not the rotation about it"),
+    Feature.FRAME: exact("simspec writes an Xform within that of the body"),
 }
 """The support of each feature in plain USD."""
 
@@ -120,7 +121,7 @@ def more_losses(world: World) -> Iterator[Loss]:
             and getattr(law, quantity) != min(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
         )
         if differing:
-            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", differing)
+            yield Loss(feature.value, LossFate.APPROXIMATED, _COMBINED, differing)
 
 
 WORLD: Final = "world.usda"

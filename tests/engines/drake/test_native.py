@@ -123,7 +123,10 @@ def test_only_driven_joints_are_driven(load_files):
 @pytest.mark.parametrize(
     ("world", "reason"),
     [
-        (worlds.with_options(driven(), "drake", settings=(("contact_approximation", "tamsi"),)), "SAP alone"),
+        (
+            worlds.with_options(driven(), "drake", settings=(("contact_approximation", "tamsi"),)),
+            "need contact_approximation: sap",
+        ),
         (driven(limit=0.0), "effort limit above zero"),
     ],
     ids=["tamsi", "no effort"],

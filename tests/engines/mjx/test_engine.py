@@ -33,13 +33,13 @@ def refused(world) -> str:
 
 
 def test_shapes_that_it_meets_by_searching_are_refused_by_name():
-    assert "a cylinder may meet a box: MJX has no function" in refused(shipped.shapes_world(("cylinder",)))
+    assert "a cylinder may touch a box: MJX has no collision function" in refused(shipped.shapes_world(("cylinder",)))
     assert compile_world(accepting(shipped.shapes_world(("sphere",)), "mjx"), ["mjx"])
 
 
 def test_a_world_with_frictional_and_frictionless_contacts_is_rejected():
     table = {("grey", "grey"): 0.5, ("grey", "smooth"): 0.0, ("smooth", "smooth"): 0.0}
-    assert "MJX has no contacts without friction, which grey and smooth have" in refused(worlds.table(table))
+    assert "MJX has no frictionless contacts, and grey and smooth have no friction" in refused(worlds.table(table))
 
 
 def test_the_pyramid_is_refused_where_anything_has_friction():
@@ -52,7 +52,7 @@ def test_the_pyramid_is_refused_where_anything_has_friction():
 
 def test_too_many_contacts_are_refused():
     assert compile_world(accepting(worlds.spheres(27), "mjx"), ["mjx"])
-    assert "dense matrix, here of more than 1,000,000 numbers" in refused(worlds.spheres(216))
+    assert "dense matrix, here of more than 1,000,000 entries" in refused(worlds.spheres(216))
 
 
 def test_its_files_are_those_of_the_other_engine_that_reads_them():

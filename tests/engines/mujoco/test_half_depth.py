@@ -36,7 +36,7 @@ def test_boxes_on_boxes_are_refused_with_the_place_and_the_name_to_accept():
     with pytest.raises(UnsupportedError) as caught:
         compile_world(spec.resolve(), [OLD], spec.locate)
     (problem,) = caught.value.problems
-    assert "before 3.4 the points of two boxes have half the depth" in problem.message
+    assert "MuJoCo before 3.4 computes half the overlap depth of two boxes" in problem.message
     assert problem.location.file.endswith("box-on-ramp.yaml")
     assert f"engines.mujoco.accept: [{BOX}], or --accept {BOX}" in problem.hint
     assert compile_world(spec.resolve(), ["mujoco@3.4.0", "mujoco@3.4", "mujoco"])
