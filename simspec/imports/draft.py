@@ -10,10 +10,10 @@ import hashlib
 import math
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
@@ -23,12 +23,13 @@ from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Rep
 from simspec.language.quantities import Number
 from simspec.language.shapes import MESH_SUFFIXES as SUFFIXES
 from simspec.language.shapes import MOST_VERTICES
-from simspec.language.strict import Faults
+from simspec.language.strict import Faults, required
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
 from simspec.meshes.load import MadeMesh, MeshOptions, load
 from simspec.meshes.reading import MeshError
 from simspec.outputs.collection import Entries
 from simspec.outputs.writing import write_file
+from simspec.world.shapes import SHAPES
 
 WHOLE: Final = 1e15
 """Whole numbers below this are written without a point, and read back as the same double."""
@@ -313,7 +314,6 @@ class Materials:
         return {name: surface.data() for surface, name in self.names.items()}
 
 
-S = TypeVar("S", bound="FilledShape")
 Six = tuple[float, float, float, float, float, float]
 """A symmetric tensor: xx, yy, zz, xy, xz, yz."""
 
@@ -332,21 +332,17 @@ OF_SHAPES: Final = (
 OF_SHAPES_OR_BALL: Final = "moments that are not above 0 follow from the mass and the shapes, or are those of a ball"
 
 
-def ball(mass: float) -> float:
-    """The moment of inertia (kg m²) of a ball of a mass (kg) and of :data:`DENSITY`: it stands for moments that are missing."""
+def ball(mass: float) -> tuple[float, str]:
+    """The moment of inertia (kg m²) of a ball of a mass (kg) and of :data:`DENSITY`, which stands for moments that are missing;
+    and the repair in words."""
     radius: float = (3.0 * mass / (4.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
-    return 0.4 * mass * radius * radius
+    moment = 0.4 * mass * radius * radius
+    return moment, f"the moments are those of a ball of {mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
 
 
-class FilledShape(Protocol):
-    """A shape that is filled. ``volume`` in m³; ``is_open``: of a mesh that is not closed, of which the hull is filled."""
-
-    is_open: bool
-    volume: float
-
-    @property
-    def collides(self) -> bool:
-        """Whether it takes part in contact."""
+def even(mass: float) -> str:
+    """The repair of moments that follow from the shapes and the mass (kg), in words."""
+    return f"the centre of mass and the moments follow from the shapes, of even density, of {mass:g} kg"
 
 
 def solids_of(shapes: Iterable[S]) -> list[S]:
@@ -356,7 +352,7 @@ def solids_of(shapes: Iterable[S]) -> list[S]:
     return [shape for shape in filled if shape.collides] or filled
 
 
-def given(name: str, before: float, solids: Sequence[FilledShape], density: float) -> str:
+def given(name: str, before: float, solids: Sequence[LinkShape], density: float) -> str:
     """The repair by :data:`FROM_SHAPES`: the mass (kg) of the body ``name``, before and by shapes of ``density`` (kg/m³)."""
     counted = f"{len(solids)} {'collision' if solids[0].collides else 'visual'} shape{'s' if len(solids) > 1 else ''}"
     aside = [] if solids[0].collides else ["no collision shape has a volume"]
@@ -455,17 +451,72 @@ def find_mesh(
     return NamedMesh(text, files.find(text, element, start), scale)
 
 
-def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
-    """The mesh of each, or the reason why there is none; it is remembered for the spec that names them."""
-    return _made(meshes, None)
+SIZES: Final[Mapping[str, str]] = {"box": "size", "ellipsoid": "radii"}
+"""The word of the sizes of shapes whose sizes are one list."""
+SIZED: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid")
+"""Kinds of shapes that have a size in the spec."""
 
 
-def reduced_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
-    """The same of meshes whose hulls have more vertices than a spec may have: :data:`FEWER` are kept."""
-    return _made(meshes, FEWER)
+def shape_data(kind: str, size: Sequence[float]) -> dict[str, Any]:
+    """The word of a shape, with its sizes (m) in the order of ``SHAPES``."""
+    values = numbers(size)
+    return {kind: {SIZES[kind]: values} if kind in SIZES else dict(zip(SHAPES[kind].sizes, values, strict=True))}
 
 
-def _made(meshes: Sequence[NamedMesh], most: int | None) -> list[MadeMesh | MeshError]:
+@dataclass
+class LinkShape:
+    """A shape of a link: ``data`` are its words; ``source``: the element that names its mesh, where it is another."""
+
+    element: Element
+    data: dict[str, Any]
+    collides: bool
+    name: str = ""
+    mesh: NamedMesh | None = None
+    source: Element | None = None
+    is_open: bool = False
+    """Whether the mesh encloses no volume."""
+    volume: float = 0.0
+    """m³ that is filled where the mass follows from the shape: the enclosed volume of a closed mesh, that of the hull of an
+    open one."""
+
+    def fill(self) -> None:
+        """Let the mass follow from the shape: of a mesh that is not closed, only the hull has a volume."""
+        if self.is_open:
+            self.data["mesh"] = {**self.data["mesh"], "mass_from": "hull"}
+
+    def measured(self, mesh: MadeMesh) -> None:
+        """Remember the volume of the shape's mesh."""
+        self.is_open = mesh.enclosed is None
+        self.volume = mesh.hull_volume if mesh.enclosed is None else abs(mesh.enclosed.volume)
+
+
+S = TypeVar("S", bound=LinkShape)
+
+
+def measure_meshes(
+    shapes: Iterable[S],
+    made: Iterable[MadeMesh | MeshError],
+    rule: Callable[[MeshError], str],
+    draft: Draft,
+    path: Path_,
+) -> set[int]:
+    """Give shapes the volumes of their meshes; those that cannot be read are left out by the ``rule`` for the error, or are
+    problems. The ``id`` of each of these."""
+    unusable = set()
+    for shape, result in zip(shapes, made, strict=True):
+        if not isinstance(result, MeshError):
+            shape.measured(result)
+            continue
+        unusable.add(id(shape))
+        with draft.collecting():
+            why = (shape.source or shape.element).problem(str(result), required(shape.mesh).text)
+            draft.leave_out(shape.element, rule(result), why, path)
+    return unusable
+
+
+def read_meshes(meshes: Sequence[NamedMesh], most: int | None = None) -> list[MadeMesh | MeshError]:
+    """The mesh of each, or the reason why there is none; it is remembered for the spec that names them. ``most``: vertices that
+    are kept of hulls that have more."""
     wanted = [(mesh.path, MeshOptions(up=mesh.up, scale=mesh.scale, max_vertices=most)) for mesh in meshes]
     made = load(wanted, MOST_VERTICES)
     return [made[entry] for entry in wanted]

@@ -18,7 +18,7 @@ from simspec.imports.sdf.masses import RULES as RULES_OF_MASSES
 from simspec.imports.sdf.masses import excluded, give_masses, silent
 from simspec.imports.sdf.models import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.models import ModelReader, Scope, SdfMeshes
-from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
+from simspec.imports.sdf.shapes import SdfShapeRead, judge_meshes
 from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, body_data, constraints, named_frames, read_model
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import (
@@ -77,8 +77,7 @@ class Sdf:
         for scope in scopes:
             with made.collecting():
                 models.append(read_model(graph, scope, meshes))
-        with made.collecting():
-            judge_meshes((body.content.shapes for read in models for body in read.bodies), meshes)
+        judge_meshes((body.content.shapes for read in models for body in read.bodies), made)
         density, wrong = draft.density_of(options.repairs, shown)
         made.problems += wrong
         if not made.problems:
@@ -324,7 +323,7 @@ def _is_placed(model: ModelRead) -> bool:
     return len(model.roots) == 1 and names[0] != model.scope.name and names != [ONLY_LINK]
 
 
-def _give_names(shapes: list[ShapeRead]) -> None:
+def _give_names(shapes: list[SdfShapeRead]) -> None:
     often = Counter(shape.name for shape in shapes)
     names = SdfNames()
     for shape in shapes:

@@ -7,22 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, Final
+from typing import Final
 
 from simspec.imports.draft import (
-    DENSITY,
     FROM_SHAPES,
     NOT_POSITIVE,
     OF_SHAPES,
     OF_SHAPES_OR_BALL,
     Draft,
     ball,
+    even,
     given,
     plain,
     shown,
     solids_of,
 )
-from simspec.imports.sdf.shapes import ShapeRead
 from simspec.imports.sdf.trees import BodyRead, ModelRead
 from simspec.language.moments import principal_moments
 
@@ -80,7 +79,7 @@ def _give_mass(body: BodyRead, draft: Draft, density: float) -> None:
         body.content.mass.pop(word, None)
     for shape in solids:
         shape.data["density"] = plain(density)
-        _fill(shape)
+        shape.fill()
     body.content.given.append((FROM_SHAPES, given(body.name, before, solids, density), "shapes"))
     return None
 
@@ -90,13 +89,9 @@ def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
     said = body.content.mass.get("inertia")
     if said is None or _mass(body) <= 0.0:
         return None
-    six: list[float] = [*said["principal"], 0.0, 0.0, 0.0] if "principal" in said else _six(said["tensor"])
-    moments = principal_moments(six)
+    principal = [*said.get("principal", ()), 0.0, 0.0, 0.0]
+    moments = principal_moments([said["tensor"].get(name, 0.0) for name in MOMENTS] if "tensor" in said else principal)
     return moments if min(moments) < 0.0 or (alone and min(moments) == 0.0) else None
-
-
-def _six(tensor: dict[str, Any]) -> list[float]:
-    return [tensor.get(name, 0.0) for name in MOMENTS]
 
 
 def _give_moments(body: BodyRead, moments: Sequence[float], draft: Draft) -> None:
@@ -104,29 +99,18 @@ def _give_moments(body: BodyRead, moments: Sequence[float], draft: Draft) -> Non
     if not draft.repairing(NOT_POSITIVE):
         message = "the principal moments of what moves must be above 0"
         return draft.defect(element, message, NOT_POSITIVE, f"{shown(moments)} kg m²")
-    mass, solids = _mass(body), solids_of(body.content.shapes)
-    what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass:g} kg{_open(solids)}"
-    if solids:
+    moment, what = ball(_mass(body))
+    if solids := solids_of(body.content.shapes):
         body.content.mass.pop("centre_of_mass", None)
         del body.content.mass["inertia"]
         for shape in solids:
-            _fill(shape)
+            shape.fill()
+        count = sum(shape.is_open for shape in solids)
+        what = even(_mass(body)) + (f" ({count} not closed: the hull is filled)" if count else "")
     else:
-        moment = ball(mass)
         body.content.mass["inertia"] = {"principal": [moment] * 3}
-        what = f"the moments are those of a ball of {mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
     body.content.given.append((NOT_POSITIVE, f"{body.name}: {what}", "mass"))
     return None
-
-
-def _fill(shape: ShapeRead) -> None:
-    if shape.is_open:  # only the hull has a volume
-        shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
-
-
-def _open(solids: Sequence[ShapeRead]) -> str:
-    count = sum(shape.is_open for shape in solids)
-    return f" ({count} not closed: the hull is filled)" if count else ""
 
 
 def silent(model: ModelRead) -> list[BodyRead]:

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import SpecError
-from simspec.imports.draft import CONTACT_OF_LINK, MOVING_PLANE, NamedMesh, Problems, Surface, not_drawn, read_meshes
+from simspec.imports.draft import (
+    CONTACT_OF_LINK,
+    MOVING_PLANE,
+    SIZES,
+    Draft,
+    LinkShape,
+    NamedMesh,
+    Problems,
+    Surface,
+    measure_meshes,
+    not_drawn,
+    read_meshes,
+    shape_data,
+)
 from simspec.imports.elements import HOW_HARD, Element
 from simspec.imports.sdf.models import MISSING, SdfMeshes
 from simspec.imports.sdf.values import (
@@ -28,8 +41,6 @@ from simspec.imports.sdf.values import (
     vector_of,
 )
 from simspec.language.foreign import Severity
-from simspec.language.strict import required
-from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
@@ -151,25 +162,10 @@ COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
 
 
 @dataclass
-class ShapeRead:
-    """A shape, and where it stands in the file."""
+class SdfShapeRead(LinkShape):
+    """A shape, and the surface of one that collides."""
 
-    data: dict[str, Any]
-    element: Element
-    name: str
     surface: Surface | None = None
-    """Of a shape that collides."""
-    mesh: NamedMesh | None = None
-    is_open: bool = False
-    """Whether the mesh encloses no volume."""
-    volume: float = 0.0
-    """m³ that is filled where the mass follows from the shape: the enclosed volume of a closed mesh, that of the hull of an
-    open one."""
-
-    @property
-    def collides(self) -> bool:
-        """Whether it takes part in contact."""
-        return bool(self.data.get("collision", True))
 
 
 @dataclass(frozen=True)
@@ -187,10 +183,10 @@ class LinkContext:
     """Whether the link is fixed to the world."""
 
 
-def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
+def read_shapes(link: Element, around: LinkContext) -> list[SdfShapeRead]:
     """All shapes of a link, moved; a visual that is the same as a collision is one with it. Raises SpecError with every
     problem."""
-    shapes: list[ShapeRead] = []
+    shapes: list[SdfShapeRead] = []
     problems = Problems()
     for child in link.look("collision", "visual"):
         child.take()
@@ -214,6 +210,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
         else:
             for key in ("visual", "collision"):
                 twin.data.pop(key, None)
+            twin.collides = True
             for key in ("colour", "density"):
                 if key in shape.data:
                     twin.data[key] = shape.data[key]
@@ -224,31 +221,14 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
     return shapes
 
 
-def _size(element: Element) -> dict[str, Any]:
-    return {"box": {"size": list(vector_of(element, "size", (1.0, 1.0, 1.0)))}}
-
-
-def _round(kind: str, radius: float, length: float | None) -> Callable[[Element], dict[str, Any]]:
-    def read(element: Element) -> dict[str, Any]:
-        sizes = {"radius": finite_of(element, "radius", radius)}
-        if length is not None:
-            sizes["length"] = finite_of(element, "length", length)
-        return {kind: sizes}
-
-    return read
-
-
-def _ellipsoid(element: Element) -> dict[str, Any]:
-    return {"ellipsoid": {"radii": list(vector_of(element, "radii", (1.0, 1.0, 1.0)))}}
-
-
-GEOMETRY: Final[Mapping[str, Callable[[Element], dict[str, Any]]]] = {
-    "box": _size,
-    "sphere": _round("sphere", 1.0, None),
-    "cylinder": _round("cylinder", 1.0, 1.0),
-    "capsule": _round("capsule", 0.5, 1.0),
-    "ellipsoid": _ellipsoid,
+GEOMETRY: Final[Mapping[str, Mapping[str, float]]] = {
+    "box": {"size": 1.0},
+    "sphere": {"radius": 1.0},
+    "cylinder": {"radius": 1.0, "length": 1.0},
+    "capsule": {"radius": 0.5, "length": 1.0},
+    "ellipsoid": {"radii": 1.0},
 }
+"""Shapes with the elements that say how large they are, and the defaults (m) of these."""
 NOT_CARRIED: Final = {
     "heightmap": "simspec has no height fields",
     "image": "simspec makes no shapes of pictures",
@@ -268,6 +248,8 @@ class _Geometry:
     data: dict[str, Any]
     place: Placement = SAME
     mesh: NamedMesh | None = None
+    volume: float = 0.0
+    """m³; 0 for a mesh, or for lengths that are refused elsewhere."""
 
 
 def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
@@ -281,7 +263,16 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         raise geometry.error("<geometry> should have one shape in it", found=str(len(kinds)))
     kind = kinds[0]
     if kind.tag in GEOMETRY:
-        return _Geometry(GEOMETRY[kind.tag](kind.take()))
+        kind.take()
+        size = [
+            value
+            for name, default in GEOMETRY[kind.tag].items()
+            for value in (
+                vector_of(kind, name, (default,) * 3) if kind.tag in SIZES else (finite_of(kind, name, default),)
+            )
+        ]
+        volume = SHAPES[kind.tag].volume(size) if min(size) > 0.0 else 0.0
+        return _Geometry(shape_data(kind.tag, size), volume=volume)
     if kind.tag == "mesh":
         read = around.meshes.read(shape, kind.take(), around.folder)
         return None if read is None else _Geometry(read[0], mesh=read[1])
@@ -370,10 +361,10 @@ def _posed(shape: Element, around: LinkContext) -> _Geometry | None:
         return None
     place = around.move.then(pose.placement).then(read.place)
     data = {**read.data, "pose": place.data()} if place.data() else read.data
-    return _Geometry(data, place, read.mesh)
+    return replace(read, data=data, place=place)
 
 
-def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
+def _collision(shape: Element, around: LinkContext) -> SdfShapeRead | None:
     read = _posed(shape, around)
     name = shape.word("name") or ""
     set_aside(shape, IN_COLLISION)
@@ -393,10 +384,10 @@ def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
     if around.density is not None and "plane" not in data:
         data["density"] = density
     data["visual"] = False
-    return ShapeRead(data, shape, name, surface, read.mesh)
+    return SdfShapeRead(shape, data, True, name, read.mesh, volume=read.volume, surface=surface)
 
 
-def _visual(shape: Element, around: LinkContext) -> ShapeRead | None:
+def _visual(shape: Element, around: LinkContext) -> SdfShapeRead | None:
     read = _posed(shape, around)
     name = shape.word("name") or ""
     set_aside(shape, IN_VISUAL)
@@ -407,7 +398,7 @@ def _visual(shape: Element, around: LinkContext) -> ShapeRead | None:
     data["collision"] = False
     if colour is not None and colour != COLOUR:
         data["colour"] = list(colour)
-    return ShapeRead(data, shape, name, mesh=read.mesh)
+    return SdfShapeRead(shape, data, False, name, read.mesh, volume=read.volume)
 
 
 def _colour(shape: Element) -> tuple[float, ...] | None:
@@ -428,7 +419,7 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
     return tuple(min(1.0, max(0.0, value)) for value in (*values, 1.0)[:4])
 
 
-def _twin(shapes: list[ShapeRead], shape: ShapeRead) -> ShapeRead | None:
+def _twin(shapes: list[SdfShapeRead], shape: SdfShapeRead) -> SdfShapeRead | None:
     """The collision of a visual, or the visual of a collision: the same shape at the same place."""
     drawn = shape.element.tag == "visual"
     mine = {key: value for key, value in shape.data.items() if key not in ("visual", "collision", "colour", "density")}
@@ -440,34 +431,11 @@ def _twin(shapes: list[ShapeRead], shape: ShapeRead) -> ShapeRead | None:
     return None
 
 
-def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:
-    """Take out of each list of shapes the meshes that cannot be read. Raises SpecError with every one that no rule leaves
-    out."""
+def judge_meshes(bodies: Iterable[list[SdfShapeRead]], draft: Draft) -> None:
+    """Take out of each list of shapes the meshes that cannot be read; those that no rule leaves out are problems."""
     lists = list(bodies)
-    for shape in (shape_read for found in lists for shape_read in found if shape_read.mesh is None):
-        shape.volume = _volume(shape.data)
     shapes = [shape for found in lists for shape in found if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in shapes if shape.mesh is not None])
-    problems = Problems()
-    unusable: set[int] = set()
-    for shape, result in zip(shapes, made, strict=True):
-        if not isinstance(result, MeshError):
-            shape.is_open = result.enclosed is None
-            shape.volume = result.hull_volume if result.enclosed is None else abs(result.enclosed.volume)
-            continue
-        unusable.add(id(shape))
-        with problems.collecting():
-            why = shape.element.problem(str(result), required(shape.mesh).text)
-            meshes.draft.leave_out(shape.element, MISSING, why)
-    problems.demand_none()
+    unusable = measure_meshes(shapes, made, lambda _: MISSING, draft, ())
     for found in lists:
         found[:] = [shape for shape in found if id(shape) not in unusable]
-
-
-def _volume(data: Mapping[str, Any]) -> float:
-    """m³ of a shape that is no mesh; 0 for one without a volume, or with lengths that are refused elsewhere."""
-    for kind in GEOMETRY:
-        if kind in data:
-            sizes = [size for value in data[kind].values() for size in (value if isinstance(value, list) else [value])]
-            return SHAPES[kind].volume(sizes) if min(sizes) > 0.0 else 0.0
-    return 0.0

@@ -15,7 +15,7 @@ from simspec.imports.elements import Element
 from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, JointRead, Link, read_joint
 from simspec.imports.sdf.loops import GEARBOX, closed, couple, refused, spanning
 from simspec.imports.sdf.models import Scope, SdfMeshes
-from simspec.imports.sdf.shapes import DENSITY, LinkContext, ShapeRead, read_shapes, surface_of_link
+from simspec.imports.sdf.shapes import DENSITY, LinkContext, SdfShapeRead, read_shapes, surface_of_link
 from simspec.imports.sdf.values import (
     IN_LINK,
     IN_MODEL,
@@ -43,7 +43,7 @@ class LinkRead:
     """The properties of a link for its body, in the body's frame."""
 
     mass: dict[str, Any]
-    shapes: list[ShapeRead]
+    shapes: list[SdfShapeRead]
     comment: str = ""
     inertial: Element | None = None
     repaired: str = ""
@@ -104,10 +104,7 @@ def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[di
     values = {
         key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
     }
-    inertial.lose_child(
-        "fluid_added_mass",
-        "simspec has no added mass: physics.fluid is drag and viscous resistance",
-    )
+    inertial.lose_child("fluid_added_mass", "simspec has no added mass: physics.fluid is drag and viscous resistance")
     inertial.ignore_child("density", "the file gives the mass")
     if not mass and not any(values.values()):
         return {}, ""

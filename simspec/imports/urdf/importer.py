@@ -309,7 +309,7 @@ class RobotReader:
             if name != head:
                 joint = tree.above[name]
                 poses[name] = frames.compose(poses[joint.parent], joint.origin)
-        moments = principal_moments(total((mass, poses[name]) for name, mass in masses.items())[1])
+        moments = principal_moments(total((mass, poses[name]) for name, mass in masses.items()).inertia)
         if min(moments) <= 0.0:
             name, mass = max(masses.items(), key=lambda item: item[1].mass)
             shown = ", ".join(f"{moment:.6g}" for moment in moments)
@@ -433,8 +433,7 @@ class RobotReader:
             link.shapes = without_planes(link.shapes)
         if link.mass is not None and (link.mass.from_shapes or link.mass.density):
             for shape in solids_of(link.shapes):
-                if shape.is_open:  # only the hull has a volume
-                    shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
+                shape.fill()
                 if link.mass.density:
                     shape.data["density"] = plain(link.mass.density)
         if link.shapes:

@@ -246,7 +246,7 @@ def add_materials(
             surface = _of_gazebo(gazebo)
             if surface is None:
                 continue
-            if name in links and any(shape.collision for shape in links[name][1]):
+            if name in links and any(shape.collides for shape in links[name][1]):
                 _take_friction(gazebo, said.setdefault(name, surface) == surface)
             else:
                 _aside(gazebo, UNUSED, "there is no such link with a collision shape", INFORMATION)
@@ -264,7 +264,7 @@ def _named(
     silent: list[UrdfShapeRead] = []
     for name, (_, shapes) in links.items():
         for shape in shapes:
-            if not shape.collision:
+            if not shape.collides:
                 continue
             if name in said:
                 given[id(shape)] = materials.name(said[name])
@@ -283,7 +283,7 @@ def _named(
         single = next(iter(data))
         for _, shapes in links.values():
             for shape in shapes:
-                if shape.collision:
+                if shape.collides:
                     name = given.get(id(shape), UNSAID)
                     shape.material = name if name in data else single
     return data

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from simspec import numerals
 from simspec.imports.draft import (
-    DENSITY,
     FROM_SHAPES,
     MEANING,
     NOT_POSITIVE,
@@ -20,6 +19,7 @@ from simspec.imports.draft import (
     angle,
     ball,
     became,
+    even,
     given,
     nearest,
     numbers,
@@ -31,11 +31,13 @@ from simspec.imports.draft import RULE as TRIANGLE
 from simspec.imports.elements import Element
 from simspec.imports.urdf.elements import INFORMATION, LOST, UNUSED
 from simspec.imports.urdf.joints import UrdfJointRead
+from simspec.imports.urdf.shapes import LENGTHS as OF_SHAPES_LENGTHS
 from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.language.document import Path_
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
-from simspec.world.types import Pose, Vector3
+from simspec.world.inertia import summed_inertial
+from simspec.world.types import Inertial, Pose, Vector3
 
 MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 MASS: Final = "<mass value>"
@@ -212,35 +214,20 @@ def _without_moments(mass: UrdfMass, has_shapes: bool, rule: str, draft: Draft, 
                 part.lose(name, f"replaced by the rule {rule}")
     if has_shapes:
         mass.from_shapes = True
-        what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass.mass:g} kg"
-        draft.repaired(rule, inertial, what, (*path, "mass"))
+        draft.repaired(rule, inertial, even(mass.mass), (*path, "mass"))
         return
-    moment = ball(mass.mass)
+    moment, what = ball(mass.mass)
     mass.tensor = (moment, moment, moment, 0.0, 0.0, 0.0)
-    what = f"the moments are those of a ball of {mass.mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
     draft.repaired(rule, inertial, what, (*path, "inertia"))
 
 
-def total(members: Iterable[tuple[UrdfMass, Pose]]) -> tuple[float, Six]:
-    """Mass, and tensor about the common centre of mass, of links that are fixed to each other; each with the pose of its frame
-    in a common one."""
-    parts = []
-    for mass, where in members:
-        if mass.tensor is None:
-            continue
-        turn = frames.multiply(where.quaternion, frames.from_rpy(*mass.rpy))
-        centre = frames.add(where.position, frames.rotate(where.quaternion, mass.centre))
-        parts.append((mass.mass, centre, frames.rotate_inertia(turn, mass.tensor)))
-    whole = math.fsum(part[0] for part in parts)
-    if whole <= 0.0:
-        return whole, (0.0,) * 6
-    middle = [math.fsum(part[0] * part[1][axis] for part in parts) / whole for axis in range(3)]
-    sums = [0.0] * 6
-    for weight, centre, tensor in parts:
-        x, y, z = (centre[axis] - middle[axis] for axis in range(3))
-        steiner = (y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
-        sums = [value + a + weight * b for value, a, b in zip(sums, tensor, steiner, strict=True)]
-    return whole, (sums[0], sums[1], sums[2], sums[3], sums[4], sums[5])
+def total(members: Iterable[tuple[UrdfMass, Pose]]) -> Inertial:
+    """The inertia of links that are fixed to each other; each with the pose of its frame in a common one."""
+    return summed_inertial(
+        (Inertial(mass.mass, mass.centre, frames.rotate_inertia(frames.from_rpy(*mass.rpy), mass.tensor)), where)
+        for mass, where in members
+        if mass.tensor is not None
+    )
 
 
 RULES: Final = {
@@ -272,14 +259,7 @@ FINE: Final = 2500.0
 UNITS: Final = {"kg mm²": 1e-6, "g mm²": 1e-9}
 """kg m² of moments of inertia in them."""
 THOUSANDTH: Final = 1e-3
-LENGTHS: Final[Mapping[str, Sequence[str]]] = {
-    "origin": ("xyz",),
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "ellipsoid": ("a", "b", "c"),
-}
+LENGTHS: Final[Mapping[str, Sequence[str]]] = {"origin": ("xyz",), **OF_SHAPES_LENGTHS}
 """Attributes of elements that are lengths; those of limits are so for slides only."""
 
 

@@ -10,19 +10,21 @@ from typing import Any, Final
 from simspec import numerals
 from simspec.errors import SpecError
 from simspec.imports.draft import (
+    FEWER,
     MOVING_PLANE,
+    SIZES,
     Draft,
-    NamedMesh,
+    LinkShape,
     find_mesh,
     kept_vertices,
+    measure_meshes,
     names,
     not_drawn,
     numbers,
-    plain,
     pose,
     read_meshes,
-    reduced_meshes,
     renamed,
+    shape_data,
 )
 from simspec.imports.elements import Element
 from simspec.imports.packages import MissingFileError
@@ -31,7 +33,6 @@ from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Fate
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.meshes.load import FlatMeshError, MadeMesh, ManyVerticesError
-from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 
@@ -58,37 +59,22 @@ OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean
 
 
 @dataclass
-class UrdfShapeRead:
+class UrdfShapeRead(LinkShape):
     """A shape of a body: ``data`` without the words that say whether it is seen or collides."""
 
-    element: Element
-    collision: bool
-    data: dict[str, Any]
     colour: list[float] | None = None
     visual: bool = False
-    name: str = ""
     named: Element | None = None
     """The element that says the name, where it is another."""
-    mesh: NamedMesh | None = None
-    is_open: bool = False
-    """Whether the mesh encloses no volume."""
     radius: float = math.inf
     """m: how far it reaches from its frame's origin; infinite for a plane."""
-    volume: float = 0.0
-    """m³ that is filled where the mass follows from the shape: the enclosed volume of a closed mesh, that of the hull of an
-    open one."""
     material: str = ""
     """Of `contact.materials`; "" for the only one."""
-
-    @property
-    def collides(self) -> bool:
-        """Whether it takes part in contact."""
-        return self.collision
 
     def written(self) -> dict[str, Any]:
         """The shape as the spec says it."""
         data = {"name": self.name, **self.data} if self.name else dict(self.data)
-        if not self.collision:
+        if not self.collides:
             data["collision"] = False
         if not self.visual:
             data["visual"] = False
@@ -98,14 +84,24 @@ class UrdfShapeRead:
             data["colour"] = self.colour
         return data
 
+    def measured(self, mesh: MadeMesh) -> None:
+        super().measured(mesh)
+        self.radius = max(
+            math.hypot(*part.pose.position)
+            + max(math.hypot(*part.size[k : k + 3]) for k in range(0, len(part.size), 3))
+            for part in mesh.parts
+        )
+        if (kept := kept_vertices(mesh)) is not None and self.source is not None:
+            part = mesh.parts[0]
+            self.data["mesh"] = {**self.data["mesh"], "max_vertices": kept}
+            away = f"{part.error * 1e3:.2g} mm are between the two"
+            reason = f"{kept} of the hull's {part.vertices:,} vertices are kept: {away}"
+            self.source.lose("filename", reason, INFORMATION, "`max_vertices`")
+
     def merge(self, seen: UrdfShapeRead) -> bool:
         """Take a visual shape into this one, where both are the same solid in the same place; whether that was so."""
-        if (
-            self.visual
-            or not self.collision
-            or self.data != seen.data
-            or (self.name and seen.name not in ("", self.name))
-        ):
+        same = self.data == seen.data and (not self.name or seen.name in ("", self.name))
+        if self.visual or not self.collides or not same:
             return False
         self.visual, self.colour = True, seen.colour
         if seen.name:
@@ -162,9 +158,9 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
 
 def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
     """The shapes of a body that moves: a plane that is only drawn does not move with one."""
-    kept = [shape for shape in shapes if shape.collision or "plane" not in shape.data]
+    kept = [shape for shape in shapes if shape.collides or "plane" not in shape.data]
     for shape in shapes:
-        if not shape.collision and "plane" in shape.data:
+        if not shape.collides and "plane" in shape.data:
             shape.element.forget()
             shape.element.lose(None, MOVING_PLANE, APPEARANCE)
     return kept
@@ -172,8 +168,8 @@ def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
 
 def merged(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
     """The shapes, a visual one that is the same as a collision shape as one with it."""
-    solid = [shape for shape in shapes if shape.collision]
-    seen = [shape for shape in shapes if not shape.collision]
+    solid = [shape for shape in shapes if shape.collides]
+    seen = [shape for shape in shapes if not shape.collides]
     return [*solid, *(shape for shape in seen if not any(other.merge(shape) for other in solid))]
 
 
@@ -219,18 +215,18 @@ def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
     if _word(kind) in DIALECTS:
         kind.set_aside(None, Fate.CARRIED, OF_DIALECTS, INFORMATION)
     if _word(kind) == "plane":
-        return UrdfShapeRead(element, collides, {"plane": {}, **_upright(element, kind)})
-    sizes = _sizes(kind)
-    if min(size for value in sizes.values() for size in _listed(value)) <= 0.0:
+        return UrdfShapeRead(element, {"plane": {}, **_upright(element, kind)}, collides)
+    word, size = _word(kind), list[float]()
+    for name in LENGTHS[word]:
+        kind.need(name)
+    for name in LENGTHS[word]:
+        size += kind.numbers(name, 3 if word in SIZES and len(LENGTHS[word]) == 1 else 1) or ()
+    if min(size) <= 0.0:
         _empty(element, kind, draft)
         return None
-    data = {_word(kind): sizes, **_pose(element)}
-    volume = SHAPES[_word(kind)].volume([size for value in sizes.values() for size in _listed(value)])
-    return UrdfShapeRead(element, collides, data, radius=_radius_of(data), volume=volume)
-
-
-def _listed(value: Any) -> list[float]:
-    return value if isinstance(value, list) else [value]
+    made = SHAPES[word]
+    data = {**shape_data(word, size), **_pose(element)}
+    return UrdfShapeRead(element, data, collides, radius=made.outer_radius(size), volume=made.volume(size))
 
 
 def _word(kind: Element) -> str:
@@ -257,31 +253,6 @@ def _upright(element: Element, kind: Element) -> dict[str, Any]:
     return {"pose": {**where, "quat": list(quat)}}
 
 
-def _radius_of(data: Mapping[str, Any]) -> float:
-    """m: how far a shape that is no mesh reaches from its frame's origin."""
-    for kind, said in data.items():
-        match kind:
-            case "box":
-                return 0.5 * math.hypot(*said["size"])
-            case "sphere":
-                return float(said["radius"])
-            case "cylinder":
-                return math.hypot(said["radius"], 0.5 * said["length"])
-            case "capsule":
-                return float(said["radius"] + 0.5 * said["length"])
-            case "ellipsoid":
-                return float(max(said["radii"]))
-    return math.inf
-
-
-def _radius_of_mesh(mesh: MadeMesh) -> float:
-    """m: how far the vertices of a mesh are from the origin of its frame, at most."""
-    return max(
-        math.hypot(*part.pose.position) + max(math.hypot(*part.size[k : k + 3]) for k in range(0, len(part.size), 3))
-        for part in mesh.parts
-    )
-
-
 def _pose(element: Element) -> dict[str, Any]:
     origin = element.child("origin")
     where = pose(origin.vector("xyz"), origin.vector("rpy")) if origin is not None else {}
@@ -293,11 +264,8 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None
     text, scale = kind.need("filename"), kind.vector("scale", (1.0, 1.0, 1.0))
     try:
         mesh = find_mesh(text, scale, kind, draft.files)
-    except MissingFileError as error:
-        draft.leave_out(element, MISSING, error.problems[0], BODIES)
-        return None
     except SpecError as error:
-        if text.lower().endswith(MESHES):
+        if text.lower().endswith(MESHES) and not isinstance(error, MissingFileError):
             raise
         draft.leave_out(element, MISSING, error.problems[0], BODIES)
         return None
@@ -306,7 +274,8 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None
         kind.set_aside(
             "filename", Fate.CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION
         )
-    return UrdfShapeRead(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
+    data = {"mesh": mesh.data(), **_pose(element)}
+    return UrdfShapeRead(element, data, element.tag == "collision", mesh=mesh, source=kind)
 
 
 def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRead]:
@@ -316,37 +285,15 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
     large = [
         index
         for index, (shape, result) in enumerate(zip(named, made, strict=True))
-        if shape.collision and isinstance(result, ManyVerticesError)
+        if shape.collides and isinstance(result, ManyVerticesError)
     ]
-    fewer = reduced_meshes([mesh for index in large if (mesh := named[index].mesh) is not None])
+    fewer = read_meshes([mesh for index in large if (mesh := named[index].mesh) is not None], FEWER)
     for index, result in zip(large, fewer, strict=True):
         made[index] = result
-    unusable = set()
-    for shape, result in zip(named, made, strict=True):
-        if isinstance(result, MeshError):
-            kind = shape.element.look("geometry")[0].look("mesh")[0]
-            rule = EMPTY if isinstance(result, FlatMeshError) else MISSING
-            with draft.collecting():
-                why = kind.problem(str(result), kind.attributes["filename"])
-                draft.leave_out(shape.element, rule, why, BODIES)
-            unusable.add(id(shape))
-        else:
-            shape.is_open, shape.radius = result.enclosed is None, _radius_of_mesh(result)
-            shape.volume = result.hull_volume if result.enclosed is None else abs(result.enclosed.volume)
-            _tell_fewer(shape, result)
+    unusable = measure_meshes(
+        named, made, lambda error: EMPTY if isinstance(error, FlatMeshError) else MISSING, draft, BODIES
+    )
     return [shape for shape in shapes if id(shape) not in unusable]
-
-
-def _tell_fewer(shape: UrdfShapeRead, mesh: MadeMesh) -> None:
-    """Report that the hull of too many vertices has fewer in the spec, and the distance between the two."""
-    kept = kept_vertices(mesh)
-    if kept is None:
-        return
-    part = mesh.parts[0]
-    shape.data["mesh"] = {**shape.data["mesh"], "max_vertices": kept}
-    kind = shape.element.look("geometry")[0].look("mesh")[0]
-    reason = f"{kept} of the hull's {part.vertices:,} vertices are kept: {part.error * 1e3:.2g} mm are between the two"
-    kind.lose("filename", reason, INFORMATION, "`max_vertices`")
 
 
 def _empty(element: Element, kind: Element, draft: Draft) -> None:
@@ -359,16 +306,3 @@ def _empty(element: Element, kind: Element, draft: Draft) -> None:
     else:
         element.lose(None, f"left out by the rule {EMPTY}: {said}")
         draft.repaired(EMPTY, element, f"a {kind.tag} without volume is left out: {said}", BODIES)
-
-
-def _sizes(element: Element) -> dict[str, Any]:
-    """The lengths of a shape. Raises SpecError for values that are not finite."""
-    word = _word(element)
-    names = LENGTHS[word]
-    for name in names:
-        element.need(name)
-    if word == "box":
-        return {"size": numbers(element.vector("size"))}
-    if word == "ellipsoid":
-        return {"radii": [plain(element.number(name) or 0.0) for name in names]}
-    return {name: plain(element.number(name) or 0.0) for name in names}
