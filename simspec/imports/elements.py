@@ -292,7 +292,6 @@ class Element:
                 )
 
     def _accounts(self) -> Iterator[Account]:
-        """The fates of this element and its attributes."""
         fate, path = self._fate, self.path
         if fate is True:
             yield Account(self.location, path, Fate.CARRIED)

@@ -253,7 +253,6 @@ def _installed(folder: Path, name: str) -> Path:
 
 
 def _has(folder: Path, *names: str) -> bool:
-    """Whether one of these files is in a folder."""
     return any(os.path.exists(folder / name) for name in names)
 
 
@@ -284,7 +283,6 @@ class _Tree:
             level += 1
 
     def _advance(self) -> None:
-        """Look into all folders of the next depth."""
         found: list[Path] = []
         following: list[Path] = []
         for place in self._open:

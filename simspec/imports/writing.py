@@ -112,7 +112,6 @@ def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:
 
 
 def _bodies(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """All bodies by their full names."""
     bodies = dict(data.get("model", {}).get("bodies", {}))
     bodies |= data.get("bodies", {})
     for model, placed in data.get("models", {}).items():
@@ -213,7 +212,6 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
 
 
 def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
-    """A copy of the data with other names of files."""
     changed = copy.deepcopy(data)
     for path, text in named_files(data):
         holder: Any = changed

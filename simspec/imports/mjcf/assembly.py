@@ -229,7 +229,6 @@ class _Builder:
         return self._given[found]
 
     def _home(self, element: Element) -> Path | None:
-        """The folder of the included file that an element is in; None for one of the model's own file."""
         around = element
         while around.parent is not None:
             around = around.parent
@@ -346,7 +345,6 @@ def _count(element: Element, name: str) -> int:
 
 
 def _cells(element: Element) -> int:
-    """The product of the counts of a composite."""
     product = 1
     for text in numerals.parts_of(element.attributes.get("count", "1")):
         try:

@@ -301,7 +301,6 @@ class MjcfBodies:
         return joint
 
     def _along(self, number: int, joint: dict[str, Any]) -> None:
-        """Limits of a hinge or slide, and where it begins."""
         model, element = self.model, self.model.part("joint", number).element
         reference = float(model["qpos0"][int(model["jnt_qposadr"][number])])
         limits: dict[str, Any] = {}
@@ -323,7 +322,6 @@ class MjcfBodies:
             joint["limits"] = limits
 
     def _cone(self, number: int, joint: dict[str, Any]) -> None:
-        """The largest angle of a ball."""
         model, element = self.model, self.model.part("joint", number).element
         if not bool(model["jnt_limited"][number]) or model.disabled("limit", "constraint"):
             return

@@ -109,7 +109,6 @@ def _rows(world: World, bodies: MjcfBodies) -> dict[int, int]:
 
 
 def _numbers(world: World, bodies: MjcfBodies) -> dict[int, int]:
-    """Bodies of the world by the compiler's numbers."""
     rows = {body.name.rpartition("/")[2]: row for row, body in enumerate(world.bodies)}
     return {number: rows[name] for number, name in bodies.names.items()}
 

@@ -227,19 +227,16 @@ class MjcfSurfaces:
 
     @functools.cached_property
     def _excludes(self) -> frozenset[tuple[int, int]]:
-        """Pairs of bodies that the file separates by name."""
         return frozenset(divmod(int(signature), 1 << 16) for signature in self.model["exclude_signature"])
 
     @functools.cached_property
     def _of_body(self) -> dict[int, set[MjcfSurface]]:
-        """The surfaces of the geoms of each body that may touch something."""
         solid: dict[int, set[MjcfSurface]] = {}
         for geom, surface in self._of.items():
             solid.setdefault(int(self.model["geom_bodyid"][geom]), set()).add(surface)
         return solid
 
     def _touch(self, index: int, two: int) -> None:
-        """Two bodies touch although they are joined."""
         parent = self.model["body_parentid"]
         pair = (two, index) if int(parent[two]) == index else (index, two)
         if pair not in self.touching_joined and pair[::-1] not in self.touching_joined:
@@ -345,7 +342,6 @@ class MjcfSurfaces:
         return groups
 
     def _filtered(self) -> list[dict[str, Any]]:
-        """The same as pairs of materials that do not collide."""
         items = list(self.materials.items())
         return [
             {"between": [name, other], "collide": False}
@@ -384,7 +380,6 @@ class MjcfSurfaces:
         ]
 
     def _joined(self, body: int, parent: int, solid: dict[int, set[MjcfSurface]]) -> None:
-        """A body and the one that it is joined to: the file lets them touch."""
         if (
             parent
             and body in solid

@@ -190,7 +190,6 @@ def every_loss() -> list[tuple[str, Severity, str, str]]:
 
 
 def _shown(word: str) -> str:
-    """An element or attribute as accounts write it."""
     tag, _, attribute = word.partition("/")
     if tag == "*":
         return "body"
@@ -198,7 +197,6 @@ def _shown(word: str) -> str:
 
 
 def _by_attribute(features: MjcfFeatures) -> dict[str, list[str]]:
-    """The features of the model by the attributes that say them."""
     saying: dict[str, list[str]] = {}
     for name in features.having:
         for word in FEATURES[name].attributes.split():

@@ -200,7 +200,6 @@ def _mesh(bodies: MjcfBodies, number: int, solid: bool) -> tuple[dict[str, Any],
 
 
 def _colour(bodies: MjcfBodies, number: int) -> list[float]:
-    """Red, green, blue and opacity: the geom's own, else its material's."""
     model = bodies.model
     colour, material = model["geom_rgba"][number], int(model["geom_matid"][number])
     if material >= 0 and list(colour) == [0.5, 0.5, 0.5, 1.0]:
@@ -425,7 +424,6 @@ def _singular(model: CompiledMjcf, number: int) -> bool:
 
 
 def _has_inertia(bodies: MjcfBodies, number: int) -> bool:
-    """Whether an actuator changes the inertia or damping of what it drives."""
     arrays = (bodies.model.get("actuator_armature"), bodies.model.get("actuator_damping"))
     return any(values is not None and values[number].any() for values in arrays)
 

@@ -247,7 +247,6 @@ class _Spec:
             self.draft.places[(*path, "constraints", name)] = model.scope.element.location
 
     def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
-        """The bodies of a model, with their places and comments."""
         around = Placement()
         if self.world is not None:
             around = self.graph.pose(self.world, model.scope.name, model.scope.element)
@@ -276,7 +275,6 @@ class _Spec:
         return bodies
 
     def _alone(self, scope: Scope) -> Placement:
-        """The pose of a model that is in no world."""
         pose = scope.placed.placement
         if scope.placement_frame:
             pose = pose.then(self.graph.pose(scope, scope.placement_frame, scope.element).inverse())
@@ -336,7 +334,6 @@ def _give_names(shapes: list[SdfShapeRead]) -> None:
 
 
 def _physics(world: Scope) -> dict[str, Any]:
-    """Gravity and timestep of a world."""
     element = world.element
     set_aside(element, IN_WORLD)
     gravity, step = GRAVITY, STEP

@@ -309,7 +309,6 @@ def side_of(graph: FrameGraph, scope: Scope, element: Element, tag: str) -> Link
 
 
 def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child: Link) -> Placement:
-    """The joint's frame in that of its child link."""
     placed, _ = graph.placed(scope, name)
     if not placed.relative_to or graph.home(scope, placed.relative_to, element) == child:
         return placed.placement
@@ -320,7 +319,6 @@ def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child
 def _axis(
     graph: FrameGraph, joint: JointRead, word: str, *, limited: bool, turns: bool
 ) -> tuple[dict[str, Any], MimicRead | None]:
-    """The words of the language for an axis, its limits and efforts; and its leader."""
     element = joint.element
     axis = element.child(word)
     if axis is None:

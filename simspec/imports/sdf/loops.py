@@ -209,6 +209,5 @@ def _child(graph: FrameGraph, scope: Scope, element: Element) -> Link:
 
 
 def _turned(graph: FrameGraph, scope: Scope, link: Link, vector: Vector3, element: Element) -> Vector3:
-    """A vector in a link's axes in those of the scope."""
     place = graph.in_scope(scope, link[0]).then(graph.pose(*link, element))
     return frames.rotate(place.pose.quaternion, vector)

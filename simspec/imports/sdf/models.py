@@ -180,7 +180,6 @@ class SdfMeshes:
         return mesh
 
     def _pieces(self, shape: Element, kind: Element) -> bool:
-        """Whether a collision is to be decomposed into convex pieces."""
         how = kind.word("optimization", "") or ""
         if how not in OPTIMIZATIONS:
             raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
@@ -330,7 +329,6 @@ class ModelReader:
                 raise child.error(f"more than {MOST_BODIES:,} links and frames", hint=SPLIT)
 
     def _merge(self, element: Element, scope: Scope, inner: Scope, taken: set[str]) -> None:
-        """Make the names of an included model names of the scope around it. Raises SpecError for those that are taken."""
         names = inner.names()
         for name in names:
             if name in taken:

@@ -94,7 +94,6 @@ def _computed(link: Element) -> float | None:
 
 
 def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[dict[str, Any], str]:
-    """The words of the body, and what was repaired of them."""
     mass = finite_of(inertial, "mass", 1.0)
     pose = pose_of(inertial)
     if pose.relative_to:
@@ -222,7 +221,6 @@ def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
 
 
 def _massless(read: ModelRead, root: BodyRead, spec: draft.Draft, problems: draft.Problems) -> None:
-    """A free root without mass is a defect, which a rule repairs: it is fixed to the world."""
     if root.static or root.joint is not None or not root.content.is_massless:
         return
     if not spec.repairing(MASSLESS):
@@ -293,7 +291,6 @@ TO_WORLD: Final = "a loop that is closed by a joint to the world is not supporte
 
 
 def _fixed_to_world(of_child: dict[tuple[int, str], JointRead]) -> set[tuple[int, str]]:
-    """The links that fixed joints hold to the world."""
     below: dict[tuple[int, str] | None, list[tuple[int, str]]] = {}
     for key, joint in of_child.items():
         if joint.kind == "fixed":
@@ -405,7 +402,6 @@ def _origin(graph: FrameGraph, body: BodyRead) -> Placement:
 
 
 def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
-    """The body's ``joint``, or its two ``joints``."""
     data: dict[str, Any] = {"type": kind}
     if body.joint_name and body.joint_name != f"{body.name}_joint":
         data = {"name": body.joint_name, **data}

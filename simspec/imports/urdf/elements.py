@@ -295,7 +295,6 @@ def set_aside(root: Element) -> None:
 
 
 def _reader(element: Element) -> None:
-    """Say of what MuJoCo's own reader of URDF changes in a model that it is lost as physics."""
     for tag in ("compiler", "option"):
         for child in element.look(tag):
             for name in child.attributes:
@@ -333,7 +332,6 @@ def _gazebo(element: Element) -> None:
 
 
 def _does_not_bounce(element: Element) -> bool:
-    """Whether all that a <collision> says is that nothing bounces."""
     waiting, leaves = [element], dict[str, str]()
     while waiting:
         part = waiting.pop()

@@ -235,7 +235,6 @@ class RobotReader:
         link.shapes = read_shapes(element, known, self.draft)
 
     def _check_masses(self, tree: UrdfTree) -> None:
-        """Defects and repairs of all links, and of those that are fixed to each other together."""
         top = tree.groups()
         members: dict[str, list[str]] = {}
         for name in tree.order:
@@ -383,7 +382,6 @@ class RobotReader:
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
 
     def _write_chain(self, link: UrdfLinkRead, body: dict[str, Any], chain: JointChain, from_world: bool) -> None:
-        """The joints of a body that several lead to."""
         if not from_world:
             body["parent"] = self.links[chain.parent].name
         owners = [joint for joint in chain.joints for _ in joint.listed()]

@@ -93,7 +93,6 @@ def _outwards(start: str, below: Mapping[str, Sequence[UrdfJointRead]]) -> Itera
 
 
 def _report_loops(names: Sequence[str], above: Mapping[str, UrdfJointRead], draft: Draft) -> None:
-    """Every loop of parents once."""
     seen: set[str] = set()
     for start in names:
         chain: list[str] = []
@@ -136,7 +135,6 @@ def _of_several(
 
 
 def _leave_out(element: Element) -> None:
-    """Say that an element, with all in it, is left out by the rule."""
     waiting = [element]
     while waiting:
         part = waiting.pop()
@@ -342,7 +340,6 @@ def _of_gazebo(gazebo: Element) -> Surface | None:
 
 
 def _friction(gazebo: Element, tag: str) -> float | None:
-    """The number of the first element of a tag, as its text or its ``value``."""
     for child in gazebo.look(tag):
         value = child.number("value") if child.has("value") else child.content(1)[0]
         return _not_negative(child, value or 0.0)

@@ -183,7 +183,6 @@ def give_mass(mass: UrdfMass, solids: Sequence[UrdfShapeRead], density: float, d
 
 
 def _left_out(element: Element, fate: Any, reason: str) -> None:
-    """Say of everything that was taken in an inertial that it is left out."""
     for part in (element, *element.look("origin", "mass", "inertia")):
         for name in part.attributes:
             part.set_aside(name, fate, reason, INFORMATION)

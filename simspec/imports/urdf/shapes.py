@@ -297,7 +297,6 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
 
 
 def _empty(element: Element, kind: Element, draft: Draft) -> None:
-    """A shape with a length that is not above 0."""
     said = " ".join(f'{name}="{value[:40]}"' for name, value in kind.attributes.items())
     if element.tag == "visual":
         element.lose(None, f"a {kind.tag} without volume is not drawn: {said}", APPEARANCE)

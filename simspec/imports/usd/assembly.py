@@ -98,7 +98,6 @@ class UsdAssembly:
         return bodies
 
     def _root(self, prim: PrimRead, bodies: list[PrimRead]) -> PrimRead | None:
-        """The body that an articulation begins with, where it is said."""
         if prim.where in self.body_of:
             return self.body_of[prim.where]
         for name in ("physics:body1", "physics:body0"):
@@ -305,7 +304,6 @@ class UsdAssembly:
             }
 
     def _follow(self, every: list[UsdBodyRead], alone: bool) -> None:
-        """Joints that follow others, as constraints of the model that both are in."""
         of_prim: dict[str, tuple[UsdJointRead, str]] = {}
         for body in every:
             if body.link.joint is not None:
@@ -327,7 +325,6 @@ class UsdAssembly:
             table[given] = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
 
     def _drives(self, every: list[UsdBodyRead]) -> None:
-        """The timestep at which drives are stable, where the file says none."""
         if "timestep" in self.data.get("physics", {}) or self.draft.problems:
             return
         joints = {body.full: body.link.joint for body in every}
@@ -474,7 +471,6 @@ class UsdAssembly:
             data["joint"] = {"name": said_name, "type": "free"}
 
     def _massless(self, body: UsdBodyRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
-        """A free root without any mass is a defect, which a rule repairs."""
         if body.link.parent is not None or body.link.joint is not None or "fixed" in data or "kinematic" in data:
             return
 

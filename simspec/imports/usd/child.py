@@ -117,7 +117,6 @@ def _answer(requested: dict[str, Any]) -> dict[str, Any]:
 
 
 def _damaged(error: Exception, place: str) -> RefusedError:
-    """The reader's message about a file, with the place in a text."""
     message = "this is no file of USD, or it is damaged"
     if "bad_alloc" in str(error):
         return RefusedError("it takes more memory than is allowed", os.path.basename(place))

@@ -283,7 +283,6 @@ def _excludes_self_collision(stage: StageRead) -> bool:
 def _touching(
     joints: Sequence[UsdJointRead], full: Mapping[int, str], solid: Container[str], rigid: Mapping[str, str]
 ) -> list[tuple[str, str]]:
-    """Pairs of bodies that touch although a joint joins them."""
     pairs = set()
     for joint in joints:
         names = [full.get(id(side), "") for side in (joint.first, joint.second)]
@@ -293,7 +292,6 @@ def _touching(
 
 
 def _rigid_groups(every: Sequence[UsdBodyRead], bodies: Mapping[int, UsdBodyRead]) -> dict[str, str]:
-    """Bodies that fixed joints hold together, by a name for each group."""
     group: dict[str, str] = {}
     for body in every:
         name = body.full
@@ -310,7 +308,6 @@ def _rigid_groups(every: Sequence[UsdBodyRead], bodies: Mapping[int, UsdBodyRead
 
 
 def _words_of(body: UsdBodyRead, data: dict[str, Any]) -> dict[str, Any]:
-    """The words of a body."""
     if "model" in data:
         table = data["model"]["bodies"]
     else:

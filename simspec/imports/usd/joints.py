@@ -142,7 +142,6 @@ class JointReader:
         prim.ignore(None, why)
 
     def _side(self, prim: PrimRead, number: int) -> tuple[PrimRead | None, Pose]:
-        """The body at one end of a joint, and the joint's frame in it."""
         targets = prim.targets(f"physics:body{number}")
         if len(targets) > 1:
             raise prim.error(f"physics:body{number} should name one body", found=" ".join(targets)[:80])
@@ -233,7 +232,6 @@ class JointReader:
         return freedom
 
     def _moves(self, prim: PrimRead, freedom: Freedom, low: str, high: str, drive: str) -> None:
-        """Limits, drives and ratings of one axis."""
         turns = freedom.kind == "hinge"
         unit = math.pi / 180.0 if turns else self.stage.metres
         lower, upper = (prim.real(name, end, infinite=True) for name, end in ((low, -math.inf), (high, math.inf)))
@@ -276,7 +274,6 @@ class JointReader:
         )
 
     def _drive(self, prim: PrimRead, freedom: Freedom, name: str) -> None:
-        """A drive as a spring and a damper."""
         if name not in prim.instances("PhysicsDriveAPI"):
             return
         turns, start = freedom.kind == "hinge", f"drive:{name}:physics:"

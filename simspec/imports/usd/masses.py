@@ -100,7 +100,6 @@ class MassReader:
         return self._from_shapes(prim, solid, mass, centre, moments, offset, path)
 
     def _centre(self, prim: PrimRead, scale: Vector3) -> Vector3 | None:
-        """The centre of mass in the prim's rigid frame (m); None where it is not said."""
         said = prim.reals("physics:centerOfMass", 3, infinite=True)
         if said is None or any(math.isinf(value) for value in said):
             return None
@@ -166,7 +165,6 @@ class MassReader:
         return tuple(float(made[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
     def _middle(self, prim: PrimRead, solid: Sequence[UsdShapeRead]) -> Vector3:
-        """The centre of mass of the shapes, by their densities; the origin where there are none."""
         made = self._combined(prim, solid)
         return (0.0, 0.0, 0.0) if made is None else made[1]
 
@@ -186,7 +184,6 @@ class MassReader:
         return inertial.mass, inertial.centre_of_mass, inertial.inertia
 
     def _density(self, shape: UsdShapeRead, body: PrimRead) -> float:
-        """kg/m³ of a shape."""
         prim = shape.prim
         prim.applies(MASS)
         value = prim.real("physics:mass", 0.0) * self.of_mass if prim is not body else 0.0

@@ -185,7 +185,6 @@ UPRIGHT: Final = Pose(quaternion=_about("X", math.pi / 2.0))
 
 
 def _matrix(prim: PrimRead) -> NDArray[np.float64]:
-    """The prim's axes and origin in the stage, as columns."""
     for above in prim.ancestors():
         if "world" in above.record:
             values = above.record["world"]

@@ -135,7 +135,6 @@ class ShapeReader:
         return shape if shape.data else None
 
     def _margin(self, shape: UsdShapeRead) -> None:
-        """The distance at which contact begins, of the schemas that say one."""
         said = [shape.prim.real(name, 0.0) for name in MARGINS if shape.prim.has(name)]
         if said and said[0] > 0.0:
             shape.data["margin"] = plain(said[0] * self.places.metres)
@@ -286,7 +285,6 @@ def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[in
 
 
 def _colour(prim: PrimRead) -> list[float] | None:
-    """The colour of a shape, of all that is in it the same."""
     colours, opacities = (
         prim.record["attributes"].get("primvars:displayColor"),
         prim.record["attributes"].get("primvars:displayOpacity"),

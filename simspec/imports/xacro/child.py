@@ -358,7 +358,6 @@ class XacroProgram:
         raise Refused(f"{text[:80]} is not evaluated; find, arg and optenv are")
 
     def _ask(self, name: str) -> str:
-        """The text of a file, from simspec. Raises FileNotFoundError, Refused."""
         if self._texts >= MOST_FILES:
             raise Refused(f"more than {MOST_FILES} files are included")
         _say({"ask": name, "place": self.place})

@@ -315,7 +315,6 @@ def _check_arguments(expanded: Expanded, files: Files, options: ImportOptions) -
 
 
 def _texts(files: Files) -> Iterator[bytes]:
-    """The contents of the files that were read, as far as they can be read again."""
     for path in list(files.read):
         with contextlib.suppress(NotReadableError, OSError):
             yield read_bytes(path, LARGEST_TEXT, links=True)
@@ -337,7 +336,6 @@ def _with_arguments(error: SpecError, files: Files) -> SpecError:
 
 
 def _declared(files: Files) -> dict[str, str]:
-    """The arguments that the files declare which were read so far, each with its default."""
     found: dict[str, str] = {}
     for content in _texts(files):
         try:
