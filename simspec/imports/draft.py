@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.elements import Element
+from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element
 from simspec.imports.files import Files
 from simspec.language.document import Path_, dotted
-from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, RequestedRepairs, Severity
+from simspec.language.foreign import Account, Imported, ImportOptions, Repair, RequestedRepairs
 from simspec.language.quantities import Number
 from simspec.language.shapes import MESH_SUFFIXES as SUFFIXES
 from simspec.language.shapes import MOST_VERTICES
@@ -111,7 +111,7 @@ class Draft:
         """Leave a mesh out that cannot be used: one that is only drawn, or by the rule. Raises SpecError for another."""
         found = f": {why.found}" if why.found else ""
         if element.tag == "visual":
-            element.lose(None, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
+            element.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
         elif self.repairing(rule):
             element.lose(None, f"left out by the rule {rule}: {why.message}{found}")
             self.repaired(rule, element, f"a mesh is left out: {why.message}{found}", path)
@@ -205,13 +205,13 @@ def not_drawn(visual: Element, why: Problem) -> None:
     """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
     found = f": {why.found}" if why.found else ""
     visual.forget()
-    visual.lose(None, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
+    visual.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
 
 
 def renamed(element: Element, name: str, given: str) -> None:
     """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
     if element.attributes.get(name, "").strip() != given:
-        element.set_aside(name, Fate.CARRIED, f"called {given} in the spec", Severity.INFORMATION)
+        element.set_aside(name, CARRIED, f"called {given} in the spec", INFORMATION)
 
 
 def plain(value: float) -> float:

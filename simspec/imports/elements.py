@@ -16,6 +16,9 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.formats.kit.xml_elements import XmlElement, XmlError, parse_xml
 from simspec.language.foreign import Account, Fate, Severity
 
+CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
+PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
+
 LARGEST_FILE: Final = 64 * 2**20
 """Bytes of one file; the largest robot of the measured corpora has 3 million."""
 MOST_TAGS: Final = 300_000
@@ -69,10 +72,10 @@ def plugin_loss(element: Element) -> tuple[Severity, str]:
     """The effect of the loss of a plugin, by its names: a program of another simulator, of which nothing else is known."""
     said = " ".join(element.attributes.get(name, "") for name in ("name", "filename"))
     if ACTS.search(said):
-        return Severity.PHYSICS, "a plugin of another simulator that acts on bodies, by its name"
+        return PHYSICS, "a plugin of another simulator that acts on bodies, by its name"
     if WATCHES.search(said):
-        return Severity.INFORMATION, "a plugin of another simulator that controls or measures, by its name"
-    return Severity.PHYSICS, "a plugin is a program of another simulator, which may do anything"
+        return INFORMATION, "a plugin of another simulator that controls or measures, by its name"
+    return PHYSICS, "a plugin is a program of another simulator, which may do anything"
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +235,7 @@ class Element:
                 waiting += element._children
 
     def set_aside(
-        self, name: str | None, fate: Fate, reason: str, severity: Severity = Severity.PHYSICS, hint: str = ""
+        self, name: str | None, fate: Fate, reason: str, severity: Severity = PHYSICS, hint: str = ""
     ) -> None:
         """Say what becomes of an attribute, or (None) of this element with all that is in it and was not taken."""
         said = _Set(fate, severity, reason, hint)
@@ -241,20 +244,20 @@ class Element:
         elif name in self.attributes:
             self._fates[name] = said
 
-    def lose(self, name: str | None, reason: str, severity: Severity = Severity.PHYSICS, hint: str = "") -> None:
+    def lose(self, name: str | None, reason: str, severity: Severity = PHYSICS, hint: str = "") -> None:
         """Say that the spec does not have an attribute, or (None) this element with all that is in it and was not taken."""
-        self.set_aside(name, Fate.LOST, reason, severity, hint)
+        self.set_aside(name, LOST, reason, severity, hint)
 
-    def ignore(self, name: str | None, reason: str, severity: Severity = Severity.INFORMATION) -> None:
+    def ignore(self, name: str | None, reason: str, severity: Severity = INFORMATION) -> None:
         """Say that an attribute, or (None) this element, has no effect in the spec."""
-        self.set_aside(name, Fate.UNUSED, reason, severity)
+        self.set_aside(name, UNUSED, reason, severity)
 
-    def lose_child(self, tag: str, reason: str, severity: Severity = Severity.PHYSICS) -> None:
+    def lose_child(self, tag: str, reason: str, severity: Severity = PHYSICS) -> None:
         """Say that the first child of a tag, if any, is not in the spec."""
         for child in self.look(tag)[:1]:
             child.lose(None, reason, severity)
 
-    def ignore_child(self, tag: str, reason: str, severity: Severity = Severity.INFORMATION) -> None:
+    def ignore_child(self, tag: str, reason: str, severity: Severity = INFORMATION) -> None:
         """Say that the first child of a tag, if any, has no effect in the spec."""
         for child in self.look(tag)[:1]:
             child.ignore(None, reason, severity)
@@ -294,9 +297,9 @@ class Element:
     def _accounts(self) -> Iterator[Account]:
         fate, path = self._fate, self.path
         if fate is True:
-            yield Account(self.location, path, Fate.CARRIED)
+            yield Account(self.location, path, CARRIED)
         elif fate is False:
-            yield Account(self.location, path, Fate.LOST, Severity.PHYSICS, NOT_READ)
+            yield Account(self.location, path, LOST, PHYSICS, NOT_READ)
             return
         else:
             yield _account(self.location, path, fate)
@@ -305,9 +308,9 @@ class Element:
             if name in self._fates:
                 yield _account(self.location, what, self._fates[name])
             elif name in self._taken:
-                yield Account(self.location, what, Fate.CARRIED)
+                yield Account(self.location, what, CARRIED)
             elif fate is True:
-                yield Account(self.location, what, Fate.LOST, Severity.PHYSICS, NOT_READ)
+                yield Account(self.location, what, LOST, PHYSICS, NOT_READ)
 
 
 def _account(location: Location, what: str, said: _Set) -> Account:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simspec.errors import Problem, SpecError
 from simspec.files import NotReadableError, parse_json
 from simspec.imports.child import ChildError, Policy, run
-from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
+from simspec.imports.elements import APPEARANCE, HARDNESS_HINT, HOW_HARD, INFORMATION, PHYSICS, Element
 from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.language.foreign import Severity
 from simspec.plugins import Plugins
@@ -33,7 +33,6 @@ _LISTED: Final = "a distance at which contact is listed, without a force: nothin
 _AT_CENTRE: Final = (
     "of a free body the language has it at the centre of mass, and the file at another point, the origin of its frame"
 )
-_PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
 
 
 class MjcfFeature(NamedTuple):
@@ -46,147 +45,143 @@ class MjcfFeature(NamedTuple):
 
 
 FEATURES: Final = {
-    "body.mocap": MjcfFeature("body/mocap", _INFORMATION, "a body that a program moves: here it stands where it is"),
+    "body.mocap": MjcfFeature("body/mocap", INFORMATION, "a body that a program moves: here it stands where it is"),
     "body.mocap_start": MjcfFeature(
         "body/pos body/quat",
-        _INFORMATION,
+        INFORMATION,
         "a body that a program moves begins where the loop that holds it is closed: joints of the other body begin at their "
         "limits, since the reference is beyond them",
     ),
     "body.gravcomp": MjcfFeature(
         "body/gravcomp joint/actuatorgravcomp",
-        _PHYSICS,
+        PHYSICS,
         "actuators with a largest effort take the weight away: in the language it is away, whatever they do",
     ),
     "joint.start": MjcfFeature(
         "joint/range joint/ref",
-        _INFORMATION,
+        INFORMATION,
         "the reference position is beyond the limits: a run begins at the nearest limit",
         "position: of the joint, in the spec, or positions: where the model is placed",
     ),
     "joint.margin": MjcfFeature(
         "joint/margin",
-        _INFORMATION,
+        INFORMATION,
         "the distance at which a limit begins to act is not in the language: limits are hard",
     ),
     "joint.effort_range": MjcfFeature(
-        "joint/actuatorfrcrange joint/actuatorfrclimited", _PHYSICS, "limits of effort are symmetric in the language"
+        "joint/actuatorfrcrange joint/actuatorfrclimited", PHYSICS, "limits of effort are symmetric in the language"
     ),
-    "joint.free_damping": MjcfFeature("joint/damping freejoint/*", _PHYSICS, _AT_CENTRE),
-    "joint.free_spring": MjcfFeature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
-    "joint.dry_friction": MjcfFeature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
-    "joint.armature": MjcfFeature("joint/armature freejoint/*", _PHYSICS, _AT_CENTRE),
-    "joint.ball_limit": MjcfFeature("joint/range joint/limited", _PHYSICS, "a ball whose largest angle is 0 is fixed"),
+    "joint.free_damping": MjcfFeature("joint/damping freejoint/*", PHYSICS, _AT_CENTRE),
+    "joint.free_spring": MjcfFeature("joint/stiffness freejoint/*", PHYSICS, "free bodies have no springs"),
+    "joint.dry_friction": MjcfFeature("joint/frictionloss", PHYSICS, "only hinges and slides have dry friction"),
+    "joint.armature": MjcfFeature("joint/armature freejoint/*", PHYSICS, _AT_CENTRE),
+    "joint.ball_limit": MjcfFeature("joint/range joint/limited", PHYSICS, "a ball whose largest angle is 0 is fixed"),
     "joint.polynomial": MjcfFeature(
-        "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"
+        "joint/stiffness joint/damping", PHYSICS, "springs and dampers are linear in the language"
     ),
-    "joint.plastic": MjcfFeature("joint/springyield", _PHYSICS, "springs that yield are not in the language"),
+    "joint.plastic": MjcfFeature("joint/springyield", PHYSICS, "springs that yield are not in the language"),
     "geom.kind": MjcfFeature(
         "geom/type geom/mesh geom/hfield",
-        _PHYSICS,
+        PHYSICS,
         "a collision shape of a kind that the language does not have yet; a height field that may move, or is too large",
     ),
     "geom.appearance": MjcfFeature(
-        "geom/type geom/mesh geom/hfield",
-        Severity.APPEARANCE,
-        "a visual shape of a kind that the language does not have yet",
+        "geom/type geom/mesh geom/hfield", APPEARANCE, "a visual shape of a kind that the language does not have yet"
     ),
     "geom.hull": MjcfFeature(
         "geom/mesh",
-        _PHYSICS,
+        PHYSICS,
         "a hull of more vertices than the language has: it is the hull of those that change it most",
     ),
-    "geom.drawn_hull": MjcfFeature(
-        "geom/mesh", Severity.APPEARANCE, "a drawn mesh of more vertices than the language has"
-    ),
+    "geom.drawn_hull": MjcfFeature("geom/mesh", APPEARANCE, "a drawn mesh of more vertices than the language has"),
     "option.timestep": MjcfFeature(
         "option/timestep",
-        _INFORMATION,
+        INFORMATION,
         "dampers and springs are explicit in time in the spec, and would diverge at the file's timestep: it has a shorter one",
         "less damping or stiffness, or more armature, allows a longer one",
     ),
     "geom.margin": MjcfFeature(
-        "geom/margin geom/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
+        "geom/margin geom/gap", PHYSICS, "a gap beyond the margin: in the language no margin is negative"
     ),
     "pair.margin": MjcfFeature(
-        "pair/margin pair/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
+        "pair/margin pair/gap", PHYSICS, "a gap beyond the margin: in the language no margin is negative"
     ),
-    "geom.gap": MjcfFeature("geom/gap", _INFORMATION, _LISTED),
-    "pair.gap": MjcfFeature("pair/gap", _INFORMATION, _LISTED),
+    "geom.gap": MjcfFeature("geom/gap", INFORMATION, _LISTED),
+    "pair.gap": MjcfFeature("pair/gap", INFORMATION, _LISTED),
     "geom.fluid": MjcfFeature(
         "geom/fluidshape geom/fluidcoef",
-        _PHYSICS,
+        PHYSICS,
         "forces of a fluid on single shapes, with added mass and lift: the language has those on boxes of the bodies' inertia",
     ),
-    "geom.adhesion": MjcfFeature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
+    "geom.adhesion": MjcfFeature("geom/adhesion pair/adhesion", PHYSICS, "adhesion is not in the language"),
     "contact.softness": MjcfFeature(
         "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
-        _INFORMATION,
+        INFORMATION,
         HOW_HARD,
         HARDNESS_HINT,
     ),
     "contact.pair": MjcfFeature(
-        "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined rigidly; the language does not"
+        "pair/*", PHYSICS, "the file lets two shapes touch whose bodies are joined rigidly; the language does not"
     ),
     "contact.uneven": MjcfFeature(
-        "pair/*", _PHYSICS, "friction of a pair is the same in every direction in the language"
+        "pair/*", PHYSICS, "friction of a pair is the same in every direction in the language"
     ),
     "contact.materials": MjcfFeature(
         "geom/friction geom/condim geom/priority geom/contype geom/conaffinity",
-        _PHYSICS,
+        PHYSICS,
         "more kinds of surfaces than a spec may have materials",
     ),
     "contact.scenario": MjcfFeature(
         "option/cone geom/condim geom/priority",
-        _INFORMATION,
+        INFORMATION,
         "how different surfaces combine, and the friction cone, are said by the scenario that places a model",
         "contact: {combine: max} in the scenario",
     ),
     "contact.override": MjcfFeature(
         "option/o_margin option/o_solref option/o_solimp option/o_friction flag/override",
-        _PHYSICS,
+        PHYSICS,
         "one law for all contacts, instead of their own",
     ),
     "option.fluid": MjcfFeature(
         "option/density option/viscosity option/wind",
-        _PHYSICS,
+        PHYSICS,
         "of bodies that are welded, one of them without inertia of its own, the fluid acts on the box of all together",
     ),
     "equality": MjcfFeature(
         "equality/*",
-        _PHYSICS,
+        PHYSICS,
         "the language has joints that follow one other linearly, and loops that the reference configuration closes",
     ),
     "equality.softness": MjcfFeature(
-        "equality/solref equality/solimp", _INFORMATION, "how hard constraints are: those of the spec are rigid"
+        "equality/solref equality/solimp", INFORMATION, "how hard constraints are: those of the spec are rigid"
     ),
-    "equality.inactive": MjcfFeature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
+    "equality.inactive": MjcfFeature("equality/*", INFORMATION, "a constraint that is switched off is left out"),
     "tendon": MjcfFeature(
         "tendon/*",
-        _PHYSICS,
+        PHYSICS,
         "the language has springs, dampers and limits along sums of joint positions; not along ways through space, nor "
         "friction, inertia, springs with a slack range and limits that the sum begins beyond",
     ),
-    "tendon.passive": MjcfFeature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),
+    "tendon.passive": MjcfFeature("tendon/*", INFORMATION, "a tendon that exerts no force by itself"),
     "actuator": MjcfFeature(
         "actuator/*",
-        _INFORMATION,
+        INFORMATION,
         "an actuator of no single hinge or slide, with a state, or with limits of its force that are not symmetric",
         "control: {robot: {joints: [JOINT], kp: KP, kd: KD, effort_limit: LIMIT}}",
     ),
-    "actuator.inertia": MjcfFeature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
+    "actuator.inertia": MjcfFeature("actuator/*", PHYSICS, "inertia and damping of actuators are not carried"),
     "key": MjcfFeature(
         "key/*",
-        _INFORMATION,
+        INFORMATION,
         "a named state is carried where the file has one tree; joints beyond a limit are at the limit",
         "positions: where the model is placed",
     ),
     "key.driven": MjcfFeature(
         "key/time key/ctrl key/act key/mpos key/mquat",
-        _INFORMATION,
+        INFORMATION,
         "states of actuators, inputs of those that a spec has not, and what a program moves are no part of a named state",
     ),
-    "plugin": MjcfFeature("plugin/*", _PHYSICS, "plugins are programs of unknown effect"),
+    "plugin": MjcfFeature("plugin/*", PHYSICS, "plugins are programs of unknown effect"),
 }
 """Every feature. An attribute of one that the model does not have is carried: it says what holds anyway."""
 

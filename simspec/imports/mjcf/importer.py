@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from simspec.errors import Location, SpecError
 from simspec.imports.draft import tidy
-from simspec.imports.elements import Element, outermost
+from simspec.imports.elements import APPEARANCE, INFORMATION, LOST, UNUSED, Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.mjcf import SUFFIXES
 from simspec.imports.mjcf.assembly import ROOT, MjcfAssembly, assemble
@@ -19,14 +19,12 @@ from simspec.imports.mjcf.contact import MjcfSurfaces
 from simspec.imports.mjcf.parts import NOTE, add_actuators, add_shapes, add_states, outside_the_tree
 from simspec.imports.writing import SHARE, round_step
 from simspec.language.document import Path_
-from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
+from simspec.language.foreign import Account, Imported, ImportOptions, Severity
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
 # Most of the language is in the compiled numbers. Features of these numbers that a spec does not have are reported at the
 # attributes that state them, at every element that has them by a class of defaults.
-
-_INFORMATION, _APPEARANCE = Severity.INFORMATION, Severity.APPEARANCE
 
 
 def _words(text: str) -> frozenset[str]:
@@ -71,7 +69,7 @@ COMPILED: Final = {
     "composite": _words("type prefix count offset quat vertex initial curve size"),
 }
 """Elements, and their attributes, that the compiled numbers and the names of the spec carry."""
-UNUSED: Final = {
+SETTINGS: Final = {
     "option": (
         "integrator solver iterations tolerance ls_iterations ls_tolerance noslip_iterations noslip_tolerance ccd_iterations "
         "ccd_tolerance sdf_iterations sdf_initpoints jacobian impratio actuatorgroupdisable sleep_tolerance apirate magnetic",
@@ -90,18 +88,18 @@ UNUSED: Final = {
 }
 """Attributes that name settings or groups of one engine: reported as information that is lost."""
 ASIDE: Final = {
-    "visual": (_APPEARANCE, "how a viewer draws"),
-    "statistic": (_APPEARANCE, "the initial view of a viewer"),
-    "light": (_APPEARANCE, "lights are not in the language"),
-    "camera": (_INFORMATION, "cameras are not in the language"),
-    "texture": (_APPEARANCE, "textures are not in the language"),
-    "layer": (_APPEARANCE, "textures are not in the language"),
-    "skin": (_APPEARANCE, "skins are not in the language"),
-    "sensor": (_INFORMATION, "runs record all bodies and joints; sensors are not in the language"),
-    "custom": (_INFORMATION, "data of a program"),
-    "size": (_INFORMATION, "sizes of one engine's memory"),
-    "site": (_INFORMATION, "a place without a name, or in the world itself"),
-    "user": (_INFORMATION, "data of a program"),
+    "visual": (APPEARANCE, "how a viewer draws"),
+    "statistic": (APPEARANCE, "the initial view of a viewer"),
+    "light": (APPEARANCE, "lights are not in the language"),
+    "camera": (INFORMATION, "cameras are not in the language"),
+    "texture": (APPEARANCE, "textures are not in the language"),
+    "layer": (APPEARANCE, "textures are not in the language"),
+    "skin": (APPEARANCE, "skins are not in the language"),
+    "sensor": (INFORMATION, "runs record all bodies and joints; sensors are not in the language"),
+    "custom": (INFORMATION, "data of a program"),
+    "size": (INFORMATION, "sizes of one engine's memory"),
+    "site": (INFORMATION, "a place without a name, or in the world itself"),
+    "user": (INFORMATION, "data of a program"),
 }
 """Elements that are set aside with all that is in them."""
 LOOKS: Final = frozenset(("type", "size", "group", "material", "rgba", "user"))
@@ -182,8 +180,8 @@ def every_loss() -> list[tuple[str, Severity, str, str]]:
     for feature in FEATURES.values():
         words = " ".join(_shown(word) for word in feature.attributes.split())
         rows.append((words, feature.severity, feature.reason, feature.hint))
-    for tag, (words, reason) in UNUSED.items():
-        rows.append((" ".join(f"{tag}/@{word}" for word in words.split()), _INFORMATION, reason, ""))
+    for tag, (words, reason) in SETTINGS.items():
+        rows.append((" ".join(f"{tag}/@{word}" for word in words.split()), INFORMATION, reason, ""))
     for tag, (severity, reason) in ASIDE.items():
         rows.append((tag, severity, reason, ""))
     return rows
@@ -213,13 +211,13 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
         element.take()
         for name in element.attributes:
             if name in LOOKS:
-                element.lose(name, "how a frame is drawn", _APPEARANCE)
+                element.lose(name, "how a frame is drawn", APPEARANCE)
             else:
                 element.word(name)
         return False
     if tag in ASIDE or (in_default and tag not in COMPILED):
-        severity, reason = ASIDE.get(tag, (_INFORMATION, "a default is reported at the elements that use it"))
-        element.set_aside(None, Fate.LOST if tag in ASIDE else Fate.UNUSED, reason, severity)
+        severity, reason = ASIDE.get(tag, (INFORMATION, "a default is reported at the elements that use it"))
+        element.set_aside(None, LOST if tag in ASIDE else UNUSED, reason, severity)
         return False
     if tag in SECTIONS:
         element.take()
@@ -228,7 +226,7 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
     if known is None:
         return False  # an unknown element is lost
     element.take()
-    words, reason = UNUSED.get(tag, ("", ""))
+    words, reason = SETTINGS.get(tag, ("", ""))
     aside = words.split()
     for name in element.attributes:
         lost = by_attribute.get(f"{tag}/{name}", [])
@@ -238,11 +236,11 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
             feature = FEATURES[min(lost, key=lambda entry: list(Severity).index(FEATURES[entry].severity))]
             element.lose(name, feature.reason, feature.severity, feature.hint)
         elif name in aside:
-            element.lose(name, reason, _INFORMATION)
+            element.lose(name, reason, INFORMATION)
         elif name in known or f"{tag}/{name}" in _SAID:  # of what could be said by the latter, no element has it
             element.word(name)
         elif tag == "material":
-            element.lose(name, MATERIAL, _APPEARANCE)
+            element.lose(name, MATERIAL, APPEARANCE)
     return True
 
 
@@ -251,15 +249,15 @@ _SAID: Final = {word for feature in FEATURES.values() for word in feature.attrib
 
 def _untold(features: MjcfFeatures, accounts: list[Account]) -> Iterator[Account]:
     """Features that no attribute reports: those of classes of defaults, and defaults of an engine."""
-    known_losses = {(entry.reason, entry.location) for entry in accounts if entry.fate is Fate.LOST}
-    anywhere = {entry.reason for entry in accounts if entry.fate is Fate.LOST}
+    known_losses = {(entry.reason, entry.location) for entry in accounts if entry.fate is LOST}
+    anywhere = {entry.reason for entry in accounts if entry.fate is LOST}
     for name, elements in features.having.items():
         feature = FEATURES[name]
         if feature.reason in anywhere and "*" not in feature.attributes:
             continue  # reported at the attribute of its class
         for element in elements:
             if (feature.reason, element.location) not in known_losses:
-                yield Account(element.location, element.path, Fate.LOST, feature.severity, feature.reason, feature.hint)
+                yield Account(element.location, element.path, LOST, feature.severity, feature.reason, feature.hint)
 
 
 FLUID: Final = ("density", "viscosity")

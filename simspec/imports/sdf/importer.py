@@ -10,7 +10,7 @@ from typing import Any, Final
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports import draft
 from simspec.imports.draft import Draft, Materials, tidy
-from simspec.imports.elements import Element, outermost
+from simspec.imports.elements import APPEARANCE, INFORMATION, Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.sdf import SUFFIXES
 from simspec.imports.sdf.joints import FrameGraph
@@ -25,7 +25,7 @@ from simspec.imports.sdf.values import (
     IN_WORLD,
     OLD_OUTERMOST,
     OUTERMOST,
-    PHYSICS,
+    SETTINGS,
     Placement,
     SdfNames,
     finite_of,
@@ -35,7 +35,7 @@ from simspec.imports.sdf.values import (
 )
 from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
-from simspec.language.foreign import Imported, ImportOptions, Severity
+from simspec.language.foreign import Imported, ImportOptions
 
 GRAVITY: Final = (0.0, 0.0, -9.8)
 """SDF's default; the language's is -9.81."""
@@ -112,7 +112,7 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
         return list(world.models.values()), world
     for tag in ("light", "actor"):
         for child in root.look(tag):
-            child.lose(None, "simspec has no lights and no actors", Severity.APPEARANCE)
+            child.lose(None, "simspec has no lights and no actors", APPEARANCE)
     models = root.look("model")
     if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
@@ -329,7 +329,7 @@ def _give_names(shapes: list[SdfShapeRead]) -> None:
             shape.name = names.give(shape.name, shape.element)
         else:
             reason = "names of shapes are unique in a spec"
-            shape.element.lose("name", reason, Severity.INFORMATION)
+            shape.element.lose("name", reason, INFORMATION)
             shape.name = ""
 
 
@@ -351,6 +351,6 @@ def _physics(world: Scope) -> dict[str, Any]:
         step = finite_of(profile, "max_step_size", step)
         for child in profile.look():
             if child.tag not in ("gravity", "max_step_size"):
-                child.set_aside(None, PHYSICS[0], PHYSICS[2], PHYSICS[1])
+                child.set_aside(None, SETTINGS[0], SETTINGS[2], SETTINGS[1])
     gravity = vector_of(element, "gravity", gravity)
     return {"gravity": list(gravity), "timestep": step}

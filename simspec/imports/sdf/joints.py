@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import angle
-from simspec.imports.elements import NO_RATING, SOLVER, Element
+from simspec.imports.elements import INFORMATION, NO_RATING, PHYSICS, SOLVER, Element
 from simspec.imports.sdf.models import SEPARATOR, Scope
 from simspec.imports.sdf.values import (
     EXPRESSED_SINCE,
@@ -25,7 +25,6 @@ from simspec.imports.sdf.values import (
     text_of,
     vector,
 )
-from simspec.language.foreign import Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Vector3
@@ -344,9 +343,7 @@ def _axis(
                 else {"stiffness": stiffness, "rest": angle(rest) if turns else rest}
             )
     for child_element in axis.look("initial_position"):
-        child_element.lose(
-            None, "where a joint begins is not read", Severity.PHYSICS, "`positions` of the placed model"
-        )
+        child_element.lose(None, "where a joint begins is not read", PHYSICS, "`positions` of the placed model")
     mimics = axis.look("mimic")
     for child_element in mimics[1:]:
         raise child_element.error("a joint follows one other at most")
@@ -410,9 +407,9 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
             data[tag] = value
         elif value == 0.0:
             for child in limit.look(tag):
-                child.lose(None, NO_RATING, Severity.INFORMATION)
+                child.lose(None, NO_RATING, INFORMATION)
     for child in limit.look("stiffness", "dissipation"):
-        child.lose(None, HARD_STOP, Severity.INFORMATION)
+        child.lose(None, HARD_STOP, INFORMATION)
     return data
 
 
@@ -427,7 +424,7 @@ def solver_of(element: Element) -> None:
                 for around in (physics, child.parent):
                     around.take() if around is not None else None
             else:
-                child.lose(None, SOLVER, Severity.INFORMATION)
+                child.lose(None, SOLVER, INFORMATION)
                 waiting.extend(child.look())
 
 

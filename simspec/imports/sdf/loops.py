@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from simspec.errors import Problem
-from simspec.imports.elements import Element
+from simspec.imports.elements import INFORMATION, PHYSICS, Element
 from simspec.imports.sdf.joints import (
     FIRST_AXIS,
     SECOND_AXIS,
@@ -110,9 +110,9 @@ def _lose(joint: JointRead) -> None:
     acting = set(joint.data) - {"axis"}
     if "position" not in joint.data.get("limits", {"position": None}):
         acting -= {"limits"}
-        _said(joint, ("limit",), "a constraint has no ratings", Severity.INFORMATION)
+        _said(joint, ("limit",), "a constraint has no ratings", INFORMATION)
     for word in sorted(acting & words.keys()):
-        _said(joint, words[word], "the joint closes a loop: it has no limits and no efforts", Severity.PHYSICS)
+        _said(joint, words[word], "the joint closes a loop: it has no limits and no efforts", PHYSICS)
     if "armature" in acting:
         joint.element.lose(None, "the joint closes a loop: its rotor has no inertia")
 

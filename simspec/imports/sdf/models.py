@@ -13,7 +13,17 @@ from urllib.parse import unquote
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.draft import BEGINNING, Draft, NamedMesh, find_mesh, made_file
-from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse, plugin_loss
+from simspec.imports.elements import (
+    APPEARANCE,
+    CARRIED,
+    INFORMATION,
+    MOST_BODIES,
+    PHYSICS,
+    SPLIT,
+    Element,
+    parse,
+    plugin_loss,
+)
 from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
 from simspec.imports.packages import CONFIGURATIONS, MissingFileError
 from simspec.imports.sdf.values import (
@@ -34,7 +44,7 @@ from simspec.imports.sdf.values import (
     vector_of,
     version_of,
 )
-from simspec.language.foreign import Fate, Severity, suffixes
+from simspec.language.foreign import suffixes
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.language.shapes import PIECES
 from simspec.world.types import Vector3
@@ -174,9 +184,7 @@ class SdfMeshes:
             if relative == uri.text or not (folder / relative).is_file():
                 raise
         mesh = find_mesh(relative, scale, uri, self.draft.files, folder)
-        uri.set_aside(
-            None, Fate.CARRIED, "relative to the file: there is no such path from the root", Severity.INFORMATION
-        )
+        uri.set_aside(None, CARRIED, "relative to the file: there is no such path from the root", INFORMATION)
         return mesh
 
     def _pieces(self, shape: Element, kind: Element) -> bool:
@@ -185,7 +193,7 @@ class SdfMeshes:
             raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
         for child in kind.look(DECOMPOSED):
             reason = "how many pieces there are, and how they are found, is not in the language"
-            child.lose(None, reason, Severity.INFORMATION)
+            child.lose(None, reason, INFORMATION)
         return how == DECOMPOSED and shape.tag == "collision"
 
     def _called(self, mesh: NamedMesh) -> str:
@@ -397,9 +405,9 @@ class ModelReader:
     def _known(self, element: Element, name: str) -> Element | None:
         """A model that is known without files; None for one of a light alone."""
         if name not in KNOWN:
-            element.lose(None, SUN_NOTE, Severity.APPEARANCE)
+            element.lose(None, SUN_NOTE, APPEARANCE)
             return None
-        element.set_aside(None, Fate.CARRIED, GROUND_NOTE, Severity.INFORMATION)
+        element.set_aside(None, CARRIED, GROUND_NOTE, INFORMATION)
         shown = f"{MODELS}{name}"
         return self.root(Path(shown), KNOWN[name].encode(), shown)
 
@@ -415,7 +423,7 @@ def _without_bodies(element: Element, root: Element) -> bool:
     if root.look("model", "world") or not root.look("light", "actor"):
         return False
     moving = root.look("actor")
-    reason, severity = (NO_ACTOR, Severity.PHYSICS) if moving else (SUN_NOTE, Severity.APPEARANCE)
+    reason, severity = (NO_ACTOR, PHYSICS) if moving else (SUN_NOTE, APPEARANCE)
     element.lose(None, reason, severity)
     for child in root.look():
         child.lose(None, reason, severity)
@@ -440,5 +448,5 @@ def _another(element: Element, name: str, taken: set[str], often: dict[str, int]
         count += 1
     often[name] = count
     reason = f"called {name}_{count}: another thing around it has the name"
-    element.set_aside("name", Fate.CARRIED, reason, Severity.INFORMATION)
+    element.set_aside("name", CARRIED, reason, INFORMATION)
     return f"{name}_{count}"

@@ -23,7 +23,7 @@ from simspec.imports.draft import (
     read_meshes,
     shape_data,
 )
-from simspec.imports.elements import HOW_HARD, Element
+from simspec.imports.elements import APPEARANCE, HOW_HARD, INFORMATION, Element
 from simspec.imports.sdf.models import MISSING, SdfMeshes
 from simspec.imports.sdf.values import (
     IN_COLLISION,
@@ -40,7 +40,6 @@ from simspec.imports.sdf.values import (
     set_aside,
     vector_of,
 )
-from simspec.language.foreign import Severity
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
@@ -139,7 +138,7 @@ def _contact(contact: Element) -> None:
     set_aside(contact, IN_CONTACT)
     for solver in contact.look():
         if solver.look():
-            solver.lose(None, HOW_HARD, Severity.INFORMATION)
+            solver.lose(None, HOW_HARD, INFORMATION)
     for child in contact.look(*FILTERS):
         text = child.text.strip().lower()
         if text in FILTERS[child.tag] or (child.tag in MASKS and _has_first_bit(text)):
@@ -202,7 +201,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[SdfShapeRead]:
             continue
         if "plane" in shape.data and child.tag == "visual" and not around.static:
             child.forget()
-            child.lose(None, MOVING_PLANE, Severity.APPEARANCE)
+            child.lose(None, MOVING_PLANE, APPEARANCE)
             continue
         twin = _twin(shapes, shape)
         if twin is None:
@@ -280,7 +279,7 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         return _extruded(kind.take(), shape, around)
     if kind.tag == "plane":
         kind.take()
-        kind.ignore_child("size", "a plane has no end", Severity.APPEARANCE)
+        kind.ignore_child("size", "a plane has no end", APPEARANCE)
         return _Geometry({"plane": {}}, _upright(kind))
     if kind.tag == "empty":
         kind.take()
@@ -291,7 +290,7 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         )
     if shape.tag == "collision":
         raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)))
-    kind.lose(None, NOT_CARRIED[kind.tag], Severity.APPEARANCE)
+    kind.lose(None, NOT_CARRIED[kind.tag], APPEARANCE)
     return None
 
 
@@ -407,9 +406,9 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
         return None
     for tag in ("ambient", "specular", "emissive", "shininess", "lighting", "script", "shader", "pbr", "double_sided"):
         for child in material.look(tag):
-            child.lose(None, "a shape has one colour", Severity.APPEARANCE)
-    material.lose_child("render_order", "a shape has one colour", Severity.APPEARANCE)
-    material.lose("name", "a colour has no name", Severity.INFORMATION)
+            child.lose(None, "a shape has one colour", APPEARANCE)
+    material.lose_child("render_order", "a shape has one colour", APPEARANCE)
+    material.lose("name", "a colour has no name", INFORMATION)
     diffuse = material.look("diffuse") or material.look("ambient")
     if not diffuse:
         return None

@@ -10,7 +10,17 @@ from typing import Final
 
 from simspec import numerals
 from simspec.imports.draft import UniqueNames, angle
-from simspec.imports.elements import HOW_HARD, Element, plugin_loss
+from simspec.imports.elements import (
+    APPEARANCE,
+    CARRIED,
+    HOW_HARD,
+    INFORMATION,
+    LOST,
+    PHYSICS,
+    UNUSED,
+    Element,
+    plugin_loss,
+)
 from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
@@ -177,7 +187,7 @@ class SdfNames(UniqueNames):
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
         name = self.unique(plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}")
         if element is not None and name != element.attributes.get("name", "").strip():
-            element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)
+            element.set_aside("name", CARRIED, f"called {name} in the spec", INFORMATION)
         return name
 
 
@@ -281,21 +291,13 @@ def _move_step(physics: Element) -> None:
 
 Said = tuple[Fate, Severity, str]
 
-_NO_SENSOR: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sensors")
-_PLUGIN: Final[Said] = (
-    Fate.LOST,
-    Severity.PHYSICS,
-    "a plugin is a program of another simulator, which may do anything",
-)
-_SCENERY: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no scenery")
-_NO_LIGHT: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no lights")
+_NO_SENSOR: Final[Said] = (LOST, INFORMATION, "simspec has no sensors")
+_PLUGIN: Final[Said] = (LOST, PHYSICS, "a plugin is a program of another simulator, which may do anything")
+_SCENERY: Final[Said] = (LOST, APPEARANCE, "simspec has no scenery")
+_NO_LIGHT: Final[Said] = (LOST, APPEARANCE, "simspec has no lights")
 NO_ACTOR: Final = "simspec has no actors"
-_NO_SOUND: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sound")
-_NO_AIR: Final[Said] = (
-    Fate.LOST,
-    Severity.PHYSICS,
-    "the effect of wind is left to plugins; physics.fluid of a spec has another law",
-)
+_NO_SOUND: Final[Said] = (LOST, INFORMATION, "simspec has no sound")
+_NO_AIR: Final[Said] = (LOST, PHYSICS, "the effect of wind is left to plugins; physics.fluid of a spec has another law")
 
 IN_LINK: Final[Mapping[str, Said]] = {
     "sensor": _NO_SENSOR,
@@ -304,66 +306,62 @@ IN_LINK: Final[Mapping[str, Said]] = {
     "particle_emitter": _SCENERY,
     "audio_sink": _NO_SOUND,
     "audio_source": _NO_SOUND,
-    "battery": (Fate.LOST, Severity.INFORMATION, "simspec has no batteries"),
-    "velocity_decay": (Fate.LOST, Severity.PHYSICS, "simspec has no damping of free bodies"),
-    "kinematic": (Fate.LOST, Severity.PHYSICS, "simspec has no links that nothing moves"),
+    "battery": (LOST, INFORMATION, "simspec has no batteries"),
+    "velocity_decay": (LOST, PHYSICS, "simspec has no damping of free bodies"),
+    "kinematic": (LOST, PHYSICS, "simspec has no links that nothing moves"),
     "enable_wind": _NO_AIR,
-    "must_be_base_link": (Fate.LOST, Severity.INFORMATION, "the tree follows from the joints"),
+    "must_be_base_link": (LOST, INFORMATION, "the tree follows from the joints"),
     "plugin": _PLUGIN,
 }
 IN_COLLISION: Final[Mapping[str, Said]] = {
-    "laser_retro": (Fate.LOST, Severity.INFORMATION, "simspec has no lasers"),
-    "material": (Fate.UNUSED, Severity.APPEARANCE, "a collision shape is not drawn"),
-    "max_contacts": (Fate.LOST, Severity.INFORMATION, "how many contacts are kept is each engine's setting"),
+    "laser_retro": (LOST, INFORMATION, "simspec has no lasers"),
+    "material": (UNUSED, APPEARANCE, "a collision shape is not drawn"),
+    "max_contacts": (LOST, INFORMATION, "how many contacts are kept is each engine's setting"),
 }
 IN_VISUAL: Final[Mapping[str, Said]] = {
     "cast_shadows": _SCENERY,
-    "laser_retro": (Fate.LOST, Severity.INFORMATION, "simspec has no lasers"),
-    "transparency": (Fate.LOST, Severity.APPEARANCE, "the colour has its own opacity"),
+    "laser_retro": (LOST, INFORMATION, "simspec has no lasers"),
+    "transparency": (LOST, APPEARANCE, "the colour has its own opacity"),
     "visibility_flags": _SCENERY,
-    "meta": (Fate.LOST, Severity.INFORMATION, "simspec has no layers"),
-    "plugin": (Fate.LOST, Severity.APPEARANCE, "a plugin is a program of another simulator"),
+    "meta": (LOST, INFORMATION, "simspec has no layers"),
+    "plugin": (LOST, APPEARANCE, "a plugin is a program of another simulator"),
 }
-IN_SURFACE: Final[Mapping[str, Said]] = {"soft_contact": (Fate.LOST, Severity.PHYSICS, "simspec has no soft bodies")}
+IN_SURFACE: Final[Mapping[str, Said]] = {"soft_contact": (LOST, PHYSICS, "simspec has no soft bodies")}
 IN_FRICTION: Final[Mapping[str, Said]] = {
-    "fdir1": (Fate.LOST, Severity.PHYSICS, "friction is the same in every direction"),
-    "slip1": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
-    "slip2": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
+    "fdir1": (LOST, PHYSICS, "friction is the same in every direction"),
+    "slip1": (LOST, PHYSICS, "friction does not depend on the force"),
+    "slip2": (LOST, PHYSICS, "friction does not depend on the force"),
 }
 IN_JOINT: Final[Mapping[str, Said]] = {"sensor": _NO_SENSOR, "plugin": _PLUGIN}
 IN_CONTACT: Final[Mapping[str, Said]] = dict.fromkeys(
-    ("poissons_ratio", "elastic_modulus"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)
+    ("poissons_ratio", "elastic_modulus"), (LOST, INFORMATION, HOW_HARD)
 )
 IN_CONTACT_OF_LINK: Final[Mapping[str, Said]] = dict.fromkeys(
-    ("stiffness", "damping", "contact_cfm", "contact_erp"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)
+    ("stiffness", "damping", "contact_cfm", "contact_erp"), (LOST, INFORMATION, HOW_HARD)
 )
 IN_MODEL: Final[Mapping[str, Said]] = {
     "plugin": _PLUGIN,
     "enable_wind": _NO_AIR,
-    "allow_auto_disable": (Fate.LOST, Severity.INFORMATION, "whether bodies sleep is each engine's setting"),
-    "gripper": (Fate.LOST, Severity.PHYSICS, "simspec holds no object but by contact"),
-    "static": (Fate.UNUSED, Severity.INFORMATION, "the model around it says it"),
+    "allow_auto_disable": (LOST, INFORMATION, "whether bodies sleep is each engine's setting"),
+    "gripper": (LOST, PHYSICS, "simspec holds no object but by contact"),
+    "static": (UNUSED, INFORMATION, "the model around it says it"),
 }
 IN_WORLD: Final[Mapping[str, Said]] = {
     "plugin": _PLUGIN,
     "scene": _SCENERY,
     "light": _NO_LIGHT,
-    "gui": (Fate.LOST, Severity.INFORMATION, "simspec has no windows"),
+    "gui": (LOST, INFORMATION, "simspec has no windows"),
     "road": _SCENERY,
-    "actor": (Fate.LOST, Severity.PHYSICS, NO_ACTOR),
-    "population": (Fate.LOST, Severity.PHYSICS, "simspec has arrays of bodies, and no populations at random"),
-    "state": (
-        Fate.LOST,
-        Severity.PHYSICS,
-        "the state of a run that was saved; simspec begins at the poses of the models",
-    ),
+    "actor": (LOST, PHYSICS, NO_ACTOR),
+    "population": (LOST, PHYSICS, "simspec has arrays of bodies, and no populations at random"),
+    "state": (LOST, PHYSICS, "the state of a run that was saved; simspec begins at the poses of the models"),
     "wind": _NO_AIR,
     "atmosphere": _NO_AIR,
     "audio": _NO_SOUND,
-    "magnetic_field": (Fate.LOST, Severity.INFORMATION, "simspec has no magnetic field"),
-    "spherical_coordinates": (Fate.LOST, Severity.INFORMATION, "simspec has no place on the Earth"),
+    "magnetic_field": (LOST, INFORMATION, "simspec has no magnetic field"),
+    "spherical_coordinates": (LOST, INFORMATION, "simspec has no place on the Earth"),
 }
-PHYSICS: Final[Said] = (Fate.LOST, Severity.INFORMATION, "settings of one engine; simspec has them under `engines`")
+SETTINGS: Final[Said] = (LOST, INFORMATION, "settings of one engine; simspec has them under `engines`")
 
 
 DEFAULTS: Final[Mapping[str, bool | float]] = {
@@ -391,7 +389,7 @@ def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
         if table[child.tag] is _PLUGIN:
             severity, reason = plugin_loss(child)
         if is_default(child):
-            fate, severity, reason = Fate.UNUSED, Severity.INFORMATION, "the default"
+            fate, severity, reason = UNUSED, INFORMATION, "the default"
         child.set_aside(None, fate, reason, severity)
 
 

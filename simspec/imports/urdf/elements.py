@@ -10,14 +10,22 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from simspec.imports.draft import Draft
-from simspec.imports.elements import ACTS, HARDNESS_HINT, HOW_HARD, SOLVER, Element, plugin_loss
+from simspec.imports.elements import (
+    ACTS,
+    APPEARANCE,
+    CARRIED,
+    HARDNESS_HINT,
+    HOW_HARD,
+    INFORMATION,
+    LOST,
+    PHYSICS,
+    SOLVER,
+    UNUSED,
+    Element,
+    plugin_loss,
+)
 from simspec.imports.reference import ElementRow
-from simspec.language.foreign import Fate, Severity
 from simspec.numerals import NUMBER, SPACE, parts_of
-
-CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
-PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
-
 
 READER: Final = "mujoco"
 """The element of one reader's own."""

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.draft import FROM_SHAPES, Draft, density_of, names, plain, renamed, solids_of
-from simspec.imports.elements import MOST_BODIES, SPLIT, Element, outermost, parse, without_comments
+from simspec.imports.elements import INFORMATION, MOST_BODIES, SPLIT, Element, outermost, parse, without_comments
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.urdf import SUFFIXES
-from simspec.imports.urdf.elements import INFORMATION, mend, rows, set_aside, settle
 from simspec.imports.urdf.elements import RULES as NUMERAL_RULES
+from simspec.imports.urdf.elements import mend, rows, set_aside, settle
 from simspec.imports.urdf.joints import (
     MIMIC_RULES,
     UrdfJointRead,

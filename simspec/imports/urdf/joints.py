@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, names, numbers, plain, pose, renamed
-from simspec.imports.elements import LOCKED, NO_RATING, Element
-from simspec.imports.urdf.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, attributes_unused
+from simspec.imports.elements import CARRIED, INFORMATION, LOCKED, LOST, NO_RATING, PHYSICS, UNUSED, Element
+from simspec.imports.urdf.elements import attributes_unused
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

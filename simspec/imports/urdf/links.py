@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from simspec.imports.draft import CONTACT_OF_LINK, Draft, Materials, Surface, plain
-from simspec.imports.elements import Element
-from simspec.imports.urdf.elements import INFORMATION, LOST, PHYSICS, UNUSED
+from simspec.imports.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, Element
 from simspec.imports.urdf.joints import UrdfJointRead
 from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.language.foreign import Fate, Severity
@@ -197,9 +196,7 @@ def leave_out_between(links: Mapping[str, Element], chain: JointChain, called: s
     """Say of the links between that they are no bodies of the spec. ``called``: the body that the chain moves."""
     for name, joint in zip(chain.between, chain.joints, strict=False):
         element = links[name]
-        element.set_aside(
-            "name", Fate.CARRIED, f"called {called}.{joint.listed()[-1]['name']} in the world", INFORMATION
-        )
+        element.set_aside("name", CARRIED, f"called {called}.{joint.listed()[-1]['name']} in the world", INFORMATION)
         for part in element.look("inertial"):
             part.lose(None, FRAME, INFORMATION)
 

@@ -28,8 +28,7 @@ from simspec.imports.draft import (
     tensor_words,
 )
 from simspec.imports.draft import RULE as TRIANGLE
-from simspec.imports.elements import Element
-from simspec.imports.urdf.elements import INFORMATION, LOST, UNUSED
+from simspec.imports.elements import INFORMATION, LOST, UNUSED, Element
 from simspec.imports.urdf.joints import UrdfJointRead
 from simspec.imports.urdf.shapes import LENGTHS as OF_SHAPES_LENGTHS
 from simspec.imports.urdf.shapes import UrdfShapeRead

@@ -26,11 +26,9 @@ from simspec.imports.draft import (
     renamed,
     shape_data,
 )
-from simspec.imports.elements import Element
+from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element
 from simspec.imports.packages import MissingFileError
-from simspec.imports.urdf.elements import APPEARANCE, INFORMATION
 from simspec.imports.urdf.joints import across
-from simspec.language.foreign import Fate
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.meshes.load import FlatMeshError, MadeMesh, ManyVerticesError
 from simspec.world import frames
@@ -213,7 +211,7 @@ def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
         return _mesh(element, kind.take(), draft)
     kind.take()
     if _word(kind) in DIALECTS:
-        kind.set_aside(None, Fate.CARRIED, OF_DIALECTS, INFORMATION)
+        kind.set_aside(None, CARRIED, OF_DIALECTS, INFORMATION)
     if _word(kind) == "plane":
         return UrdfShapeRead(element, {"plane": {}, **_upright(element, kind)}, collides)
     word, size = _word(kind), list[float]()
@@ -271,9 +269,7 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None
         return None
     draft.meshes[text] = mesh.path
     if text in draft.files.above:
-        kind.set_aside(
-            "filename", Fate.CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION
-        )
+        kind.set_aside("filename", CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION)
     data = {"mesh": mesh.data(), **_pose(element)}
     return UrdfShapeRead(element, data, element.tag == "collision", mesh=mesh, source=kind)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import angle, plain
+from simspec.imports.elements import INFORMATION
 from simspec.imports.usd.stage import PrimRead
-from simspec.language.foreign import Severity
 
 ARMATURES: Final = ("physxJoint:armature", "newton:armature", "mjc:armature")
 """Attributes for the armature of a joint, the first of which holds."""
@@ -159,7 +159,7 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
         prim.token(f"{start}referenceJointAxis")
         for name in ("naturalFrequency", "dampingRatio"):
             if prim.has(f"{start}{name}"):
-                prim.lose(f"{start}{name}", COMPLIANCE, Severity.INFORMATION)
+                prim.lose(f"{start}{name}", COMPLIANCE, INFORMATION)
         if targets and gearing:
             return UsdMimic(targets[0], -gearing, -offset * units.position)
     return None

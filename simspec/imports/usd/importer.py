@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from simspec.imports.draft import NOT_POSITIVE, Draft
+from simspec.imports.elements import APPEARANCE, INFORMATION, LOST, PHYSICS, UNUSED
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.usd import SUFFIXES
@@ -18,8 +19,6 @@ from simspec.imports.usd.stage import PrimRead, StageRead, read_stage
 from simspec.language.foreign import Fate, Imported, ImportOptions, Severity
 
 # Fates of prims and attributes that no reader takes, by type and name, and the rows of the documentation.
-
-PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
 
 
 class LossRule(NamedTuple):
@@ -34,11 +33,11 @@ class LossRule(NamedTuple):
 
 
 def _lost(pattern: str, shown: str, severity: Severity, reason: str, hint: str = "") -> LossRule:
-    return LossRule(re.compile(pattern), shown, Fate.LOST, severity, reason, hint)
+    return LossRule(re.compile(pattern), shown, LOST, severity, reason, hint)
 
 
 def _unused(pattern: str, shown: str, reason: str) -> LossRule:
-    return LossRule(re.compile(pattern), shown, Fate.UNUSED, INFORMATION, reason)
+    return LossRule(re.compile(pattern), shown, UNUSED, INFORMATION, reason)
 
 
 FLAGS: Final = (

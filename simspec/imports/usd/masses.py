@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown, tensor_words
+from simspec.imports.elements import INFORMATION
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.shapes import UsdShapeRead
 from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, StageRead, agree
-from simspec.language.foreign import Severity
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.inertia import combined_inertial, shape_part
@@ -126,7 +126,7 @@ class MassReader:
         if stored is not None and (agree(stored, tensor) or _stands_for(moments, stored)):
             return stored
         if stored is not None:
-            prim.lose(PREFIX + "inertia", STALE, Severity.INFORMATION)
+            prim.lose(PREFIX + "inertia", STALE, INFORMATION)
         return tensor
 
     def _inertia(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:

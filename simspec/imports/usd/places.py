@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.imports.elements import CARRIED
 from simspec.imports.usd.stage import PrimRead
-from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 
@@ -171,7 +171,7 @@ def quaternion(prim: PrimRead, name: str, values: Any) -> Quaternion:
         message = f"{name} is no rotation: its length is {length:g}"
         raise prim.error(message, found=str(values)[:80], hint=hint if length else None)
     if abs(length - 1.0) > UNIT:
-        prim.set_aside(name, Fate.CARRIED, f"made a unit quaternion by the rule {ROTATIONS}")
+        prim.set_aside(name, CARRIED, f"made a unit quaternion by the rule {ROTATIONS}")
     return frames.normalise((w, x, y, z))
 
 

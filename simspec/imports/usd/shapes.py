@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.imports.draft import Draft, made_file, numbers, plain
+from simspec.imports.elements import APPEARANCE, INFORMATION
 from simspec.imports.usd.places import ALIKE, UNIT_SCALE, PrimPlace, PrimPlaces
 from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, agree
-from simspec.language.foreign import Severity
 from simspec.language.shapes import FEWEST_VERTICES, MOST_VERTICES
 from simspec.meshes.load import MeshOptions, load
 from simspec.meshes.reading import MeshError
@@ -160,7 +160,7 @@ class ShapeReader:
         turn = Pose(quaternion=TOWARDS[axis])
         if kind == "Plane":
             for name in ("width", "length"):
-                prim.ignore(name, "a plane has no end", Severity.APPEARANCE)
+                prim.ignore(name, "a plane has no end", APPEARANCE)
             shape.data, shape.pose, shape.sizes = {"plane": {}}, frames.compose(shape.pose, turn), ("plane", ())
             return
         along = scale[AXES.index(axis)]
@@ -220,7 +220,7 @@ class ShapeReader:
             same = stored.shape == points.shape and agree(stored.ravel().tolist(), points.ravel().tolist())
             points = stored if same else points
             if not same:
-                prim.lose(f"{PREFIX}points", STALE, Severity.INFORMATION)
+                prim.lose(f"{PREFIX}points", STALE, INFORMATION)
         if not np.isfinite(points).all():
             raise prim.error("the points of a mesh should be finite")
         wrong = counts.size and (counts.min() < 0 or int(counts.sum()) != indices.size)
@@ -265,7 +265,7 @@ def refuse(shape: UsdShapeRead, draft: Draft, message: str, found: str = "") -> 
     prim = shape.prim
     shape.data = {}
     if not shape.collision:
-        prim.lose(None, f"{message}: not drawn", Severity.APPEARANCE)
+        prim.lose(None, f"{message}: not drawn", APPEARANCE)
     elif draft.mend(EMPTY, prim, message, f"{prim.path} is left out: {message}", ("bodies",), found or None):
         prim.lose(None, f"left out by the rule {EMPTY}: {message}")
 

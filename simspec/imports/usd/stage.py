@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, parse_json
 from simspec.imports.child import ChildError, Policy, run
-from simspec.imports.elements import Element
+from simspec.imports.elements import INFORMATION, Element
 from simspec.imports.files import Files
-from simspec.language.foreign import Severity
 
 # Lines of prims in a text; a binary file has none.
 
@@ -210,7 +209,7 @@ class PrimRead(Element):
             return tuple(rough)
         if agree(said, rough):
             return said
-        self.lose(PREFIX + name, STALE, Severity.INFORMATION)
+        self.lose(PREFIX + name, STALE, INFORMATION)
         return tuple(rough)
 
     def turn(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:

@@ -24,12 +24,12 @@ from simspec import numerals
 from simspec.confinement import walls
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, read_bytes
-from simspec.imports.elements import Element, outermost, parse
+from simspec.imports.elements import INFORMATION, UNUSED, Element, outermost, parse
 from simspec.imports.files import Files, is_missing
 from simspec.imports.urdf.importer import ROBOT, RULES, RobotReader, is_program
 from simspec.imports.urdf.links import PARENTS, WORLD
 from simspec.imports.xacro import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, SECONDS, SUFFIXES
-from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
+from simspec.language.foreign import Account, Imported, ImportOptions
 from simspec.processes import ELSEWHERE, isolated
 
 # Expansion: a process computes, and requests here the files that it names.
@@ -270,8 +270,7 @@ class Xacro:
         files.looks_above = True
         imported = RobotReader(root, files).imported()
         imported.accounts += [
-            Account(place, "xacro", Fate.UNUSED, Severity.INFORMATION, f"xacro warns: {text}")
-            for place, text in expanded.warnings
+            Account(place, "xacro", UNUSED, INFORMATION, f"xacro warns: {text}") for place, text in expanded.warnings
         ]
         imported.read.update(files.read)
         return imported
