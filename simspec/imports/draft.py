@@ -11,7 +11,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -29,6 +29,7 @@ from simspec.meshes.load import MadeMesh, MeshOptions, load
 from simspec.meshes.reading import MeshError
 from simspec.outputs.collection import Entries
 from simspec.outputs.writing import write_file
+from simspec.world import frames
 from simspec.world.shapes import SHAPES
 
 WHOLE: Final = 1e15
@@ -246,10 +247,8 @@ def angle(value: float) -> float | str:
 
 def tensor_words(six: Sequence[float]) -> dict[str, Any]:
     """An inertia (xx, yy, zz, xy, xz, yz) as ``inertia.tensor``, without products of zero."""
-    names = ("xx", "yy", "zz", "xy", "xz", "yz")
-    return {
-        "tensor": {name: plain(value) for name, value in zip(names, six, strict=True) if value or name[0] == name[1]}
-    }
+    words = {name: plain(value) for name, value in zip(MOMENTS, six, strict=True) if value or name[0] == name[1]}
+    return {"tensor": words}
 
 
 def pose(xyz: Sequence[float] | None, rpy: Sequence[float] | None) -> dict[str, Any]:
@@ -264,8 +263,8 @@ def pose(xyz: Sequence[float] | None, rpy: Sequence[float] | None) -> dict[str, 
 
 CONTACT_OF_LINK: Final[Mapping[str, str]] = {
     "lateral_friction": "friction",
-    "spinning_friction": "torsional",
-    "rolling_friction": "rolling",
+    "spinning_friction": "torsional_friction",
+    "rolling_friction": "rolling_friction",
     "restitution": "restitution",
 }
 """Words of a ``contact`` of a link, which one reader of robot files has."""
@@ -277,22 +276,13 @@ class Surface:
 
     friction: float = 1.0
     restitution: float = 0.0
-    threshold: float = 0.0
-    torsional: float = 0.0
-    rolling: float = 0.0
+    restitution_threshold: float = 0.0
+    torsional_friction: float = 0.0
+    rolling_friction: float = 0.0
 
     def data(self) -> dict[str, Any]:
-        """The material."""
-        data: dict[str, Any] = {"friction": self.friction}
-        for key, value in (
-            ("restitution", self.restitution),
-            ("restitution_threshold", self.threshold),
-            ("torsional_friction", self.torsional),
-            ("rolling_friction", self.rolling),
-        ):
-            if value:
-                data[key] = value
-        return data
+        """The material, with only what is not zero; it has a friction."""
+        return {word: value for word, value in asdict(self).items() if value or word == "friction"}
 
 
 @dataclass
@@ -314,6 +304,7 @@ class Materials:
         return {name: surface.data() for surface, name in self.names.items()}
 
 
+MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 Six = tuple[float, float, float, float, float, float]
 """A symmetric tensor: xx, yy, zz, xy, xz, yz."""
 
@@ -378,17 +369,17 @@ def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Pro
         return DENSITY, [Problem(message + fault.message, found=text[:80], allowed=form) for fault in error.faults]
 
 
-def nearest(tensor: Sequence[float]) -> Six:
+def nearest(tensor: Sequence[float], share: float | None = None) -> Six:
     """The tensor nearest to a positive one (by the sum of squares) that obeys the triangle inequality. It has the same
-    principal axes: the excess of the largest moment is shared by all three."""
+    principal axes: the excess of the largest moment is shared by all three (``share``: of each, where it is known)."""
     import numpy as np
 
     xx, yy, zz, xy, xz, yz = tensor
     moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    excess = max(0.0, (moments[2] - moments[0] - moments[1]) / 3.0)
+    excess = max(0.0, (moments[2] - moments[0] - moments[1]) / 3.0) if share is None else share
     moved = moments + excess * np.array([1.0, 1.0, -1.0])
     full = (axes * moved) @ axes.T
-    return tuple(float(full[index]) for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))  # type: ignore[return-value]
+    return frames.vector6(float(full[index]) for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
 def shown(moments: Sequence[float]) -> str:

@@ -5,7 +5,7 @@ of its own, so that the compiler opens none; each element begins on a line of it
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Sized
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -53,28 +53,22 @@ class MjcfAssembly:
     """A model as its compiler gets it."""
 
     root: Element
-    texts: dict[str, bytes]
+    texts: dict[str, bytes] = field(default_factory=dict)
     """All files by the names that the texts have for them, the main one first."""
-    lines: dict[int, Element]
+    lines: dict[int, Element] = field(default_factory=dict)
     """Elements by their line; lines of different texts are different."""
-    named: dict[str, Path]
+    named: dict[str, Path] = field(default_factory=dict)
     """Files by those names."""
-    included: dict[int, Element]
+    included: dict[int, Element] = field(default_factory=dict)
     """The outermost element of each included file, by the ``id`` of the element that includes it."""
-    models: list[Element]
+    models: list[Element] = field(default_factory=list)
     """The outermost elements of models that are attached."""
     mesh_files: dict[str, Path] = field(default_factory=dict)
     """Files of meshes, by the names of the texts."""
 
-    def roots(self) -> Iterator[Element]:
-        """The outermost elements of all files, the main one first."""
-        yield self.root
-        yield from self.included.values()
-        yield from self.models
-
     def accounts(self) -> list[Account]:
-        """Those of all files."""
-        return [account for root in self.roots() for account in root.accounts()]
+        """Those of all files, the main one first."""
+        return [account for root in (self.root, *self.included.values(), *self.models) for account in root.accounts()]
 
     def below(self, element: Element) -> Iterator[Element]:
         """The children of an element, includes in place."""
@@ -86,7 +80,11 @@ class MjcfAssembly:
 
     def everything(self) -> Iterator[Element]:
         """Every element but includes, of all files, each before what is in it."""
-        waiting = [*reversed(self.models), self.root]
+        return self.inside(self.root, *self.models)
+
+    def inside(self, *roots: Element) -> Iterator[Element]:
+        """The same of some elements, these among them."""
+        waiting = [*reversed(roots)]
         while waiting:
             element = waiting.pop()
             yield element
@@ -99,20 +97,14 @@ def assemble(files: Files) -> MjcfAssembly:
     root = parse(files.content(), files.shown)
     if root.tag != ROOT:
         raise root.error(f"an MJCF file begins with <{ROOT}>", found=f"<{root.tag[:80]}>")
-    builder = _Builder(files)
+    builder = _ModelBuilder(files, MjcfAssembly(root))
     builder.model(root, files.path.resolve(), "main.xml")
-    return builder.assembly(root)
+    return builder.made
 
 
-class _Builder:
-    def __init__(self, files: Files):
-        self.files = files
-        self.texts: dict[str, bytes] = {}
-        self.lines: dict[int, Element] = {}
-        self.included: dict[int, Element] = {}
-        self.named: dict[str, Path] = {}
-        self.meshes: dict[str, Path] = {}
-        self.models: list[Element] = []
+class _ModelBuilder:
+    def __init__(self, files: Files, made: MjcfAssembly):
+        self.files, self.made = files, made
         self._given: dict[Path, str] = {}
         self._model_names: dict[Path, str] = {}
         self._chain: list[Path] = []
@@ -122,38 +114,21 @@ class _Builder:
         self._elements = self._bodies = 0
         self._bytes = 0
 
-    def assembly(self, root: Element) -> MjcfAssembly:
-        return MjcfAssembly(root, self.texts, self.lines, self.named, self.included, self.models, self.meshes)
-
     def model(self, root: Element, path: Path, name: str) -> None:
         """Put a model, and those that it attaches, into ``texts``."""
         self._chain.append(path)
-        self.texts[name] = b""  # the main text is the first
+        self.made.texts[name] = b""  # the main text is the first
         self._include(root, path, [path])
         folders = self._folders(root)
         # attached models first: their lines are before this one's
-        for element in self._inside(root):
+        for element in self.made.inside(root):
             if element.tag == "model" and element.has("file"):
                 self._attached(element, path)
         begin = self._line
         lines: list[str] = []
         self._emit(root, lines, 1, 1, folders, path)
-        self.texts[name] = ("\n" * (begin - 1) + "\n".join(lines) + "\n").encode()
+        self.made.texts[name] = ("\n" * (begin - 1) + "\n".join(lines) + "\n").encode()
         self._chain.pop()
-
-    def _inside(self, root: Element) -> Iterator[Element]:
-        waiting = [root]
-        while waiting:
-            element = waiting.pop()
-            yield element
-            waiting.extend(reversed(list(self._below(element))))
-
-    def _below(self, element: Element) -> Iterator[Element]:
-        for child in element.look():
-            if id(child) in self.included:
-                yield from self._below(self.included[id(child)])
-            else:
-                yield child
 
     def _emit(self, element: Element, lines: list[str], depth: int, copies: int, folders: _Folders, path: Path) -> None:
         """The lines of an element; ``copies``: how often replicates around it make it."""
@@ -170,10 +145,10 @@ class _Builder:
         self._bodies += made if element.tag in ("body", "composite") else 0
         if self._bodies > MOST_BODIES:
             raise element.error("too many bodies, replicates counted", allowed=f"{MOST_BODIES:,}", hint=SPLIT)
-        self.lines[self._line] = element
+        self.made.lines[self._line] = element
         attributes = self._attributes(element, folders, path)
         begin = " ".join((element.tag, *(f"{name}={quoteattr(value)}" for name, value in attributes.items())))
-        inside = [child for child in self._below(element) if not left_out(child)]
+        inside = [child for child in self.made.below(element) if child.tag not in LEFT_OUT]
         self._line += 1
         if not inside:
             lines.append(f"<{begin}/>")
@@ -213,8 +188,7 @@ class _Builder:
             places.append((element.attributes["file"].strip().replace("\\", "/"), home))
         found = self._first(places, element)
         if found not in self._given:
-            if len(self._given) >= MOST_FILES:
-                raise element.error("too many files", allowed=f"{MOST_FILES:,}")
+            _demand_few(self._given, element)
             content = self.files.bytes_of(found, element)
             self._bytes += len(content)
             if self._bytes > MOST_BYTES:
@@ -222,10 +196,10 @@ class _Builder:
             suffix = found.suffix.lower()
             name = f"file{len(self._given)}{suffix if suffix.isascii() and suffix != '.xml' else ''}"
             self._given[found] = name
-            self.texts[name] = content
-            self.named[name] = found
+            self.made.texts[name] = content
+            self.made.named[name] = found
         if element.tag == "mesh":
-            self.meshes[self._given[found]] = found
+            self.made.mesh_files[self._given[found]] = found
         return self._given[found]
 
     def _home(self, element: Element) -> Path | None:
@@ -249,11 +223,10 @@ class _Builder:
                 if name in seen:
                     hint = "the compiler of this language reads each file once"
                     raise child.error("this file is included already, or is the file itself", path.name, hint=hint)
-                if len(seen) >= MOST_FILES:
-                    raise child.error("too many files", allowed=f"{MOST_FILES:,}")
+                _demand_few(seen, child)
                 seen.append(name)
                 inside = parse(self.files.bytes_of(path, child), _shown(self.files, path))
-                self.included[id(child)] = inside
+                self.made.included[id(child)] = inside
                 self._homes[id(inside)] = name.parent
                 waiting.append((inside, name.parent, depth + 1))
 
@@ -281,20 +254,19 @@ class _Builder:
             raise element.error("this model attaches itself", found=found.name)
         if found in self._model_names:
             return
-        if len(self._model_names) >= MOST_FILES:
-            raise element.error("too many files", allowed=f"{MOST_FILES:,}")
+        _demand_few(self._model_names, element)
         if len(self._chain) > DEEPEST:
             raise element.error(f"more than {DEEPEST} models within each other")
         root = parse(self.files.bytes_of(found, element), _shown(self.files, found))
         if root.tag != ROOT:
             raise element.error("only models in MJCF can be attached", found=found.name)
         self._model_names[found] = name = f"model{len(self._model_names)}.xml"
-        self.models.append(root)
+        self.made.models.append(root)
         self.model(root, found, name)
 
     def _folders(self, root: Element) -> _Folders:
         folders = _Folders()
-        for element in self._inside(root):
+        for element in self.made.inside(root):
             if element.tag != "compiler":
                 continue
             for name in ("assetdir", "meshdir"):
@@ -305,9 +277,9 @@ class _Builder:
         return folders
 
 
-def left_out(element: Element) -> bool:
-    """Whether the compiler is not given an element."""
-    return element.tag in LEFT_OUT
+def _demand_few(read: Sized, element: Element) -> None:
+    if len(read) >= MOST_FILES:
+        raise element.error("too many files", allowed=f"{MOST_FILES:,}")
 
 
 def _shown(files: Files, path: Path) -> str:

@@ -15,8 +15,8 @@ OF_JOINT: Final = 1
 """The type of a part of a tendon that is a joint."""
 FORCES: Final = ("stiffness", "damping", "frictionloss", "armature")
 """Passive effects of a tendon, in addition to its limits."""
-SAID: Final = {"stiffness", "damping", "frictionloss"}
-"""Those that a sum of a spec has."""
+SAID: Final = {"stiffness": "stiffness", "frictionloss": "dry_friction", "damping": "damping"}
+"""Those that a sum of a spec has, and their words there."""
 UNSAID: Final = ("stiffnesspoly", "dampingpoly", "springyield")
 """Arrays of laws that are not linear, where a version has them."""
 
@@ -39,7 +39,7 @@ def terms(model: CompiledMjcf, number: int) -> Terms | None:
 def fixed_sum(model: CompiledMjcf, number: int) -> tuple[Terms, float] | None:
     """The sum of joint positions, from the reference on, that an equality of one or two tendons keeps at a value; None where
     there is no such sum."""
-    first, second = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    first, second = _objects(model, number)
     value, ratio, *higher = (float(coefficient) for coefficient in model["eq_data"][number][:5])
     summed = terms(model, first)
     if summed is None or second < 0:
@@ -51,6 +51,10 @@ def fixed_sum(model: CompiledMjcf, number: int) -> tuple[Terms, float] | None:
     for joint, coefficient in other.items():
         both[joint] = both.get(joint, 0.0) - ratio * coefficient
     return {joint: coefficient for joint, coefficient in both.items() if coefficient}, value
+
+
+def _objects(model: CompiledMjcf, number: int) -> tuple[int, int]:
+    return int(model["eq_obj1id"][number]), int(model["eq_obj2id"][number])
 
 
 def range_of(model: CompiledMjcf, number: int, summed: Terms) -> tuple[float, float]:
@@ -103,21 +107,18 @@ def add_tendons(bodies: MjcfBodies, actual: Mapping[int, float], constraints: di
 def _sum(bodies: MjcfBodies, number: int, summed: Terms, acting: list[str], limited: bool) -> dict[str, Any] | None:
     """A sum of the spec, of joint positions from the reference on; None where the language does not say it."""
     model = bodies.model
-    if not summed or not set(acting) <= SAID or any(_nonlinear(model, word, number) for word in UNSAID):
+    if not summed or not set(acting) <= SAID.keys() or any(_nonlinear(model, word, number) for word in UNSAID):
         return None
     shift = reference_of(model, summed)
     slack, taut = (float(value) - shift for value in model["tendon_lengthspring"][number])
     if "stiffness" in acting and slack != taut:
         return None
     made: dict[str, Any] = {"joints": {bodies.joint_name(joint): coefficient for joint, coefficient in summed.items()}}
-    if "stiffness" in acting:
-        made["stiffness"] = float(model["tendon_stiffness"][number])
-        if slack:
-            made["rest"] = slack
-    if "frictionloss" in acting:
-        made["dry_friction"] = float(model["tendon_frictionloss"][number])
-    if "damping" in acting:
-        made["damping"] = float(model["tendon_damping"][number])
+    for word, key in SAID.items():
+        if word in acting:
+            made[key] = float(model[f"tendon_{word}"][number])
+            if key == "stiffness" and slack:
+                made["rest"] = slack
     if limited:
         lower, upper = range_of(model, number, summed)
         begins = sum(
@@ -232,9 +233,9 @@ def _made(bodies: MjcfBodies, number: int, leaders: dict[int, int]) -> dict[str,
 
 def _joined(bodies: MjcfBodies, number: int) -> tuple[int, int]:
     """The two bodies that a loop joins, also where it is written by sites in them."""
-    index, two = (int(bodies.model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    index, two = _objects(bodies.model, number)
     if int(bodies.model["eq_objtype"][number]) == SITE:
-        index, two = (int(bodies.model["site_bodyid"][site]) for site in (index, two))
+        return int(bodies.model["site_bodyid"][index]), int(bodies.model["site_bodyid"][two])
     return index, two
 
 
@@ -244,7 +245,7 @@ def _closing_frames(bodies: MjcfBodies, number: int, kind: int) -> tuple[Vector,
     model = bodies.model
     data = model["eq_data"][number]
     if int(model["eq_objtype"][number]) == SITE:
-        index, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+        index, two = _objects(model, number)
         turn = product(model["site_quat"][index], inverse(model["site_quat"][two]))
         return model["site_pos"][index], model["site_pos"][two], turn
     if kind == CONNECT:
@@ -254,7 +255,7 @@ def _closing_frames(bodies: MjcfBodies, number: int, kind: int) -> tuple[Vector,
 
 def _follow(bodies: MjcfBodies, number: int, leaders: dict[int, int]) -> dict[str, Any] | None:
     model = bodies.model
-    follower, leader = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    follower, leader = _objects(model, number)
     offset, ratio, *higher = (float(value) for value in model["eq_data"][number][:5])
     if leader < 0 or ratio == 0.0 or any(higher):
         return None

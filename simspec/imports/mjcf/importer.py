@@ -18,7 +18,7 @@ from simspec.imports.mjcf.constraints import add_constraints
 from simspec.imports.mjcf.contact import MjcfSurfaces
 from simspec.imports.mjcf.parts import NOTE, add_actuators, add_shapes, add_states, outside_the_tree
 from simspec.imports.writing import SHARE, round_step
-from simspec.language.document import Path_
+from simspec.language.document import Path_, dotted
 from simspec.language.foreign import Account, Imported, ImportOptions, Severity
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
@@ -173,20 +173,6 @@ def _carried(element: Element, features: MjcfFeatures) -> None:
                 part.word(name)
 
 
-def every_loss() -> list[tuple[str, Severity, str, str]]:
-    """Elements and attributes that files have and a spec has not: their places, the effect of the loss, the reason, and the way
-    out."""
-    rows = []
-    for feature in FEATURES.values():
-        words = " ".join(_shown(word) for word in feature.attributes.split())
-        rows.append((words, feature.severity, feature.reason, feature.hint))
-    for tag, (words, reason) in SETTINGS.items():
-        rows.append((" ".join(f"{tag}/@{word}" for word in words.split()), INFORMATION, reason, ""))
-    for tag, (severity, reason) in ASIDE.items():
-        rows.append((tag, severity, reason, ""))
-    return rows
-
-
 def _shown(word: str) -> str:
     tag, _, attribute = word.partition("/")
     if tag == "*":
@@ -274,8 +260,15 @@ class MjcfImporter:
 
     @staticmethod
     def losses() -> list[tuple[str, Severity, str, str]]:
-        """Elements that files have and a spec has not: their places, the effect of the loss, the reason, and the way out."""
-        return every_loss()
+        """Elements and attributes that files have and a spec has not: their places, the effect of the loss, the reason, and the
+        way out."""
+        rows = []
+        for feature in FEATURES.values():
+            words = " ".join(_shown(word) for word in feature.attributes.split())
+            rows.append((words, feature.severity, feature.reason, feature.hint))
+        for tag, (words, reason) in SETTINGS.items():
+            rows.append((" ".join(f"{tag}/@{word}" for word in words.split()), INFORMATION, reason, ""))
+        return rows + [(tag, severity, reason, "") for tag, (severity, reason) in ASIDE.items()]
 
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         if problems := options.repairs.problems(shown, ()):
@@ -308,52 +301,36 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
     actuators = add_actuators(bodies, constraints)
     named, renamed = add_frames(bodies)
     outside_the_tree(bodies, constraints)
-    data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
+    name = clean_name(assembly.root.attributes.get("model", "") or files.path.stem)[:150]
+    data: dict[str, Any] = {"simspec": VERSION, "name": name}
     data["physics"] = _physics(model, features)
     if contact:
         data["contact"] = contact
-    at: Path_ = ("bodies",)
-    if alone:
-        data["model"] = {"bodies": bodies.data}
-        at = ("model", "bodies")
-    else:
-        data["bodies"] = bodies.data
-    around = data["model"] if alone else data
+    around: dict[str, Any] = data.setdefault("model", {}) if alone else data
+    outer: Path_ = ("model",) if alone else ()
+    at = (*outer, "bodies")
+    around["bodies"] = bodies.data
     if named:
         around["frames"] = named
     if constraints:
         around["constraints"] = constraints
     starts = bodies.starts(at)
     if alone and (states := add_states(bodies, constraints, actuators, starts)):
-        data["model"]["states"] = states
+        around["states"] = states
     if actuators:
         around["actuators"] = actuators
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
-    places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}
+    places |= {(*outer, "constraints", name): place for name, place in bodies.constraint_places.items()}
     comments = {
-        ".".join(map(str, (*at, given))): f"named {name!r} in the file"
-        for name, given in bodies.renamed.changed.items()
-    }
-    comments |= {
-        ".".join(map(str, (*at[:-1], "frames", given))): f"named {name!r} in the file"
-        for name, given in renamed.changed.items()
+        dotted((*outer, word, given)): f"named {name!r} in the file"
+        for word, given_names in (("bodies", bodies.renamed), ("frames", renamed))
+        for name, given in given_names.changed.items()
     }
     if actuators:
-        comments["model.actuators" if alone else "actuators"] = NOTE
-    return Imported(
-        tidy(data),
-        places,
-        account(assembly, features),
-        files=bodies.files,
-        read=files.read,
-        comments=comments,
-        starts=starts,
-    )
-
-
-def _name(assembly: MjcfAssembly, files: Files) -> str:
-    return clean_name(assembly.root.attributes.get("model", "") or files.path.stem)[:150]
+        comments[dotted((*outer, "actuators"))] = NOTE
+    accounts = account(assembly, features)
+    return Imported(tidy(data), places, accounts, files=bodies.files, read=files.read, comments=comments, starts=starts)
 
 
 def _physics(model: CompiledMjcf, features: MjcfFeatures) -> dict[str, Any]:

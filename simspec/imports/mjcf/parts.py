@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.imports.draft import shape_data
 from simspec.imports.mjcf.bodies import MjcfBodies, MjcfNames, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf
 from simspec.imports.mjcf.constraints import add_tendons
@@ -82,15 +83,15 @@ def _says(path: Path, grid: NDArray[Any]) -> bool:
 
 PLANE, HEIGHT_FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
 """Types of geoms."""
-MAKERS: Final[Mapping[int, Callable[[Sequence[float]], dict[str, Any]]]] = {
-    PLANE: lambda _: {"plane": {}},
-    SPHERE: lambda size: {"sphere": {"radius": size[0]}},
-    CAPSULE: lambda size: {"capsule": {"radius": size[0], "length": 2.0 * size[1]}},
-    ELLIPSOID: lambda size: {"ellipsoid": {"radii": list(size)}},
-    CYLINDER: lambda size: {"cylinder": {"radius": size[0], "length": 2.0 * size[1]}},
-    BOX: lambda size: {"box": {"size": [2.0 * value for value in size]}},
+SIZED: Final[Mapping[int, tuple[str, tuple[float, ...]]]] = {
+    PLANE: ("plane", ()),
+    SPHERE: ("sphere", (1.0,)),
+    CAPSULE: ("capsule", (1.0, 2.0)),
+    ELLIPSOID: ("ellipsoid", (1.0, 1.0, 1.0)),
+    CYLINDER: ("cylinder", (1.0, 2.0)),
+    BOX: ("box", (2.0, 2.0, 2.0)),
 }
-"""The word of a shape and its sizes: geoms have half lengths."""
+"""The word of a shape, and the sizes of the language by those of a geom, which has half lengths."""
 SUFFIXES: Final = (".obj", ".stl", ".ply", ".msh")
 """Files of meshes that the language and the compiler read alike."""
 MOST_FACES: Final = 200_000
@@ -129,14 +130,15 @@ def _shape(bodies: MjcfBodies, surfaces: MjcfSurfaces, number: int) -> dict[str,
     kind, body = int(model["geom_type"][number]), int(model["geom_bodyid"][number])
     material = surfaces.material(number)
     place, turn = model["geom_pos"][number], model["geom_quat"][number]
-    maker = MAKERS.get(kind)
     if kind == MESH:
         made = _mesh(bodies, number, material is not None)
         shape, place, turn = made or (None, place, turn)
     elif kind == HEIGHT_FIELD:
         shape = height_field(bodies, number)
     else:
-        shape = maker(numbers(model["geom_size"][number])) if maker else None
+        word, factors = SIZED.get(kind, ("", ()))
+        sizes = [factor * float(size) for factor, size in zip(factors, model["geom_size"][number], strict=False)]
+        shape = shape_data(word, sizes) if word else None
     if shape is None:
         bodies.features.add("geom.kind" if material is not None else "geom.appearance", element)
         return None
@@ -218,8 +220,7 @@ NOTE: Final = "they act where `control: {NAME: {actuators: [...]}}` names them"
 
 def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """The actuators of a file, by their names; those that a spec has are carried, the others are reported."""
-    model, names = bodies.model, MjcfNames()
-    following = {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
+    model, names, following = bodies.model, MjcfNames(), _following(constraints)
     made: dict[str, dict[str, Any]] = {}
     for number, part in model.parts["actuator"].items():
         words = _words(bodies, number, following) if len(made) < MOST["actuators"] else None
@@ -230,25 +231,27 @@ def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[st
     return made
 
 
+def _following(constraints: Mapping[str, Any]) -> set[str]:
+    return {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
+
+
 def _words(bodies: MjcfBodies, number: int, following: set[str]) -> dict[str, Any] | None:
     """The words of a spec for an actuator; None where it has none."""
     model = bodies.model
     joint = int(model["actuator_trnid"][number][0])
-    kinds = [int(model[f"actuator_{word}"][number]) for word in ("dyntype", "gaintype")]
-    if int(model["actuator_trntype"][number]) not in TRANSMISSIONS or kinds != [NONE, FIXED]:
+    words_of = ("trntype", "dyntype", "gaintype", "biastype")
+    transmission, dynamics, gain_type, bias = (int(model[f"actuator_{word}"][number]) for word in words_of)
+    if transmission not in TRANSMISSIONS or (dynamics, gain_type) != (NONE, FIXED):
         return None
-    if int(model["jnt_type"][joint]) not in (HINGE, SLIDE) or int(model["actuator_biastype"][number]) not in (
-        NONE,
-        AFFINE,
-    ):
+    if int(model["jnt_type"][joint]) not in (HINGE, SLIDE) or bias not in (NONE, AFFINE):
         return None
-    gear = float(model["actuator_gear"][number][0])
-    affine = int(model["actuator_biastype"][number]) == AFFINE
+    gear, affine = float(model["actuator_gear"][number][0]), bias == AFFINE
     constant, stiffness, damping = (float(value) if affine else 0.0 for value in model["actuator_biasprm"][number][:3])
     if not gear or stiffness > 0.0 or damping > 0.0:
         return None
-    limit = _symmetric(model["actuator_forcerange"][number]) if bool(model["actuator_forcelimited"][number]) else None
-    if bool(model["actuator_forcelimited"][number]) and limit is None:
+    limited = bool(model["actuator_forcelimited"][number])
+    low, high = (float(end) for end in model["actuator_forcerange"][number])
+    if limited and not -low == high > 0.0:
         return None
     name = bodies.joint_name(joint)
     if name in following:
@@ -258,8 +261,8 @@ def _words(bodies: MjcfBodies, number: int, following: set[str]) -> dict[str, An
     words = {"joint": name, **_law(float(model["actuator_gainprm"][number][0]), constant, stiffness, damping)}
     if gear != 1.0:
         words["gear"] = gear
-    if limit is not None:
-        words["effort_limit"] = limit
+    if limited:
+        words["effort_limit"] = high
     if bool(model["actuator_ctrllimited"][number]):
         low, high = (float(value) for value in model["actuator_ctrlrange"][number])
         words["command_limits"] = numbers([low, high])
@@ -280,12 +283,6 @@ def _law(gain: float, constant: float, stiffness: float, damping: float) -> dict
     return {"law": "affine", "gain": gain, "bias": numbers([constant, stiffness, damping])}
 
 
-def _symmetric(ends: Any) -> float | None:
-    """The size of a range around zero; None for others."""
-    low, high = (float(value) for value in ends)
-    return high if low == -high and high > 0.0 else None
-
-
 # Keys as named states; the activation of actuators is not in them.
 
 MOST_STATES: Final = 1000
@@ -297,8 +294,7 @@ def add_states(
     """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. Joints that a key puts
     beyond their limits are at the nearest limit, and are added to ``starts``. A joint that follows another begins where that
     one says."""
-    model, names = bodies.model, MjcfNames()
-    following = {constraint["follow"]["joint"] for constraint in constraints.values() if "follow" in constraint}
+    model, names, following = bodies.model, MjcfNames(), _following(constraints)
     states: dict[str, dict[str, Any]] = {}
     for key in range(min(model.numbers["nkey"], MOST_STATES)):
         moved: list[Start] = []
@@ -437,11 +433,8 @@ def _controller(bodies: MjcfBodies, number: int) -> str:
     if kinds != [JOINT, NONE, FIXED] or joint not in bodies.joints:
         return ""
     gear, gain = float(model["actuator_gear"][number][0]), float(model["actuator_gainprm"][number][0])
-    bias = (
-        model["actuator_biasprm"][number][:3].astype(float)
-        if int(model["actuator_biastype"][number]) == AFFINE
-        else (0.0,) * 3
-    )
+    affine = int(model["actuator_biastype"][number]) == AFFINE
+    bias = model["actuator_biasprm"][number][:3].astype(float) if affine else (0.0,) * 3
     kp, kd = (-float(value) * gear**2 + 0.0 for value in bias[1:])
     if bias[0] or kp < 0.0 or kd < 0.0 or (kp and gain * gear**2 != kp):
         return ""

@@ -11,6 +11,7 @@ from typing import Final
 
 from simspec.imports.draft import (
     FROM_SHAPES,
+    MOMENTS,
     NOT_POSITIVE,
     OF_SHAPES,
     OF_SHAPES_OR_BALL,
@@ -27,7 +28,6 @@ from simspec.language.moments import principal_moments
 
 RULES: Final = {FROM_SHAPES: OF_SHAPES, NOT_POSITIVE: OF_SHAPES_OR_BALL}
 """Rules of repair, with what they do."""
-MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 OF_MASS: Final = ("mass", "centre_of_mass", "inertia")
 
 

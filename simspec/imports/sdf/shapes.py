@@ -68,7 +68,7 @@ def read_surface(shape: Element, of_link: Surface) -> Surface:
     friction = surface.child("friction")
     if friction is not None:
         mu, torsional = _friction(friction)
-        read = replace(read, friction=mu, torsional=torsional, rolling=0.0)
+        read = replace(read, friction=mu, torsional_friction=torsional, rolling_friction=0.0)
     bounce = surface.child("bounce")
     if bounce is not None:
         restitution = finite_of(bounce, "restitution_coefficient", 0.0)
@@ -76,7 +76,7 @@ def read_surface(shape: Element, of_link: Surface) -> Surface:
         if not restitution:
             threshold = 0.0
             bounce.ignore_child("threshold", "nothing bounces")
-        read = replace(read, restitution=restitution, threshold=threshold)
+        read = replace(read, restitution=restitution, restitution_threshold=threshold)
     return read
 
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from simspec.imports.draft import Draft
+from simspec.imports.draft import CONTACT_OF_LINK, SIZES, Draft
 from simspec.imports.elements import (
     ACTS,
     APPEARANCE,
@@ -25,6 +25,7 @@ from simspec.imports.elements import (
     plugin_loss,
 )
 from simspec.imports.reference import ElementRow
+from simspec.language.foreign import Severity
 from simspec.numerals import NUMBER, SPACE, parts_of
 
 READER: Final = "mujoco"
@@ -33,12 +34,64 @@ FOR_READER: Final = "instructions to MuJoCo's own reader of URDF"
 OF_READER: Final = "changes masses, or what acts on them, in that reader alone"
 NO_MEANING: Final = "URDF gives it no meaning"
 NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
+OF_DYNAMICS: Final = "damping and friction of <dynamics>"
 OF_OTHERS: Final = "a word of another language, which no reader of URDF reads"
 HULL: Final = "the convex hull stands for the surface of a mesh"
 PIECES: Final = "`as: pieces` of the mesh in the spec that import writes"
 NO_SELF_COLLISION: Final = "import option `self_collision: false`"
 CONTROL: Final = "write the actuators as `control:` of the scenario"
 FRICTION: Final = "write `contact: {materials: ...}` in the scenario"
+ADDED: Final = "; of readers that add it to URDF"
+LENGTHS: Final[Mapping[str, Sequence[str]]] = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "ellipsoid": ("a", "b", "c"),
+}
+"""Geometries by their tag, with the attributes that say how large they are."""
+DIALECTS: Final = ("capsule", "ellipsoid", "plane")
+"""Those that URDF itself does not have: programs that read it do, two of them with a prefix."""
+
+
+def _rows(places: str, becomes: str) -> list[ElementRow]:
+    return [ElementRow(place, becomes) for place in places.split()]
+
+
+def _lost(places: str, reason: str, hint: str = "", severity: Severity = INFORMATION) -> list[ElementRow]:
+    return [ElementRow(place, "", LOST, severity, reason, hint) for place in places.split()]
+
+
+def _shape_rows(holder: str) -> list[ElementRow]:
+    """The rows of what is in a collision or visual element."""
+    kinds = f"{holder}/geometry/"
+    severity, reason = INFORMATION, "128 of the hull's vertices are kept"
+    if holder == "link/visual":
+        severity, reason = APPEARANCE, "it is left out"
+    large = ("`max_vertices`", "a hull of more than 20,000 vertices")
+    return [
+        ElementRow(f"{holder}/@name", "`shapes.N.name`"),
+        ElementRow(f"{holder}/origin", "`shapes.N.pose`"),
+        ElementRow(f"{holder}/origin/@xyz", "`shapes.N.pose.xyz`"),
+        ElementRow(f"{holder}/origin/@rpy", "`shapes.N.pose.rpy`"),
+        ElementRow(f"{holder}/geometry", "the kind of the shape"),
+        *_lost(f"{kinds}@name", NO_MEANING),
+        *_lost(f"{kinds}material", NO_MEANING, "", APPEARANCE),
+        *(
+            row
+            for kind, names in LENGTHS.items()
+            for row in (
+                ElementRow(f"{kinds}{kind}", f"`{kind}`{ADDED if kind in DIALECTS else ''}"),
+                *(ElementRow(f"{kinds}{kind}/@{name}", f"`{kind}.{SIZES.get(kind, name)}`") for name in names),
+            )
+        ),
+        ElementRow(f"{kinds}plane", f"`plane`{ADDED}"),
+        ElementRow(f"{kinds}plane/@normal", "`shapes.N.pose`"),
+        ElementRow(f"{kinds}mesh", "`mesh`: its convex hull"),
+        ElementRow(f"{kinds}mesh/@filename", "`mesh.file`", LOST, severity, reason, *large),
+        ElementRow(f"{kinds}mesh/@scale", "`mesh.scale`"),
+    ]
+
 
 TABLE: Final = (
     ElementRow("@name", "`name`"),
@@ -46,13 +99,12 @@ TABLE: Final = (
     # links
     ElementRow("link", "`bodies.NAME`"),
     ElementRow("link/@name", "the body's name"),
-    ElementRow("link/@type", "", LOST, INFORMATION, NO_MEANING),
+    *_lost("link/@type", NO_MEANING),
     ElementRow("link/inertial", "`mass`, `centre_of_mass`, `inertia`"),
     ElementRow("link/inertial/origin", "`centre_of_mass`, and the axes of `inertia`"),
     ElementRow("link/inertial/origin/@xyz", "`centre_of_mass`"),
     ElementRow("link/inertial/origin/@rpy", "`inertia.rpy`, or a tensor that is turned into the body's axes"),
-    ElementRow("link/inertial/mass", "`mass`"),
-    ElementRow("link/inertial/mass/@value", "`mass`"),
+    *_rows("link/inertial/mass link/inertial/mass/@value", "`mass`"),
     ElementRow("link/inertial/inertia", "`inertia`"),
     *(
         ElementRow(f"link/inertial/inertia/@i{name}", f"`inertia.tensor.{name}`, or `inertia.principal`")
@@ -63,90 +115,37 @@ TABLE: Final = (
     ElementRow(
         "link/visual", "an item of `shapes` with `collision: false`; one item with `collision` where both say the same"
     ),
-    *(
-        row
-        for holder in ("collision", "visual")
-        for row in (
-            ElementRow(f"link/{holder}/@name", "`shapes.N.name`"),
-            ElementRow(f"link/{holder}/origin", "`shapes.N.pose`"),
-            ElementRow(f"link/{holder}/origin/@xyz", "`shapes.N.pose.xyz`"),
-            ElementRow(f"link/{holder}/origin/@rpy", "`shapes.N.pose.rpy`"),
-            ElementRow(f"link/{holder}/geometry", "the kind of the shape"),
-            ElementRow(f"link/{holder}/geometry/@name", "", LOST, INFORMATION, NO_MEANING),
-            ElementRow(f"link/{holder}/geometry/material", "", LOST, APPEARANCE, NO_MEANING),
-            ElementRow(f"link/{holder}/geometry/box", "`box`"),
-            ElementRow(f"link/{holder}/geometry/box/@size", "`box.size`"),
-            ElementRow(f"link/{holder}/geometry/sphere", "`sphere`"),
-            ElementRow(f"link/{holder}/geometry/sphere/@radius", "`sphere.radius`"),
-            ElementRow(f"link/{holder}/geometry/cylinder", "`cylinder`"),
-            ElementRow(f"link/{holder}/geometry/cylinder/@radius", "`cylinder.radius`"),
-            ElementRow(f"link/{holder}/geometry/cylinder/@length", "`cylinder.length`"),
-            ElementRow(f"link/{holder}/geometry/capsule", "`capsule`; of readers that add it to URDF"),
-            ElementRow(f"link/{holder}/geometry/capsule/@radius", "`capsule.radius`"),
-            ElementRow(f"link/{holder}/geometry/capsule/@length", "`capsule.length`"),
-            ElementRow(f"link/{holder}/geometry/ellipsoid", "`ellipsoid`; of readers that add it to URDF"),
-            *(ElementRow(f"link/{holder}/geometry/ellipsoid/@{axis}", "`ellipsoid.radii`") for axis in "abc"),
-            ElementRow(f"link/{holder}/geometry/plane", "`plane`; of readers that add it to URDF"),
-            ElementRow(f"link/{holder}/geometry/plane/@normal", "`shapes.N.pose`"),
-            ElementRow(f"link/{holder}/geometry/mesh", "`mesh`: its convex hull"),
-            ElementRow(
-                f"link/{holder}/geometry/mesh/@filename",
-                "`mesh.file`",
-                LOST,
-                INFORMATION if holder == "collision" else APPEARANCE,
-                "128 of the hull's vertices are kept" if holder == "collision" else "it is left out",
-                "`max_vertices`",
-                when="a hull of more than 20,000 vertices",
-            ),
-            ElementRow(f"link/{holder}/geometry/mesh/@scale", "`mesh.scale`"),
-        )
-    ),
+    *_shape_rows("link/collision"),
+    *_shape_rows("link/visual"),
     ElementRow("link/visual/material", "`shapes.N.colour`"),
     ElementRow("link/visual/material/@name", "", UNUSED, APPEARANCE, "the colour is written into the shape"),
-    ElementRow("link/visual/material/color", "`shapes.N.colour`"),
-    ElementRow("link/visual/material/color/@rgba", "`shapes.N.colour`"),
-    ElementRow("link/visual/material/texture", "", LOST, APPEARANCE, "simspec has no textures"),
-    ElementRow("link/visual/material/specular", "", LOST, APPEARANCE, "a surface has a colour only"),
+    *_rows("link/visual/material/color link/visual/material/color/@rgba", "`shapes.N.colour`"),
+    *_lost("link/visual/material/texture", "simspec has no textures", "", APPEARANCE),
+    *_lost("link/visual/material/specular", "a surface has a colour only", "", APPEARANCE),
     ElementRow("link/collision/material", "", UNUSED, APPEARANCE, "a collision shape is not drawn"),
-    ElementRow("link/collision/verbose", "", LOST, INFORMATION, "URDF no longer has it"),
-    ElementRow("link/collision_checking", "", LOST, INFORMATION, "planners read it"),
-    ElementRow("link/self_collision_checking", "", LOST, INFORMATION, "planners read it"),
+    *_lost("link/collision/verbose", "URDF no longer has it"),
+    *_lost("link/collision_checking link/self_collision_checking", "planners read it"),
     ElementRow("link/contact", "`contact.materials`, and `shapes.N.material` where there are several"),
     *(
         row
-        for tag, word in (
-            ("lateral_friction", "friction"),
-            ("rolling_friction", "rolling_friction"),
-            ("spinning_friction", "torsional_friction"),
-            ("restitution", "restitution"),
-        )
-        for row in (
-            ElementRow(f"link/contact/{tag}", f"`contact.materials.NAME.{word}`"),
-            ElementRow(f"link/contact/{tag}/@value", f"`contact.materials.NAME.{word}`"),
+        for tag in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution")
+        for row in _rows(
+            f"link/contact/{tag} link/contact/{tag}/@value", f"`contact.materials.NAME.{CONTACT_OF_LINK[tag]}`"
         )
     ),
-    *(
-        ElementRow(f"link/contact/{tag}", "", LOST, INFORMATION, HOW_HARD, HARDNESS_HINT)
-        for tag in ("stiffness", "damping", "contact_cfm", "contact_erp", "friction_anchor")
-    ),
-    ElementRow("link/origin", "", LOST, INFORMATION, NO_MEANING),
-    *(
-        ElementRow(f"link/{tag}", "", LOST, INFORMATION, OF_OTHERS)
-        for tag in ("gravity", "kinematic", "self_collide", "surface")
-    ),
-    ElementRow("link/collision/surface", "", LOST, INFORMATION, OF_OTHERS),
-    ElementRow(
-        "link/contact/inertia_scaling", "", LOST, PHYSICS, "moments of inertia that one reader multiplies by it"
-    ),
-    *(ElementRow(f"{tag}/@concave", "", LOST, PHYSICS, HULL, PIECES) for tag in ("link", "link/collision")),
-    ElementRow("link/sensor", "", LOST, INFORMATION, "simspec has no sensors"),
-    ElementRow("link/audio_source", "", LOST, INFORMATION, "simspec has no sounds"),
+    *_lost("link/contact/stiffness link/contact/damping link/contact/contact_cfm", HOW_HARD, HARDNESS_HINT),
+    *_lost("link/contact/contact_erp link/contact/friction_anchor", HOW_HARD, HARDNESS_HINT),
+    *_lost("link/origin", NO_MEANING),
+    *_lost("link/gravity link/kinematic link/self_collide link/surface link/collision/surface", OF_OTHERS),
+    *_lost("link/contact/inertia_scaling", "moments of inertia that one reader multiplies by it", "", PHYSICS),
+    *_lost("link/@concave link/collision/@concave", HULL, PIECES, PHYSICS),
+    *_lost("link/sensor", "simspec has no sensors"),
+    *_lost("link/audio_source", "simspec has no sounds"),
     # materials
     ElementRow("material", "`shapes.N.colour` of the shapes that name it"),
     ElementRow("material/@name", "", UNUSED, APPEARANCE, "the colour is written into the shapes that name it"),
-    ElementRow("material/color", "`shapes.N.colour`"),
-    ElementRow("material/color/@rgba", "`shapes.N.colour`"),
-    ElementRow("material/texture", "", LOST, APPEARANCE, "simspec has no textures"),
+    *_rows("material/color material/color/@rgba", "`shapes.N.colour`"),
+    *_lost("material/texture", "simspec has no textures", "", APPEARANCE),
     # joints
     ElementRow("joint", "`joint` of the child body"),
     ElementRow("joint/@name", "`joint.name`"),
@@ -155,34 +154,32 @@ TABLE: Final = (
         "`joint.type`: hinge (revolute, continuous), slide (prismatic), ball (spherical), fixed; a planar joint is two slides "
         "and a hinge, `joints`; a floating joint from the root `world` is a free root",
     ),
-    ElementRow("joint/@dont_collapse", "", LOST, INFORMATION, "an instruction to one program's converter"),
-    ElementRow("joint/preserveFixedJoint", "", LOST, INFORMATION, "no fixed joint is removed"),
+    *_lost("joint/@dont_collapse", "an instruction to one program's converter"),
+    *_lost("joint/preserveFixedJoint", "no fixed joint is removed"),
     ElementRow("joint/origin", "`joint.origin`"),
     ElementRow("joint/origin/@xyz", "`joint.origin.xyz`"),
     ElementRow("joint/origin/@rpy", "`joint.origin.rpy`"),
-    ElementRow("joint/parent", "`parent`"),
-    ElementRow("joint/parent/@link", "`parent`"),
-    ElementRow("joint/child", "the body that the joint is of"),
-    ElementRow("joint/child/@link", "the body that the joint is of"),
+    *_rows("joint/parent joint/parent/@link", "`parent`"),
+    *_rows("joint/child joint/child/@link", "the body that the joint is of"),
     ElementRow("joint/axis", "`joint.axis`"),
     ElementRow("joint/axis/@xyz", "`joint.axis`; of a planar joint the axis of its hinge, across which its slides are"),
-    ElementRow("joint/axis/@rpy", "", LOST, INFORMATION, NO_MEANING),
+    *_lost("joint/axis/@rpy", NO_MEANING),
     ElementRow("joint/limit", "`joint.limits`"),
-    ElementRow("joint/limit/@lower", "`joint.limits.position`"),
-    ElementRow("joint/limit/@upper", "`joint.limits.position`"),
+    *_rows("joint/limit/@lower joint/limit/@upper", "`joint.limits.position`"),
     ElementRow("joint/limit/@effort", "`joint.limits.effort`", LOST, INFORMATION, "no rating is known", when="0"),
     ElementRow("joint/limit/@velocity", "`joint.limits.velocity`", LOST, INFORMATION, "no rating is known", when="0"),
-    *(
-        ElementRow(f"joint/limit/@{name}", "", LOST, INFORMATION, "a rating that planners read")
-        for name in ("acceleration", "jerk")
-    ),
-    *(ElementRow(f"joint/limit/@{name}", "", LOST, INFORMATION, SOLVER) for name in ("stiffness", "dissipation")),
+    *_lost("joint/limit/@acceleration joint/limit/@jerk", "a rating that planners read"),
+    *_lost("joint/limit/@stiffness joint/limit/@dissipation", SOLVER),
     ElementRow("joint/dynamics", "`joint.damping`, `joint.dry_friction`"),
     ElementRow("joint/dynamics/@damping", "`joint.damping`"),
     ElementRow("joint/dynamics/@friction", "`joint.dry_friction`"),
-    *(
-        ElementRow(f"joint/dynamics/@{name}", "", LOST, INFORMATION, NOT_OF_URDF, "damping and friction of <dynamics>")
-        for name in ("D", "K", "mu_coulomb", "mu_viscous", "spring_stiffness", "spring_reference")
+    *_lost(
+        " ".join(
+            f"joint/dynamics/@{word}"
+            for word in ["D", "K", "mu_coulomb", "mu_viscous", "spring_stiffness", "spring_reference"]
+        ),
+        NOT_OF_URDF,
+        "damping and friction of <dynamics>",
     ),
     ElementRow(
         "joint/mimic",
@@ -195,15 +192,12 @@ TABLE: Final = (
     ElementRow("joint/mimic/@joint", "`follow.leader`"),
     ElementRow("joint/mimic/@multiplier", "`follow.ratio`"),
     ElementRow("joint/mimic/@offset", "`follow.offset`"),
-    ElementRow(
-        "joint/safety_controller", "", LOST, INFORMATION, "soft limits of a controller, which no engine has", CONTROL
-    ),
-    ElementRow("joint/calibration", "", LOST, INFORMATION, "positions of reference of a machine's own sensors"),
-    ElementRow("joint/hardwareInterface", "", LOST, INFORMATION, "describes actuators", CONTROL),
-    ElementRow("joint/joint_properties", "", LOST, INFORMATION, NOT_OF_URDF, "write it as <dynamics>"),
+    *_lost("joint/safety_controller", "soft limits of a controller, which no engine has", CONTROL),
+    *_lost("joint/calibration", "positions of reference of a machine's own sensors"),
+    *_lost("joint/hardwareInterface", "describes actuators", CONTROL),
+    *_lost("joint/joint_properties", NOT_OF_URDF, "write it as <dynamics>"),
     # elements for other programs
-    ElementRow("transmission", "", LOST, INFORMATION, "describes actuators", CONTROL),
-    ElementRow("transmission/actuator", "", LOST, INFORMATION, "describes actuators", CONTROL),
+    *_lost("transmission transmission/actuator", "describes actuators", CONTROL),
     *(
         ElementRow(
             f"transmission/actuator/drake:{where}",
@@ -221,23 +215,22 @@ TABLE: Final = (
             *("/drake:ignored_collision_filter_group", "/drake:ignored_collision_filter_group/@name"),
         )
     ),
-    ElementRow("ros2_control", "", LOST, INFORMATION, "describes actuators and their interfaces", CONTROL),
-    ElementRow("sensor", "", LOST, INFORMATION, "simspec has no sensors"),
-    ElementRow("mujoco", "", LOST, INFORMATION, FOR_READER),
-    *(ElementRow(f"{READER}/{tag}", "", LOST, INFORMATION, FOR_READER) for tag in ("compiler", "option")),
-    *(
-        ElementRow(f"{READER}/{where}", "", LOST, PHYSICS, OF_READER)
-        for where in ("compiler/@settotalmass", "compiler/@inertiafromgeom", "option/@gravity", "option/@wind")
+    *_lost("ros2_control", "describes actuators and their interfaces", CONTROL),
+    *_lost("sensor", "simspec has no sensors"),
+    *_lost(f"{READER} {READER}/compiler {READER}/option", FOR_READER),
+    *_lost(f"{READER}/compiler/@settotalmass {READER}/compiler/@inertiafromgeom", OF_READER, "", PHYSICS),
+    *_lost(
+        " ".join(f"{READER}/option/@{name}" for name in ["gravity", "wind", "density", "viscosity"]),
+        OF_READER,
+        "",
+        PHYSICS,
     ),
-    *(ElementRow(f"{READER}/option/@{name}", "", LOST, PHYSICS, OF_READER) for name in ("density", "viscosity")),
-    ElementRow("inertial", "", LOST, INFORMATION, NO_MEANING),
-    ElementRow("frame", "", LOST, INFORMATION, "a named place without mass"),
-    ElementRow("gazebo", "its children are reported one by one"),
-    ElementRow("gazebo/@reference", "its children are reported one by one"),
+    *_lost("inertial", NO_MEANING),
+    *_lost("frame", "a named place without mass"),
+    *_rows("gazebo gazebo/@reference", "its children are reported one by one"),
 )
 """In the order of the documentation."""
 
-_NOT_READ: Final = "Gazebo's extension of URDF is not read"
 _HOW_HARD: Final = (INFORMATION, HOW_HARD, HARDNESS_HINT)
 _OF_SOLVER: Final = (INFORMATION, "a setting of one engine's solver", "")
 GAZEBO: Final = {
@@ -266,16 +259,6 @@ WITHOUT_EFFECT: Final[Mapping[str, tuple[str, ...]]] = {
 """Values that change nothing."""
 
 
-def tags(element: Element) -> str:
-    """The tags from below the outermost element to this one."""
-    parts: list[str] = []
-    here: Element | None = element
-    while here is not None and here.parent is not None:
-        parts.append(here.tag)
-        here = here.parent
-    return "/".join(reversed(parts))
-
-
 _ALWAYS: Final = {row.where: row for row in TABLE if row.fate is not CARRIED and not row.when}
 
 
@@ -286,13 +269,11 @@ def set_aside(root: Element) -> None:
         element, where = waiting.pop()
         for name in element.attributes:
             local = name.rpartition(":")[2]  # a word of a program, in its own namespace
-            row = _ALWAYS.get(f"{where}/@{local}".removeprefix("/"))
-            if row is not None:
+            if (row := _ALWAYS.get(f"{where}/@{local}".removeprefix("/"))) is not None:
                 element.set_aside(name, row.fate, row.reason, row.severity, row.hint)
         for child in element.look():
             below = f"{where}/{child.tag}".removeprefix("/")
-            row = _ALWAYS.get(below)
-            if row is not None:
+            if (row := _ALWAYS.get(below)) is not None:
                 child.set_aside(None, row.fate, row.reason, row.severity, row.hint)
                 if below == "mujoco":
                     _reader(child)
@@ -327,7 +308,7 @@ READER_DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
 def _gazebo(element: Element) -> None:
     element.take().word("reference")
     for child in element.look():
-        severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, _NOT_READ, ""))
+        severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, "Gazebo's extension of URDF is not read", ""))
         if child.tag == "plugin" and ACTS.search(" ".join(child.attributes.values())):
             severity, reason = plugin_loss(child)
         said = child.attributes.get("value", child.text).strip().lower()
@@ -340,12 +321,7 @@ def _gazebo(element: Element) -> None:
 
 
 def _does_not_bounce(element: Element) -> bool:
-    waiting, leaves = [element], dict[str, str]()
-    while waiting:
-        part = waiting.pop()
-        waiting += part.look()
-        if not part.look():
-            leaves[part.tag] = part.text
+    leaves = {part.tag: part.text for part in element.within() if not part.look()}
     words = {"restitution_coefficient", "threshold", "max_contacts"}
     return leaves.keys() <= words and leaves.get("restitution_coefficient") in ("0", "0.0")
 

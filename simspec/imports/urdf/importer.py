@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.draft import FROM_SHAPES, Draft, density_of, names, plain, renamed, solids_of
+from simspec.imports.draft import FROM_SHAPES, Draft, density_of, names, plain, renamed, shown, solids_of
 from simspec.imports.elements import INFORMATION, MOST_BODIES, SPLIT, Element, outermost, parse, without_comments
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
@@ -71,7 +71,7 @@ from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION
-from simspec.language.moments import impossible, principal_moments
+from simspec.language.moments import principal_moments
 from simspec.world import frames
 from simspec.world.types import Pose
 
@@ -205,20 +205,17 @@ class RobotReader:
             if name in self.links or name in children or not self.draft.repairing(rule):
                 continue
             element = Element("link", {"name": name}, joint.element.location, "", self.root)
-            self.links[name] = UrdfLinkRead(
-                element, names_of([element], WORLD, *(link.name for link in self.links.values()))[0]
-            )
+            (given,) = names_of([element], WORLD, *(link.name for link in self.links.values()))
+            self.links[name] = UrdfLinkRead(element, given)
             what = "the joint leads from the world" if name == WORLD else f"the link {name[:80]} is added, without mass"
             self.draft.repaired(rule, joint.element, what, ("model", "bodies"))
 
     def _judge_meshes(self) -> None:
         """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""
         usable = judge_meshes([shape for link in self.links.values() for shape in link.shapes], self.draft)
-        large = {id(shape): shape for shape in large_meshes(usable, self.joints, self.draft)}
-        if large:  # they are read again
-            usable = [shape for shape in usable if id(shape) not in large] + judge_meshes(
-                list(large.values()), self.draft
-            )
+        large = large_meshes(usable, self.joints, self.draft)
+        again = {id(shape) for shape in large}
+        usable = [shape for shape in usable if id(shape) not in again] + judge_meshes(large, self.draft)
         kept = {id(shape) for shape in usable}
         for link in self.links.values():
             link.shapes = merged([shape for shape in link.shapes if id(shape) in kept])
@@ -256,9 +253,8 @@ class RobotReader:
         """The rule that gives masses by a density: to links whose mass is missing or below 0, and where nothing that moves as
         one has a mass, to each of it that has a shape with a volume."""
         links = [self.links[name] for name in group]
-        has_none = head not in self.between and not any(
-            link.mass is not None and link.mass.mass > 0.0 for link in links
-        )
+        weigh = any(link.mass is not None and link.mass.mass > 0.0 for link in links)
+        has_none = head not in self.between and not weigh
         for link in links:
             solids = solids_of(link.shapes)
             if solids and (has_none or (link.mass is not None and link.mass.lacks_mass)):
@@ -285,21 +281,18 @@ class RobotReader:
             return
         if not static:
             check_mass(mass, bool(link.shapes), self.draft, link.path)
-        elif mass.missing or mass.mass < 0.0 or impossible(principal_moments(mass.tensor or (0.0,) * 6)):
+        elif mass.missing or mass.mass < 0.0 or mass.is_impossible:
             leave_out_mass(mass)
             link.mass = None
 
     def _check_group(self, tree: UrdfTree, head: str, group: list[str]) -> None:
         """Links that move as one need a mass and moments of inertia, whichever of them has these."""
         masses = {name: mass for name in group if (mass := self.links[name].mass) is not None}
-        if any(mass.missing or mass.mass < 0.0 or _negative(mass) for mass in masses.values()):
-            return  # reported
-        if any(mass.density for mass in masses.values()):
-            return
+        if any(mass.missing or mass.mass < 0.0 or mass.is_impossible or mass.density for mass in masses.values()):
+            return  # reported, or given
         if not any(mass.mass for mass in masses.values()):
-            if head in self.between:
-                return  # a joint of the body that moves with the last of the chain
-            self._massless(tree, head, group)
+            if head not in self.between:  # else a joint of the body that moves with the last of the chain
+                self._massless(tree, head, group)
             return
         if any(mass.from_shapes for mass in masses.values()):
             return
@@ -311,20 +304,19 @@ class RobotReader:
         moments = principal_moments(total((mass, poses[name]) for name, mass in masses.items()).inertia)
         if min(moments) <= 0.0:
             name, mass = max(masses.items(), key=lambda item: item[1].mass)
-            shown = ", ".join(f"{moment:.6g}" for moment in moments)
             link = self.links[name]
-            why = f"the principal moments of what moves must be above 0: {shown} kg m²"
+            why = f"the principal moments of what moves must be above 0: {shown(moments)} kg m²"
             not_positive(mass, bool(link.shapes), why, self.draft, link.path)
 
     def _massless(self, tree: UrdfTree, head: str, group: list[str]) -> None:
         joint = tree.above[head]
         link = self.links[head]
-        shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
+        links = (", ".join(group[:6]) + (", ..." if len(group) > 6 else ""))[:300]
         if not self.draft.repairing(MASSLESS):
             rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
-            self.draft.defect(joint.element, "this joint moves no mass", rule, shown[:300])
+            self.draft.defect(joint.element, "this joint moves no mass", rule, links)
             return
-        what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
+        what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {links}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
         joint.data = {} if kept is None else {"origin": kept}
         self.draft.take_back((*link.path, "joint"))
@@ -362,9 +354,8 @@ class RobotReader:
                 if name == root and self.fixed:
                     body["fixed"] = True
                     if name != WORLD:
-                        self.draft.note(
-                            link.path, "fixed to the world: it has no mass, and what moves freely needs one"
-                        )
+                        reason = "fixed to the world: it has no mass, and what moves freely needs one"
+                        self.draft.note(link.path, reason)
             self._fill(link, body, joined)
         given = self.root.word("name") or ""
         name = names([given])[0] if given else "robot"
@@ -401,8 +392,7 @@ class RobotReader:
             if "origin" in joint.data:
                 body["pose"] = joint.data["origin"]
             how = "fixed to the world" if joint.kind == "fixed" else "free"
-            reason = f"the root {child.name} is {how}, without a joint"
-            joint.element.lose("name", reason, INFORMATION)
+            joint.element.lose("name", f"the root {child.name} is {how}, without a joint", INFORMATION)
         else:
             body |= joint.placed(child.name)
         return body
@@ -440,11 +430,6 @@ class RobotReader:
                 self.draft.place((*path, "shapes", index), shape.element)
 
 
-def _negative(mass: UrdfMass) -> bool:
-    """Whether a link's own moments are wrong whatever else moves with it."""
-    return mass.tensor is not None and impossible(principal_moments(mass.tensor)) is not None
-
-
 ROBOT: Final = b"robot"
 _PROGRAM: Final = re.compile(rb"<xacro:[A-Za-z]|=\s*[\"'][^\"'<>]*\$(?:\{|\((?:optenv|env|arg|eval|dirname|anon)\b)")
 """Syntax of xacro alone; ``$(find PACKAGE)`` stands in paths of plain URDF, too, and so may a namespace that nothing
@@ -477,11 +462,10 @@ class Urdf:
     def parsed(self, content: bytes, files: Files) -> Imported:
         """The same of a text that is no file. Raises SpecError, also for a program that has not been run."""
         plain = without_comments(content)
-        found = _PROGRAM.search(plain)
-        if found is not None:
+        if (found := _PROGRAM.search(plain)) is not None:
             line = plain.count(b"\n", 0, found.start()) + 1
-            shown = plain[found.start() :].split(b"\n", 1)[0][:60].decode("utf-8", "replace")
-            raise SpecError([Problem("unexpanded xacro", location=Location(files.shown, line, 1), found=shown)])
+            text = plain[found.start() :].split(b"\n", 1)[0][:60].decode("utf-8", "replace")
+            raise SpecError([Problem("unexpanded xacro", location=Location(files.shown, line, 1), found=text)])
         return RobotReader(parse(content, files.shown), files).imported()
 
 

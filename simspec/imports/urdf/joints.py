@@ -36,11 +36,10 @@ def across(axis: Vector3) -> tuple[Vector3, Vector3]:
 def planar_joints(names: Sequence[str], data: dict[str, Any]) -> list[dict[str, Any]]:
     """The three joints of a body, of these names; ``data`` has the `axis` and the `origin` of the planar joint."""
     axis = data["axis"]
-    x, y = across((axis[0], axis[1], axis[2]))
+    x, y = across(frames.vector3(axis))
     kinds = (("slide", x), ("slide", y), ("hinge", axis))
-    joints = [
-        {"name": name, "type": kind, "axis": numbers(along)} for name, (kind, along) in zip(names, kinds, strict=True)
-    ]
+    called = zip(names, kinds, strict=True)
+    joints = [{"name": name, "type": kind, "axis": numbers(along)} for name, (kind, along) in called]
     if "origin" in data:
         joints[0]["origin"] = data["origin"]
     return joints
@@ -199,17 +198,13 @@ def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
     elif bounded:
         lower, upper = limit.number("lower", 0.0) or 0.0, limit.number("upper", 0.0) or 0.0
         if lower > upper:
-            message, repair = (
-                "the lower limit is above the upper",
-                f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}",
-            )
-            draft.mend("turned-limits", limit, message, repair, (*path, "limits"), f"{lower:g} > {upper:g}")
+            repair = f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}"
+            message, found = "the lower limit is above the upper", f"{lower:g} > {upper:g}"
+            draft.mend("turned-limits", limit, message, repair, (*path, "limits"), found)
             lower, upper = upper, lower
         limits["position"] = [angle(value) if joint.kind == "hinge" else plain(value) for value in (lower, upper)]
     for name in ("velocity", "effort"):
-        value = limit.number(name)
-        if value is not None and value < 0.0:
-            raise limit.error(f"{name} of <limit> must not be below 0", f"{value:g}")
+        value = _not_negative(limit, name)
         if value == 0.0:
             limit.lose(name, NO_RATING, INFORMATION)
         elif value is not None:
@@ -223,11 +218,15 @@ def _dynamics(joint: UrdfJointRead) -> None:
         return
     words = {"damping": "damping"} if joint.kind == "ball" else {"damping": "damping", "friction": "dry_friction"}
     for name, word in words.items():
-        value = dynamics.number(name)
-        if value is not None and value < 0.0:
-            raise dynamics.error(f"{name} of <dynamics> must not be below 0", f"{value:g}")
-        if value:
+        if value := _not_negative(dynamics, name):
             joint.data[word] = plain(value)
+
+
+def _not_negative(element: Element, name: str) -> float | None:
+    value = element.number(name)
+    if value is not None and value < 0.0:
+        raise element.error(f"{name} of <{element.tag}> must not be below 0", f"{value:g}")
+    return value
 
 
 def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
@@ -286,8 +285,8 @@ def _fix(joint: UrdfJointRead, at: float) -> None:
             fate = CARRIED if name in ("lower", "upper", "xyz") else UNUSED
             element.set_aside(name, fate, reason, INFORMATION)
     if at:
-        axis = joint.data["axis"]
-        joint.origin = frames.compose(joint.origin, _moved(joint.kind, (axis[0], axis[1], axis[2]), at))
+        moved = _moved(joint.kind, frames.vector3(joint.data["axis"]), at)
+        joint.origin = frames.compose(joint.origin, moved)
     joint.data = _origin(joint, at)
     joint.kind = "fixed"
 
@@ -304,10 +303,8 @@ def _origin(joint: UrdfJointRead, at: float) -> dict[str, object]:
     """The word `origin`: as it was where the joint is held at 0, else where it is held."""
     if not at:
         return {"origin": joint.data["origin"]} if "origin" in joint.data else {}
-    said: dict[str, object] = {"quat": [plain(value) for value in joint.origin.quaternion]}
-    if any(joint.origin.position):
-        said["xyz"] = [plain(value) for value in joint.origin.position]
-    return {"origin": said}
+    position = {"xyz": numbers(joint.origin.position)} if any(joint.origin.position) else {}
+    return {"origin": {"quat": numbers(joint.origin.quaternion), **position}}
 
 
 LEADERS: Final = "missing-leaders"
@@ -317,12 +314,8 @@ MIMIC_RULES: Final = {LEADERS: "a joint that is to follow one that is not there 
 def constraints(joints: Sequence[UrdfJointRead], draft: Draft) -> dict[str, Any]:
     """The constraints of all joints that follow others, by the name of the joint that follows."""
     by_name = {joint.element.attributes["name"].strip(): joint for joint in joints}
-    said: dict[str, Any] = {}
-    for joint in joints:
-        follow = _follow(joint, by_name, draft)
-        if follow is not None:
-            said[joint.name] = {"follow": follow}
-    return said
+    follows = {joint.name: _follow(joint, by_name, draft) for joint in joints}
+    return {name: {"follow": follow} for name, follow in follows.items() if follow is not None}
 
 
 def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: Draft) -> dict[str, Any] | None:

@@ -121,26 +121,20 @@ def _of_several(
         message = f"{len(trees)} links have no parent, and a robot has one root"
         draft.defect(links[others[0][0]], message, ROOTS, shown)
         return None
-    for tree in others:
-        for name in tree:
-            _leave_out(links[name])
-            if name in above:
-                _leave_out(above[name].element)
-    what = f"{sum(map(len, others))} links outside the tree of {kept[0]} are left out: " + ", ".join(
-        name for tree in others for name in tree
-    )
+    left_out = [name for tree in others for name in tree]
+    for name in left_out:
+        _leave_out(links[name])
+        if name in above:
+            _leave_out(above[name].element)
+    what = f"{len(left_out)} links outside the tree of {kept[0]} are left out: {', '.join(left_out)}"
     draft.repaired(ROOTS, root, what[:300], ("model", "bodies"))
     return UrdfTree(kept[0], kept, above, below)
 
 
 def _leave_out(element: Element) -> None:
-    waiting = [element]
-    while waiting:
-        part = waiting.pop()
-        part.lose(None, f"left out by the rule {ROOTS}")
-        for name in part.attributes:
+    for part in element.within():
+        for name in (None, *part.attributes):
             part.lose(name, f"left out by the rule {ROOTS}")
-        waiting.extend(part.look())
 
 
 # Links without mass between joints: several joints of the body behind them.
@@ -259,21 +253,17 @@ def _named(
     silent: list[UrdfShapeRead] = []
     for name, (_, shapes) in links.items():
         for shape in shapes:
-            if not shape.collides:
-                continue
-            if name in said:
+            if shape.collides and name in said:
                 given[id(shape)] = materials.name(said[name])
-            else:
+            elif shape.collides:
                 silent.append(shape)
     if not given:
         return {}
     data = {key: {word: plain(value) for word, value in item.items()} for key, item in materials.data().items()}
     if silent:
         data[UNSAID] = {"friction": plain(default.friction)}
-        draft.note(
-            ("contact", "materials", UNSAID),
-            "the file says nothing of these surfaces: the default of the program whose words it uses for others",
-        )
+        sentence = "the file says nothing of these surfaces: the default of the program whose words it uses for others"
+        draft.note(("contact", "materials", UNSAID), sentence)
     if len(data) > 1:
         single = next(iter(data))
         for _, shapes in links.values():
@@ -333,7 +323,11 @@ def _of_gazebo(gazebo: Element) -> Surface | None:
     first, second = (_friction(gazebo, tag) for tag in (FIRST, SECOND))
     if first is None and second is None:
         return None
-    return Surface(friction=GAZEBO_DEFAULT.friction if first is None else first)
+    return Surface(friction=_or_default(first))
+
+
+def _or_default(friction: float | None) -> float:
+    return GAZEBO_DEFAULT.friction if friction is None else friction
 
 
 def _friction(gazebo: Element, tag: str) -> float | None:
@@ -349,9 +343,7 @@ def _take_friction(gazebo: Element, is_used: bool) -> None:
         _aside(gazebo, LOST, "the link says another friction by other words", PHYSICS)
         return
     first, second = (_friction(gazebo, tag) for tag in (FIRST, SECOND))
-    equal = (first if first is not None else GAZEBO_DEFAULT.friction) == (
-        second if second is not None else GAZEBO_DEFAULT.friction
-    )
+    equal = _or_default(first) == _or_default(second)
     for child in gazebo.look(FIRST)[:1]:
         child.take()
     for child in gazebo.look(SECOND)[:1]:

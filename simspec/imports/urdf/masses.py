@@ -11,6 +11,7 @@ from simspec import numerals
 from simspec.imports.draft import (
     FROM_SHAPES,
     MEANING,
+    MOMENTS,
     NOT_POSITIVE,
     OF_SHAPES,
     OF_SHAPES_OR_BALL,
@@ -29,8 +30,8 @@ from simspec.imports.draft import (
 )
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.imports.elements import INFORMATION, LOST, UNUSED, Element
+from simspec.imports.urdf.elements import LENGTHS as LENGTHS_OF_SHAPES
 from simspec.imports.urdf.joints import UrdfJointRead
-from simspec.imports.urdf.shapes import LENGTHS as OF_SHAPES_LENGTHS
 from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.language.document import Path_
 from simspec.language.moments import impossible, principal_moments
@@ -38,7 +39,6 @@ from simspec.world import frames
 from simspec.world.inertia import summed_inertial
 from simspec.world.types import Inertial, Pose, Vector3
 
-MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 MASS: Final = "<mass value>"
 """The part that an inertial without a mass lacks."""
 COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
@@ -66,11 +66,14 @@ class UrdfMass:
         """Whether the file gives no mass that a body can have: none at all, or one below 0."""
         return self.mass < 0.0 or (not self.mass and MASS in self.missing)
 
+    @property
+    def is_impossible(self) -> bool:
+        """Whether no body has these moments, whatever else moves with the link."""
+        return self.tensor is not None and impossible(principal_moments(self.tensor)) is not None
+
     def written(self) -> dict[str, Any]:
         """The words of the body."""
-        if self.density:
-            return {}
-        if not self.mass and (self.tensor is None or not any(self.tensor)):
+        if self.density or (not self.mass and not any(self.tensor or ())):
             return {}
         data: dict[str, Any] = {"mass": plain(self.mass)}
         if self.from_shapes or self.tensor is None:
@@ -110,7 +113,7 @@ def read_mass(link: Element) -> UrdfMass | None:
         missing.append("<inertia>")
     else:
         missing += [f"i{name} of <inertia>" for name in MOMENTS[:3] if not inertia.has(f"i{name}")]
-        six = [inertia.number(f"i{name}") or 0.0 for name in MOMENTS]
+        read.tensor = frames.vector6(inertia.number(f"i{name}") or 0.0 for name in MOMENTS)
         for copy, text in COPIES.items():
             if not inertia.has(copy):
                 continue
@@ -118,7 +121,6 @@ def read_mass(link: Element) -> UrdfMass | None:
                 inertia.ignore(copy, f"the same as {text}")
             else:
                 inertia.lose(copy, f"another than {text}, which readers take")
-        read.tensor = (six[0], six[1], six[2], six[3], six[4], six[5])
     read.missing = ", ".join(missing)
     return read
 
@@ -126,20 +128,16 @@ def read_mass(link: Element) -> UrdfMass | None:
 def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:
     """Repair the mass properties of a link that may move, or report what is wrong with them."""
     inertial = mass.element
+    tensor = mass.tensor or (0.0,) * 6
     if mass.missing:
         _incomplete(mass, has_shapes, draft, path)
-        return
-    if mass.mass < 0.0:
+    elif mass.mass < 0.0:
         draft.defect(inertial, "a mass below 0", FROM_SHAPES, f"{mass.mass:g} kg")
-        return
-    tensor = mass.tensor or (0.0,) * 6
-    if not mass.mass and any(tensor):
+    elif not mass.mass and any(tensor):
         _moments_of_nothing(mass, draft, path)
+    elif (why := impossible(principal_moments(tensor))) is None:
         return
-    why = impossible(principal_moments(tensor))
-    if why is None:
-        return
-    if "triangle" not in why:
+    elif "triangle" not in why:
         not_positive(mass, has_shapes, why, draft, path)
     else:
         possible = nearest(tensor)
@@ -257,7 +255,7 @@ FINE: Final = 2500.0
 UNITS: Final = {"kg mm²": 1e-6, "g mm²": 1e-9}
 """kg m² of moments of inertia in them."""
 THOUSANDTH: Final = 1e-3
-LENGTHS: Final[Mapping[str, Sequence[str]]] = {"origin": ("xyz",), **OF_SHAPES_LENGTHS}
+LENGTHS: Final[Mapping[str, Sequence[str]]] = {"origin": ("xyz",), **LENGTHS_OF_SHAPES}
 """Attributes of elements that are lengths; those of limits are so for slides only."""
 
 
@@ -336,8 +334,8 @@ def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead
     large = [shape for shape in shapes if shape.mesh is not None and shape.mesh.scale in factors]
     for shape in large:
         assert shape.mesh is not None
-        x, y, z = shape.mesh.scale
-        shape.mesh = replace(shape.mesh, scale=(x * THOUSANDTH, y * THOUSANDTH, z * THOUSANDTH))
+        scale = frames.vector3(factor * THOUSANDTH for factor in shape.mesh.scale)
+        shape.mesh = replace(shape.mesh, scale=scale)
         shape.data["mesh"] = shape.mesh.data()
         draft.repaired(MILLIMETRES, shape.element, "the mesh is in millimetres", ("model", "bodies"))
     return large
@@ -368,11 +366,7 @@ def scale_moments(links: Sequence[LinkSize], draft: Draft) -> None:
         return
     whole = [link for link in links if _gyration(link.mass) > 0.0] if 2 * len(large) > len(links) else large
     for link in whole:
-        six = link.mass.tensor or (0.0,) * 6
-        factor = UNITS[unit]
-        link.mass.tensor = (
-            six[0] * factor, six[1] * factor, six[2] * factor, six[3] * factor, six[4] * factor, six[5] * factor
-        )  # fmt: skip
+        link.mass.tensor = frames.vector6(moment * UNITS[unit] for moment in link.mass.tensor or (0.0,) * 6)
         what = f"the moments of inertia are in {unit}"
         draft.repaired(MILLIMETRES, link.mass.element, what, (*link.path, "inertia"))
 

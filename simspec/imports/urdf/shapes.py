@@ -28,6 +28,7 @@ from simspec.imports.draft import (
 )
 from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element
 from simspec.imports.packages import MissingFileError
+from simspec.imports.urdf.elements import DIALECTS, LENGTHS
 from simspec.imports.urdf.joints import across
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.meshes.load import FlatMeshError, MadeMesh, ManyVerticesError
@@ -42,17 +43,7 @@ RULES: Final = {
     EMPTY: "collision shapes without volume, flat meshes among them, are left out",
     MISSING: "collision meshes that are not there, or cannot be read, are left out",
 }
-LENGTHS: Final[Mapping[str, Sequence[str]]] = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "ellipsoid": ("a", "b", "c"),
-}
-"""Geometries by their tag, with the attributes that say how large they are."""
 GEOMETRIES: Final = (*LENGTHS, "plane", "mesh")
-DIALECTS: Final = ("capsule", "ellipsoid", "plane")
-"""Those that URDF itself does not have: programs that read it do, two of them with a prefix."""
 OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean it"
 
 
@@ -198,23 +189,22 @@ def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
     geometry = element.child("geometry")
     kinds = [kind for kind in geometry.look() if _word(kind) in GEOMETRIES] if geometry is not None else []
     if geometry is None or not kinds:
-        others = [child.tag for child in geometry.look()] if geometry is not None else []
         if not collides:
             element.lose(None, "no geometry that simspec reads", APPEARANCE)
             return None
-        found = ", ".join(others)[:80] or "nothing"
+        found = ", ".join(child.tag for child in geometry.look())[:80] if geometry is not None else ""
+        found = found or "nothing"
         raise element.error("a collision shape without a known geometry", found, ", ".join(GEOMETRIES))
-    kind = kinds[0]
     if len(kinds) > 1:
         raise geometry.error("one <geometry> holds one shape", ", ".join(child.tag for child in kinds))
-    if kind.tag == "mesh":
-        return _mesh(element, kind.take(), draft)
-    kind.take()
-    if _word(kind) in DIALECTS:
-        kind.set_aside(None, CARRIED, OF_DIALECTS, INFORMATION)
-    if _word(kind) == "plane":
-        return UrdfShapeRead(element, {"plane": {}, **_upright(element, kind)}, collides)
+    kind = kinds[0].take()
     word, size = _word(kind), list[float]()
+    if kind.tag == "mesh":
+        return _mesh(element, kind, draft)
+    if word in DIALECTS:
+        kind.set_aside(None, CARRIED, OF_DIALECTS, INFORMATION)
+    if word == "plane":
+        return UrdfShapeRead(element, {"plane": {}, **_upright(element, kind)}, collides)
     for name in LENGTHS[word]:
         kind.need(name)
     for name in LENGTHS[word]:
@@ -279,9 +269,7 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
     named = [shape for shape in shapes if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in named if shape.mesh is not None])
     large = [
-        index
-        for index, (shape, result) in enumerate(zip(named, made, strict=True))
-        if shape.collides and isinstance(result, ManyVerticesError)
+        index for index, shape in enumerate(named) if shape.collides and isinstance(made[index], ManyVerticesError)
     ]
     fewer = read_meshes([mesh for index in large if (mesh := named[index].mesh) is not None], FEWER)
     for index, result in zip(large, fewer, strict=True):

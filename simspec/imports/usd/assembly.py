@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 from simspec.errors import SpecError
@@ -11,6 +12,7 @@ from simspec.imports.usd.bodies import (
     UsdBodyRead,
     UsdLinkRead,
     add_frames,
+    constrain,
     frame_in_body,
     in_order,
     loop_data,
@@ -50,6 +52,10 @@ LARGEST_GAP: Final = 1e-3
 MASSLESS: Final = "massless"
 
 
+MODEL_FILE: Final = ("simspec", "name", "physics", "contact", "model")
+"""The words of a model file, in their order."""
+
+
 class UsdAssembly:
     """Makes the spec of a stage."""
 
@@ -59,6 +65,8 @@ class UsdAssembly:
         self.data: dict[str, Any] = {}
         self.body_of: dict[str, PrimRead] = {}
         self.bodies: dict[int, UsdBodyRead] = {}
+        self.alone = False
+        """Whether the spec is a model file."""
         self.shapes = ShapeReader(self.places, draft)
         self.masses = MassReader(stage, self.places, draft)
 
@@ -82,6 +90,7 @@ class UsdAssembly:
         static = self._static_bodies(shapes)
         if not order and not static:
             raise self.stage.root.error("this stage has no bodies and nothing that they could touch")
+        self.alone = self._stands_alone(tops, static)
         self._name(tops, order, static)
         self._scenario(tops, order, static, loops)
 
@@ -116,11 +125,8 @@ class UsdAssembly:
                 joint = reader.read(prim)
                 if joint is None:
                     continue
-                first, second = (
-                    Pose() if prim_read is None else self.places.world(prim_read).pose
-                    for prim_read in (joint.first, joint.second)
-                )
-                start_of(joint, first, second)
+                sides = (joint.first, joint.second)
+                start_of(joint, *(Pose() if side is None else self.places.world(side).pose for side in sides))
                 joints.append(joint)
         adding = [prim for prim in self.stage.used() if prim.has(STACKED) and prim.flag(STACKED, False)]
         return stacked(joints, bool(adding))
@@ -138,14 +144,10 @@ class UsdAssembly:
                     continue
                 if shape.collision:
                     bind(shape, self.stage)
-                holder = body if body is not None else self._holder(prim)
-                shapes.setdefault(holder.where, []).append(shape)
-        readable = name_meshes([shape for shape_reads in shapes.values() for shape in shape_reads], self.draft)
-        return {
-            path: kept
-            for path, shape_reads in shapes.items()
-            if (kept := [shape for shape in shape_reads if id(shape) in readable])
-        }
+                shapes.setdefault((body or self._holder(prim)).where, []).append(shape)
+        readable = name_meshes([shape for found in shapes.values() for shape in found], self.draft)
+        kept = {path: [shape for shape in found if id(shape) in readable] for path, found in shapes.items()}
+        return {path: found for path, found in kept.items() if found}
 
     def _holder(self, prim: PrimRead) -> PrimRead:
         """The prim that a shape of the world is fixed on: the prim around it, unless that is around bodies or other such
@@ -165,7 +167,7 @@ class UsdAssembly:
         body = UsdBodyRead(link.prim, link, shapes)
         if link.joint is not None:
             body.frame = frame_in_body(link.joint)
-            for joint in (*link.joint.outer, link.joint):
+            for joint in link.joints:
                 start_words(joint)
             if link.joint.gap > LARGEST_GAP:
                 text = f"{link.joint.gap:.3g} m or rad from each other where the bodies are"
@@ -192,21 +194,11 @@ class UsdAssembly:
 
     def _name(self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead]) -> None:
         """Names of bodies, models and joints. A tree that stands alone within a prim is a model, called as that."""
-        of_model: dict[int, PrimRead] = {}
-        for top in tops:
-            holder = self._model(top, tops)
-            if holder is not None:
-                of_model[id(top)] = holder
-        alone = self._alone(tops, static)
-        loose = [
-            body
-            for top in tops
-            if alone or id(top) not in of_model
-            for link in in_order(top)
-            if (body := self.bodies[id(link.prim)])
-        ]
+        holders = {} if self.alone else {id(top): self._model(top, tops) for top in tops}
+        of_model = {key: holder for key, holder in holders.items() if holder is not None}
+        loose = [self.bodies[id(link.prim)] for top in tops if id(top) not in of_model for link in in_order(top)]
         loose += static
-        models = [] if alone else [top for top in tops if id(top) in of_model]
+        models = [top for top in tops if id(top) in of_model]
         given = names([*(body.prim.called() for body in loose), *(of_model[id(top)].called() for top in models)])
         for body, name in zip(loose, given, strict=False):
             body.name = name
@@ -214,21 +206,10 @@ class UsdAssembly:
             inside = [self.bodies[id(link.prim)] for link in in_order(top)]
             for body, given_name in zip(inside, names([body.prim.called() for body in inside]), strict=True):
                 body.name, body.model = given_name, name
-        for body_reads in (
-            [body for body in order if body.model == model] for model in {body.model: None for body in order}
-        ):
-            joined = [
-                joint
-                for body in body_reads
-                if body.link.joint is not None
-                for joint in (*body.link.joint.outer, body.link.joint)
-            ]
-            for joint, name in zip(joined, names([joint.name for joint in joined]), strict=True):
-                joint.name = name
-        for group in ([*loose], *([body for body in order if body.model == name] for name in given[len(loose) :])):
-            shapes = [shape for body in group for shape in body.shapes]
-            for shape, name in zip(shapes, names([shape.name for shape in shapes]), strict=True):
-                shape.name = name
+        for model in {body.model: None for body in order}:
+            _name_all([joint for body in order if body.model == model for joint in body.link.joints])
+        for group in (loose, *([body for body in order if body.model == name] for name in given[len(loose) :])):
+            _name_all([shape for body in group for shape in body.shapes])
 
     def _model(self, top: UsdLinkRead, tops: list[UsdLinkRead]) -> PrimRead | None:
         """The prim that all bodies of a tree are in, and no others."""
@@ -244,7 +225,7 @@ class UsdAssembly:
                 return None if any(path.startswith(start) for path in others) else holder
         return None
 
-    def _alone(self, tops: list[UsdLinkRead], static: list[UsdBodyRead]) -> bool:
+    def _stands_alone(self, tops: list[UsdLinkRead], static: list[UsdBodyRead]) -> bool:
         """Whether the stage is one tree: a model file, unless simspec wrote it as a scenario that places a model."""
         default = self.stage.prims.get(self.stage.default)
         if len(tops) != 1 or static:
@@ -254,7 +235,6 @@ class UsdAssembly:
     def _scenario(
         self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead], loops: list[UsdJointRead]
     ) -> None:
-        alone = self._alone(tops, static)
         draft = self.draft
         default = self.stage.prims.get(self.stage.default)
         stem = draft.files.path.name.partition(".")[0]
@@ -270,45 +250,32 @@ class UsdAssembly:
         index = {path: number for number, path in enumerate(self.stage.prims)}
         above = {id(link.prim): index[top.prim.where] for top in tops for link in in_order(top)}
         every = sorted([*order, *static], key=lambda body: above.get(id(body.prim), index[body.prim.where]))
-        materials.read([shape for body in every for shape in body.shapes], alone)
+        materials.read([shape for body in every for shape in body.shapes], self.alone)
         for body in every:
-            base: tuple[str, ...] = (
-                ("model", "bodies") if alone else ("models", body.model, "bodies") if body.model else ("bodies",)
-            )
+            around = ("model",) if self.alone else ("models", body.model) if body.model else ()
+            base = (*around, "bodies")
             with draft.collecting():
                 words = self._words(body, (*base, body.name), materials)
                 holder: Any = self.data
                 for step in base:
                     holder = holder.setdefault(step, {})
                 holder[body.name] = words
-        add_frames(self.stage, self.places, self.body_of, self.bodies, self.data, alone)
+        add_frames(self.stage, self.places, self.body_of, self.bodies, self.data)
         for joint in loops:
-            made = loop_data(joint, self.bodies, self.places)
-            if made is None:
-                continue
-            model, words = made
-            holder = self.data["model"] if alone else self.data["models"][model] if model else self.data
-            table = holder.setdefault("constraints", {})
-            (given,) = names([joint.name], list(table))
-            table[given] = words
-        self._follow(every, alone)
+            if (made := loop_data(joint, self.bodies)) is not None:
+                constrain(self.data, made[0], joint.name, made[1])
+        self._follow(every)
         inner = [*loops, *(body.link.joint for body in every if body.link.joint is not None)]
         contact = contact_data(self.stage, draft, self.body_of, self.bodies, materials, every, inner, self.data)
         if contact:
             self.data["contact"] = contact
         if has_drives(self.data):
             self._drives(every)
-        if alone and "contact" in self.data:
-            self.data = {
-                key: self.data[key] for key in ("simspec", "name", "physics", "contact", "model") if key in self.data
-            }
+        if self.alone and "contact" in self.data:
+            self.data = {word: self.data[word] for word in MODEL_FILE if word in self.data}
 
-    def _follow(self, every: list[UsdBodyRead], alone: bool) -> None:
-        of_prim: dict[str, tuple[UsdJointRead, str]] = {}
-        for body in every:
-            if body.link.joint is not None:
-                for joint in (*body.link.joint.outer, body.link.joint):
-                    of_prim[joint.prim.where] = (joint, body.model)
+    def _follow(self, every: list[UsdBodyRead]) -> None:
+        of_prim = {joint.prim.where: (joint, body.model) for body in every for joint in body.link.joints}
         for joint, model in of_prim.values():
             said = joint.freedoms[0].mimic if len(joint.freedoms) == 1 else None
             if said is None:
@@ -319,26 +286,19 @@ class UsdAssembly:
                 reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
                 joint.prim.lose("newton:mimicJoint", reason)
                 continue
-            holder = self.data["model"] if alone else self.data["models"][model] if model else self.data
-            table = holder.setdefault("constraints", {})
-            (given,) = names([joint.name], list(table))
-            table[given] = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
+            words = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
+            constrain(self.data, model, joint.name, words)
 
     def _drives(self, every: list[UsdBodyRead]) -> None:
         if "timestep" in self.data.get("physics", {}) or self.draft.problems:
             return
-        joints = {body.full: body.link.joint for body in every}
+        prims = {body.full: body.link.joint.prim for body in every if body.link.joint is not None}
 
         def leave_out(name: str, step: float) -> None:
-            joint = joints[name]
-            if joint is None:
-                return
-            for attribute in joint.prim.attributes:
+            reason = f"too stiff a drive for a spring that is explicit in time, which is stable up to {step:.2g} s"
+            for attribute in prims[name].attributes if name in prims else ():
                 if attribute.startswith("drive:"):
-                    reason = (
-                        f"too stiff a drive for a spring that is explicit in time, which is stable up to {step:.2g} s"
-                    )
-                    joint.prim.lose(attribute, reason, hint="write the actuators as `control:` of the scenario")
+                    prims[name].lose(attribute, reason, hint="write the actuators as `control:` of the scenario")
 
         try:
             step = stable_timestep(self.data, self.draft.meshes, leave_out)
@@ -365,10 +325,9 @@ class UsdAssembly:
                 if any(prim.reals(name, 3) or ()):
                     prim.lose(name, "bodies of a tree start with the velocities of their joints")
             if prim.flag("physics:kinematicEnabled", False):
-                reason = "a kinematic body that joints hold moves with them"
-                prim.lose("physics:kinematicEnabled", reason)
+                prim.lose("physics:kinematicEnabled", "a kinematic body that joints hold moves with them")
         else:
-            self._free(body, data, path)
+            self._free(body, data)
         if not body.fixed:
             scale = self.places.world(prim).scale
             data |= self.masses.read(prim, body.shapes, body.offset, scale, path)
@@ -399,15 +358,13 @@ class UsdAssembly:
         around = Pose()
         if body.link.parent is not None:
             around = frames.inverse(self.bodies[id(body.link.parent)].frame)
-        for part in (*joint.outer, joint):
+        for part in body.link.joints:
             frame = origin_of(part)
             origin = frames.compose(around, frame) if around != Pose() else frame
             around = frames.inverse(frame)  # joints of one body follow each other
             first = len(words)
-            for freedom in part.freedoms:
-                words.append(self._freedom_words(part, freedom))
-            if not words:
-                words.append({"type": "fixed"})
+            words += [self._freedom_words(part, freedom) for freedom in part.freedoms]
+            words = words or [{"type": "fixed"}]
             position = part.prim.exactly("origin", origin.position)
             if position == tuple(origin.position) or agree(position, origin.position):
                 turn = part.prim.turn("orientation", origin.quaternion)
@@ -426,7 +383,7 @@ class UsdAssembly:
             return
         called = (
             (freedom.name or (f"{part.name}_{freedom.word}" if len(part.freedoms) > 1 else part.name))
-            for part in (*joint.outer, joint)
+            for part in body.link.joints
             for freedom in part.freedoms
         )
         data["joints"] = [{"name": name, **word} for name, word in zip(called, words, strict=True)]
@@ -436,17 +393,13 @@ class UsdAssembly:
         if freedom.kind != "ball":
             axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
             stored = joint.stored(freedom, "axis")
-            if (
-                stored is not None
-                and len(stored) == 3
-                and any(stored)
-                and agree(direction((stored[0], stored[1], stored[2])), axis)
-            ):
-                axis = (stored[0], stored[1], stored[2])
+            if stored is not None and len(stored) == 3 and any(stored):
+                exact = frames.vector3(stored)
+                axis = exact if agree(direction(exact), axis) else axis
             entry["axis"] = numbers(tidy(axis))
         return entry | freedom.data
 
-    def _free(self, body: UsdBodyRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
+    def _free(self, body: UsdBodyRead, data: dict[str, Any]) -> None:
         prim = body.prim
         place = self.places.world(prim)
         if prim.flag("physics:kinematicEnabled", False):
@@ -461,7 +414,7 @@ class UsdAssembly:
             said = prim.reals(f"physics:{name}", 3) or (0.0, 0.0, 0.0)
             speeds.append(prim.exactly(text, [value * unit for value in said]))
         if self.stage.up == "Y":
-            speeds = [frames.rotate(UPRIGHT.quaternion, (speed[0], speed[1], speed[2])) for speed in speeds]
+            speeds = [frames.rotate(UPRIGHT.quaternion, frames.vector3(speed)) for speed in speeds]
         if any(any(speed) for speed in speeds) and not data.keys() & {"fixed", "kinematic"}:
             data["velocity"] = {
                 word: numbers(speed) for word, speed in zip(("linear", "angular"), speeds, strict=True) if any(speed)
@@ -481,10 +434,14 @@ class UsdAssembly:
 
         if any(weighs(self.bodies[id(link.prim)]) for link in in_order(body.link)):
             return
-        message, repair = (
-            "a body that moves freely has no mass",
-            "it has no mass, and nothing holds it: fixed to the world",
-        )
+        message = "a body that moves freely has no mass"
+        repair = "it has no mass, and nothing holds it: fixed to the world"
         if self.draft.mend(MASSLESS, body.prim, message, repair, (*path, "fixed")):
             data["fixed"] = True
             data.pop("velocity", None)
+
+
+def _name_all(items: Sequence[Any]) -> None:
+    """Give joints, or shapes, names that the language allows, none twice."""
+    for item, name in zip(items, names([item.name for item in items]), strict=True):
+        item.name = name

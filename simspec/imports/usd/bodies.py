@@ -24,21 +24,23 @@ class UsdLinkRead:
     joint: UsdJointRead | None = None
     children: list[UsdLinkRead] = field(default_factory=list)
 
+    @property
+    def joints(self) -> list[UsdJointRead]:
+        """All joints that move it, from its parent outwards."""
+        return [] if self.joint is None else [*self.joint.outer, self.joint]
+
 
 def reverse(joint: UsdJointRead) -> None:
     """Take a joint from its other side: its coordinates stay what they are."""
+    hint = "exchange physics:body0 and physics:body1"
     if joint.outer:
-        raise joint.prim.error(
-            "several joints of two bodies, the first of which is the one that they move",
-            hint="exchange physics:body0 and physics:body1",
-        )
+        message = "several joints of two bodies, the first of which is the one that they move"
+        raise joint.prim.error(message, hint=hint)
     joint.first, joint.second = joint.second, joint.first
     joint.in_first, joint.in_second = joint.in_second, joint.in_first
     if len(joint.freedoms) > 1 and joint.freedoms[-1].kind == "ball":
-        hint = "exchange physics:body0 and physics:body1"
-        raise joint.prim.error(
-            "a joint with slides and three turns, whose first body is the one that it moves", hint=hint
-        )
+        message = "a joint with slides and three turns, whose first body is the one that it moves"
+        raise joint.prim.error(message, hint=hint)
     joint.freedoms = [_turned(freedom) for freedom in reversed(joint.freedoms)]
 
 
@@ -151,15 +153,12 @@ class UsdBodyRead:
         return f"{self.model}/{self.name}" if self.model else self.name
 
 
-def loop_data(
-    joint: UsdJointRead, bodies: Mapping[int, UsdBodyRead], places: PrimPlaces
-) -> tuple[str, dict[str, Any]] | None:
+def loop_data(joint: UsdJointRead, bodies: Mapping[int, UsdBodyRead]) -> tuple[str, dict[str, Any]] | None:
     """The model that a loop is in ("": none), and its words; None for what the language does not say, which is then lost."""
     prim = joint.prim
     if joint.first is None or joint.second is None:
-        prim.lose(
-            None, "a loop that is closed against the world is not supported", hint="join it to a body that is fixed"
-        )
+        reason = "a loop that is closed against the world is not supported"
+        prim.lose(None, reason, hint="join it to a body that is fixed")
         return None
     kinds = [freedom.kind for freedom in joint.freedoms]
     first, second = bodies[id(joint.first)], bodies[id(joint.second)]
@@ -186,6 +185,19 @@ def loop_data(
     return first.model, {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(second_at)}}
 
 
+def holder_of(data: dict[str, Any], model: str) -> dict[str, Any]:
+    """What has the bodies of a model ("": of none) in the data of a spec."""
+    holder: dict[str, Any] = data.get("model") or (data["models"][model] if model else data)
+    return holder
+
+
+def constrain(data: dict[str, Any], model: str, name: str, words: dict[str, Any]) -> None:
+    """Add a constraint of a model."""
+    table = holder_of(data, model).setdefault("constraints", {})
+    (given,) = names([name], list(table))
+    table[given] = words
+
+
 MARK = "simspec:frame"
 """The mark of frames that simspec writes: others have to stand elsewhere than their body."""
 
@@ -196,10 +208,9 @@ def add_frames(
     body_of: Mapping[str, PrimRead],
     bodies: Mapping[int, UsdBodyRead],
     data: dict[str, Any],
-    alone: bool,
 ) -> None:
     """Put the frames of a stage into the data of its spec. ``body_of``: of paths the rigid body; ``bodies``: of the ``id`` of
-    a prim the body that is made of it; ``alone``: whether the spec is a model."""
+    a prim the body that is made of it."""
     for prim in stage.used():
         holder = body_of.get(prim.where)
         if prim.tag != "Xform" or holder is None or holder is prim or id(holder) not in bodies or prim.look():
@@ -209,7 +220,7 @@ def add_frames(
         if place == SAME and not marked:
             continue
         body = bodies[id(holder)]
-        around = data["model"] if alone else data["models"][body.model] if body.model else data
+        around = holder_of(data, body.model)
         place_data = pose_data(frames.compose(frames.inverse(body.frame), place))
         (given,) = names([prim.called()], [*around.get("bodies", ()), *around.get("frames", ())])
         around.setdefault("frames", {})[given] = {"body": body.name, **({"pose": place_data} if place_data else {})}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, names, numbers, plain
-from simspec.imports.usd.bodies import UsdBodyRead
+from simspec.imports.usd.bodies import UsdBodyRead, holder_of
 from simspec.imports.usd.joints import UsdJointRead
 from simspec.imports.usd.places import UPRIGHT
 from simspec.imports.usd.shapes import UsdShapeRead
@@ -64,7 +64,7 @@ class UsdMaterials:
         for path, name in zip(paths, called, strict=True):
             self.names[path] = name
             self.data[name] = self._material(
-                self.stage.prims[path], [shape_read for shape_read in solid if shape_read.material == path]
+                self.stage.prims[path], [shape for shape in solid if shape.material == path]
             )
         if (paths or not alone) and any(not shape.material for shape in solid):
             (self.names[""],) = names([UNBOUND], called)
@@ -75,14 +75,12 @@ class UsdMaterials:
         prim.applies(MATERIAL)
         sticking, sliding = (prim.real(f"physics:{name}Friction", 0.0) for name in ("static", "dynamic"))
         bounce = prim.real("physics:restitution", 0.0)
-        if prim.has("physics:density"):
-            prim.value("physics:density")
+        prim.value("physics:density")
         if sticking != sliding:
             prim.lose("physics:staticFriction", "friction is one number; `dynamicFriction` is carried")
-        friction = prim.exactly("friction", (sliding,))[0]
-        data: dict[str, Any] = {"friction": plain(friction)}
+        data: dict[str, Any] = {"friction": plain(prim.exact("friction", sliding))}
         if bounce:
-            data["restitution"] = plain(prim.exactly("restitution", (bounce,))[0])
+            data["restitution"] = plain(prim.exact("restitution", bounce))
         else:
             prim.stored("restitution")
         return data | self._turning(prim, shapes)
@@ -176,14 +174,10 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
             stage.prims[path].lose(
                 "apiSchemas:PhysicsCollisionAPI", "shapes of one body are in several collision groups"
             )
-    words = {
-        name: {"ignores": sorted(ignored & actual)}
-        for name, ignored in table.items()
-        if name in actual and ignored & actual
-    }
-    return words, {
-        body: name for body, name in of_body.items() if name in words or any(name in entry for entry in table.values())
-    }
+    ignores = {name: sorted(ignored & actual) for name, ignored in table.items() if name in actual}
+    words = {name: {"ignores": ignored} for name, ignored in ignores.items() if ignored}
+    named = words.keys() | {name for entry in table.values() for name in entry}
+    return words, {body: name for body, name in of_body.items() if name in named}
 
 
 def _in(path: str, targets: Sequence[str], rule: str) -> bool:
@@ -221,9 +215,9 @@ def physics_data(stage: StageRead, draft: Draft) -> dict[str, Any] | None:
         vector = tidy(frames.rotate(UPRIGHT.quaternion, vector))
         draft.note(("physics", "gravity"), "y is up in the file: its world is turned by 90 deg about x")
     physics: dict[str, Any] = {"gravity": numbers([_short(value) for value in vector])}
-    step = scene.stored("timestep", 1)
-    if step is not None and step[0] > 0.0:
-        physics["timestep"] = plain(step[0])
+    step = scene.stored_number("timestep")
+    if step is not None and step > 0.0:
+        physics["timestep"] = plain(step)
     return physics
 
 
@@ -251,7 +245,7 @@ def contact_data(
         contact["groups"] = words
         for body in every:
             if full[id(body.prim)] in member:
-                _words_of(body, data)["collision_group"] = member[full[id(body.prim)]]
+                holder_of(data, body.model)["bodies"][body.name]["collision_group"] = member[full[id(body.prim)]]
     body_of = dict(parts)
     for body in every:
         if body.fixed:
@@ -305,15 +299,6 @@ def _rigid_groups(every: Sequence[UsdBodyRead], bodies: Mapping[int, UsdBodyRead
         else:
             group[name] = name
     return group
-
-
-def _words_of(body: UsdBodyRead, data: dict[str, Any]) -> dict[str, Any]:
-    if "model" in data:
-        table = data["model"]["bodies"]
-    else:
-        table = data["models"][body.model]["bodies"] if body.model else data["bodies"]
-    words: dict[str, Any] = table[body.name]
-    return words
 
 
 def tidy(vector: Vector3) -> Vector3:

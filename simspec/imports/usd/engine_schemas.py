@@ -39,7 +39,7 @@ AXIS: Final = "PhysxJointAxisAPI"
 
 def armature(prim: PrimRead, units: Units, instance: str = "") -> float:
     """The armature (kg m² or kg), 0 where none is stated. ``instance``: the name of the axis in its attributes."""
-    return _first(prim, dict.fromkeys((f"physxJointAxis:{instance}:armature", *ARMATURES), units.inertia))
+    return first_of(prim, dict.fromkeys((f"physxJointAxis:{instance}:armature", *ARMATURES), units.inertia))
 
 
 def _axis_friction(prim: PrimRead, instance: str) -> str:
@@ -58,11 +58,11 @@ def passive(prim: PrimRead, data: dict[str, Any], units: Units, degrees: bool, i
     """Add to a joint's words the damper, the spring and the dry friction that act in addition to its drive. ``degrees``: the
     unit of the rest position of ``mjc:springref``."""
     speed = units.effort if units.turns else units.effort / units.position
-    damping = _first(prim, {"newton:damping": units.effort / units.position, "mjc:damping": speed})
+    damping = first_of(prim, {"newton:damping": units.effort / units.position, "mjc:damping": speed})
     if damping > 0.0:
         data["damping"] = plain(float(data.get("damping", 0.0)) + damping)
     names = (_axis_friction(prim, instance), "newton:friction", "mjc:frictionloss")
-    friction = _first(prim, dict.fromkeys(names, units.effort))
+    friction = first_of(prim, dict.fromkeys(names, units.effort))
     if friction > 0.0 and "dry_friction" not in data:
         data["dry_friction"] = plain(friction)
     stiffness = prim.real("mjc:stiffness", 0.0) * speed
@@ -76,7 +76,7 @@ def passive(prim: PrimRead, data: dict[str, Any], units: Units, degrees: bool, i
     data["spring"] = {"stiffness": plain(stiffness), **({"rest": plain(rest)} if rest else {})}
 
 
-def _first(prim: PrimRead, names: dict[str, float]) -> float:
+def first_of(prim: PrimRead, names: dict[str, float]) -> float:
     """The number (in SI) of the first of several attributes that the file has, all of which are taken; ``names``: with their
     units. The later ones are deprecated words of the same."""
     said = [prim.real(name, 0.0) * unit for name, unit in names.items() if prim.has(name)]
@@ -85,14 +85,14 @@ def _first(prim: PrimRead, names: dict[str, float]) -> float:
 
 def of_ball(prim: PrimRead, data: dict[str, Any], units: Units) -> None:
     """Add to a ball's words its damper and armature. A ball has no dry friction and no largest velocity in the language."""
-    damping = _first(prim, {"newton:damping": units.effort / units.position, "mjc:damping": units.effort})
+    damping = first_of(prim, {"newton:damping": units.effort / units.position, "mjc:damping": units.effort})
     if damping > 0.0 and "damping" not in data:
         data["damping"] = plain(damping)
     if said := armature(prim, units):
         data["armature"] = plain(said)
     for name in ("newton:friction", "mjc:frictionloss", "mjc:stiffness", "newton:velocityLimit"):
         none = math.inf if name == "newton:velocityLimit" else 0.0
-        if prim.has(name) and prim.real(name, none, infinite=True) != none:
+        if prim.real(name, none, infinite=True) != none:
             prim.lose(name, "only hinges and slides have it in the language")
 
 
@@ -101,13 +101,12 @@ def ratings(prim: PrimRead, limits: dict[str, Any], units: Units, si: bool, inst
     the stage is in metres and kilograms, as the text of a URDF is."""
     axis = f"physxJointAxis:{instance}:maxJointVelocity"
     for name in (axis, "newton:velocityLimit", "physxJoint:maxJointVelocity"):
-        most = prim.real(name, math.inf, infinite=True) if prim.has(name) else math.inf
+        most = prim.real(name, math.inf, infinite=True)
         if "velocity" not in limits and 0.0 < most < UNBOUNDED:
             limits["velocity"] = plain(most * units.position)
-    if prim.has("urdf:limit:effort") and si:
-        effort = prim.real("urdf:limit:effort", 0.0)
-        if effort > 0.0 and "effort" not in limits:
-            limits["effort"] = plain(effort)
+    effort = prim.real("urdf:limit:effort", 0.0) if si else 0.0
+    if effort > 0.0 and "effort" not in limits:
+        limits["effort"] = plain(effort)
     _actuator_range(prim, limits, units)
 
 
@@ -146,7 +145,7 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
         if not prim.flag("newton:mimicEnabled", True) or not targets:
             return None
         for name in ("mjc:coef2", "mjc:coef3", "mjc:coef4"):
-            if prim.has(name) and prim.real(name, 0.0):
+            if prim.real(name, 0.0):
                 prim.lose(name, "joints follow others linearly in the language")
         if ratio == 0.0:
             prim.lose("newton:mimicCoef1", "a joint that follows with a ratio of 0 stands still")
@@ -158,8 +157,7 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
         gearing, offset = prim.real(f"{start}gearing", 1.0), prim.real(f"{start}offset", 0.0)
         prim.token(f"{start}referenceJointAxis")
         for name in ("naturalFrequency", "dampingRatio"):
-            if prim.has(f"{start}{name}"):
-                prim.lose(f"{start}{name}", COMPLIANCE, INFORMATION)
+            prim.lose(f"{start}{name}", COMPLIANCE, INFORMATION)
         if targets and gearing:
             return UsdMimic(targets[0], -gearing, -offset * units.position)
     return None
@@ -177,8 +175,7 @@ def follow_words(joint: str, leader: str, said: UsdMimic, turns: bool) -> dict[s
 
 def velocity(prim: PrimRead, instance: str, units: Units) -> float:
     """How fast an axis moves initially (rad/s or m/s), 0 where it is not said."""
-    said = [prim.real(name, 0.0) for name in _names(instance, "velocity") if prim.has(name)]
-    return said[0] * units.position if said else 0.0
+    return first_of(prim, dict.fromkeys(_names(instance, "velocity"), units.position))
 
 
 def check_position(prim: PrimRead, instance: str, units: Units, start: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.stage import PREFIX, PrimRead, StageRead, agree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import Pose, Vector3
+from simspec.world.types import Pose, Quaternion, Vector3
 
 TYPES: Final = {
     "PhysicsFixedJoint": "fixed",
@@ -106,7 +106,7 @@ class JointReader:
         """The joint of a prim; None for one that joins nothing. Raises SpecError for what is wrong."""
         prim.take()
         if not prim.flag("physics:jointEnabled", True):
-            self._unused(prim, "a joint that is switched off")
+            prim.ignore(None, "a joint that is switched off")
             return None
         kind = TYPES[prim.tag]
         for name in ("physics:breakForce", "physics:breakTorque"):
@@ -118,37 +118,23 @@ class JointReader:
             prim.lose(None, "simspec has no joints of distance")
             return None
         if first is second:
-            self._unused(prim, "it joins what does not move against each other")
+            prim.ignore(None, "it joins what does not move against each other")
             return None
         collide = prim.flag("physics:collisionEnabled", False)
         freedoms = self._freedoms(prim, kind)
         if freedoms is None:
-            self._unused(prim, "a joint that leaves everything free")
+            prim.ignore(None, "a joint that leaves everything free")
             return None
-        joint = UsdJointRead(
-            prim,
-            first,
-            second,
-            in_first,
-            in_second,
-            freedoms,
-            prim.flag("physics:excludeFromArticulation", False),
-            prim.called(),
-            collide,
-        )
-        return joint
-
-    def _unused(self, prim: PrimRead, why: str) -> None:
-        prim.ignore(None, why)
+        outside = prim.flag("physics:excludeFromArticulation", False)
+        return UsdJointRead(prim, first, second, in_first, in_second, freedoms, outside, prim.called(), collide)
 
     def _side(self, prim: PrimRead, number: int) -> tuple[PrimRead | None, Pose]:
         targets = prim.targets(f"physics:body{number}")
         if len(targets) > 1:
             raise prim.error(f"physics:body{number} should name one body", found=" ".join(targets)[:80])
         at = prim.reals(f"physics:localPos{number}", 3) or (0.0, 0.0, 0.0)
-        turn = quaternion(
-            prim, f"physics:localRot{number}", prim.reals(f"physics:localRot{number}", 4) or frames.IDENTITY
-        )
+        rotation = f"physics:localRot{number}"
+        turn = quaternion(prim, rotation, prim.reals(rotation, 4) or frames.IDENTITY)
         holder = self.stage.prims.get(targets[0]) if targets else None
         if targets and (holder is None or not holder.used):
             raise prim.error(f"physics:body{number} names what is not there", found=targets[0][:200])
@@ -157,9 +143,8 @@ class JointReader:
         else:
             body = self.body_of(holder)
             place = self.places.world(holder) if body is None else self.places.within(holder, body)
-        x, y, z = (value * factor * self.stage.metres for value, factor in zip(at, place.scale, strict=True))
-        frame = frames.compose(place.pose, Pose((x, y, z), turn))
-        return None if holder is None else self.body_of(holder), frame
+        point = frames.vector3(a * factor * self.stage.metres for a, factor in zip(at, place.scale, strict=True))
+        return None if holder is None else self.body_of(holder), frames.compose(place.pose, Pose(point, turn))
 
     def _freedoms(self, prim: PrimRead, kind: str) -> list[Freedom] | None:
         """The free axes of a joint, in order; None where all are free."""
@@ -173,23 +158,21 @@ class JointReader:
             if axis not in UNITS:
                 raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z")
             freedom = Freedom(kind, UNITS[axis], axis)
-            self._moves(
-                prim, freedom, "physics:lowerLimit", "physics:upperLimit", "angular" if kind == "hinge" else "linear"
-            )
+            drive = "angular" if kind == "hinge" else "linear"
+            self._moves(prim, freedom, "physics:lowerLimit", "physics:upperLimit", drive)
             return [freedom]
         if kind == "ball":
             prim.token("physics:axis", "X")
             for name in ("physics:coneAngle0Limit", "physics:coneAngle1Limit"):
-                if prim.real(name, -1.0, infinite=True) >= 0.0 and not math.isinf(prim.real(name, -1.0, infinite=True)):
+                if 0.0 <= prim.real(name, -1.0, infinite=True) < math.inf:
                     prim.lose(name, "a ball is limited by its whole angle, not by a cone")
             for drive in prim.instances("PhysicsDriveAPI"):
                 self._no_drive(prim, drive)
             ball = Freedom("ball", (0.0, 0.0, 0.0), "ball")
-            stiffness, damping = prim.stored("spring_stiffness", 1), prim.stored("damping", 1)
-            if stiffness is not None:
-                ball.data["spring"] = {"stiffness": plain(stiffness[0])}
-            if damping is not None:
-                ball.data["damping"] = plain(damping[0])
+            if (stiffness := prim.stored_number("spring_stiffness")) is not None:
+                ball.data["spring"] = {"stiffness": plain(stiffness)}
+            if (damping := prim.stored_number("damping")) is not None:
+                ball.data["damping"] = plain(damping)
             engine_schemas.of_ball(prim, ball.data, self._units(True))
             return [ball]
         return self._several(prim)
@@ -212,10 +195,8 @@ class JointReader:
         if len(free) == 6 and not bounded and not drives:
             return None
         freedoms = [self._along(prim, word, "slide", SLIDES[word]) for word in free if word in SLIDES]
-        plain_turns = not any(
-            self._bounded(prim, word) or word in drives or prim.has(f"{PREFIX}{word}:axis") for word in turns
-        )
-        if len(turns) == 3 and plain_turns:
+        stated = (self._bounded(prim, word) or word in drives or prim.has(f"{PREFIX}{word}:axis") for word in turns)
+        if len(turns) == 3 and not any(stated):
             return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot", name=prim.token(f"{PREFIX}rot:name"))]
         for drive in drives:
             if drive not in free:
@@ -246,18 +227,16 @@ class JointReader:
             said = prim.exactly(f"{local_word}limits", ends)
             limits["position"] = [angle(value) if turns else plain(value) for value in said]
         self._drive(prim, freedom, drive)
-        for name, word in (("velocity_limit", "velocity"), ("effort_limit", "effort")):
-            stored = prim.stored(local_word + name, 1)
-            if stored is not None:
-                limits[word] = plain(stored[0])
+        for word in ("velocity", "effort"):
+            if (stored := prim.stored_number(f"{local_word}{word}_limit")) is not None:
+                limits[word] = plain(stored)
         units = self._units(turns)
         engine_schemas.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
         if limits:
             data["limits"] = limits
-        for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
-            stored = prim.stored(local_word + name, 1)
-            if stored is not None and stored[0]:
-                data[word] = plain(stored[0])
+        for word in ("dry_friction", "armature"):
+            if stored := prim.stored_number(local_word + word):
+                data[word] = plain(stored)
         freedom.instance, freedom.units = drive, units
         if (armature := engine_schemas.armature(prim, units, drive)) and "armature" not in data:
             data["armature"] = plain(armature)
@@ -268,10 +247,9 @@ class JointReader:
             data["velocity"] = plain(speed)
 
     def _units(self, turns: bool) -> Units:
-        unit = math.pi / 180.0 if turns else self.stage.metres
-        return Units(
-            self.of_torque if turns else self.stage.kilograms, unit, self.of_torque if turns else self.of_force, turns
-        )
+        if turns:
+            return Units(self.of_torque, math.pi / 180.0, self.of_torque, turns)
+        return Units(self.stage.kilograms, self.stage.metres, self.of_force, turns)
 
     def _drive(self, prim: PrimRead, freedom: Freedom, name: str) -> None:
         if name not in prim.instances("PhysicsDriveAPI"):
@@ -293,8 +271,7 @@ class JointReader:
         if (passive := self._passive(prim, freedom, stiffness, damping)) is not None:
             for word in ("targetPosition", "targetVelocity", "maxForce"):
                 prim.ignore(f"{start}{word}", OF_CONTROL)
-            stiffness, damping, rest = passive
-            self._say_passive(freedom, turns, stiffness, damping, rest)
+            self._say_passive(freedom, turns, *passive)
             return
         if kind != "force":
             reason = "simspec has no drives by acceleration: write the actuators as `control:` of the scenario"
@@ -302,18 +279,13 @@ class JointReader:
                 prim.lose(f"{start}{word}", reason)
             return
         if speed:
-            prim.lose(
-                f"{start}targetVelocity",
-                "a damper of simspec has no speed of its own; write `control:` in the scenario",
-            )
+            reason = "a damper of simspec has no speed of its own; write `control:` in the scenario"
+            prim.lose(f"{start}targetVelocity", reason)
         if most < UNBOUNDED:
-            prim.lose(
-                f"{start}maxForce", "springs and dampers have no largest effort; write `control:` in the scenario"
-            )
-        stiffness, damping, rest = (
-            prim.exactly(prefix(prim, freedom.word) + word, (value,))[0]
-            for word, value in (("spring_stiffness", stiffness), ("damping", damping), ("spring_rest", rest))
-        )
+            reason = "springs and dampers have no largest effort; write `control:` in the scenario"
+            prim.lose(f"{start}maxForce", reason)
+        values = zip(OF_PASSIVE, (stiffness, damping, rest), strict=True)
+        stiffness, damping, rest = (prim.exact(prefix(prim, freedom.word) + word, value) for word, value in values)
         if rest and not stiffness:
             prim.ignore(f"{start}targetPosition", "without stiffness it does nothing")
         self._say_passive(freedom, turns, stiffness, damping, rest)
@@ -325,11 +297,10 @@ class JointReader:
         None where it did not, or the drive has been changed since."""
         before = prefix(prim, freedom.word)
         gains = prim.stored(f"{before}gains", 2)
-        words = ("spring_stiffness", "damping", "spring_rest")
-        said = [prim.stored(before + word, 1) for word in words] if gains is not None else []
-        if gains is None or any(value is None for value in said):
+        said = [prim.stored_number(before + word) for word in OF_PASSIVE] if gains is not None else []
+        if gains is None or None in said:
             return None
-        (spring,), (damper,), (rest,) = (value or (0.0,) for value in said)
+        spring, damper, rest = (value or 0.0 for value in said)
         if not agree((spring + gains[0], damper + gains[1]), (stiffness, damping)):
             return None
         return spring, damper, rest
@@ -349,6 +320,8 @@ class JointReader:
                 prim.lose(attribute, "a drive of an axis that simspec drives by `control:` only")
 
 
+OF_PASSIVE: Final = ("spring_stiffness", "damping", "spring_rest")
+"""simspec's own attributes of a spring and a damper."""
 OF_CONTROL: Final = "the gains in the drive are those of a controller, which a scenario says by `control:`"
 FAR: Final = 1e12
 """rad or m that stand for no limit at one end, where the other has one."""
@@ -395,7 +368,7 @@ def start_of(joint: UsdJointRead, first: Pose, second: Pose) -> Pose:
         if freedom.kind == "slide":
             along = frames.dot(position, freedom.axis)
             freedom.start = (along,)
-            left = frames.subtract(left, tuple(along * value for value in freedom.axis))  # type: ignore[arg-type]
+            left = frames.subtract(left, frames.vector3(along * value for value in freedom.axis))
         elif freedom.kind == "ball":
             freedom.start, turned = turn, frames.IDENTITY
     if len(hinges) == 1:
@@ -427,14 +400,11 @@ def stand_as_said(joint: UsdJointRead, rest: Pose) -> bool:
             return False
         starts.append(values)
         if freedom.kind == "slide":
-            x, y, z = (values[0] * value for value in freedom.axis)
-            step = Pose((x, y, z))
+            step = Pose(frames.vector3(values[0] * value for value in freedom.axis))
         elif freedom.kind == "hinge":
-            step = Pose((0.0, 0.0, 0.0), frames.from_axis_angle(freedom.axis, values[0]))
+            step = Pose(quaternion=frames.from_axis_angle(freedom.axis, values[0]))
         else:
-            turn = frames.conjugate(joint.in_second.quaternion)
-            w, x, y, z = values
-            step = Pose((0.0, 0.0, 0.0), frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn))))
+            step = Pose(quaternion=_seen_from(frames.conjugate(joint.in_second.quaternion), values))
         place = frames.compose(place, step)
     left = frames.compose(frames.inverse(place), rest)
     reach = 1.0 + max(abs(value) for value in (*joint.in_first.position, *joint.in_second.position, *rest.position))
@@ -448,22 +418,23 @@ def stand_as_said(joint: UsdJointRead, rest: Pose) -> bool:
     return True
 
 
+def _seen_from(turn: Quaternion, rotation: Sequence[float]) -> Quaternion:
+    """A rotation in axes from which its own are turned by ``turn``."""
+    return frames.multiply(turn, frames.multiply(frames.quaternion(rotation), frames.conjugate(turn)))
+
+
 def start_words(joint: UsdJointRead) -> None:
     """Say in each freedom's words where it stands, but at zero."""
     for freedom in joint.freedoms:
         if (
             freedom.kind == "ball" and not joint.said
-        ):  # so far in the frame of the joint; in the axes of the body that it moves
-            turn = joint.in_second.quaternion
-            w, x, y, z = freedom.start
-            freedom.start = frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn)))
+        ):  # from the frame of the joint to the axes of the body that it moves
+            freedom.start = _seen_from(joint.in_second.quaternion, freedom.start)
     if len(joint.freedoms) == 1 and not joint.said:
         stored, start = joint.stored(joint.freedoms[0], "position"), joint.freedoms[0].start
         if stored is None:
             joint.freedoms[0].start = tuple(0.0 if abs(value) < START else value for value in start)
-        elif len(stored) == len(start) and all(
-            abs(value - two) < START for value, two in zip(stored, start, strict=True)
-        ):
+        elif len(stored) == len(start) and all(abs(a - b) < START for a, b in zip(stored, start, strict=True)):
             joint.freedoms[0].start, joint.said = stored, True
     for freedom in joint.freedoms:
         values = freedom.start

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown, tensor_words
+from simspec.imports.draft import NOT_POSITIVE, Draft, nearest, numbers, plain, shown, tensor_words
 from simspec.imports.elements import INFORMATION
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.shapes import UsdShapeRead
@@ -29,14 +29,21 @@ DENSITY: Final = 1000.0
 STANDS_FOR_NONE: Final = float(np.float32(1e-9))
 """kg, which simspec writes for a body without mass."""
 OF_FILLING: Final = (
-    "physics:density",
-    "physics:mass",
-    "newton:massModel",
-    "newton:shellThickness",
-    "mjc:shellinertia",
-    "mjc:inertia",
+    *(
+        "physics:density",
+        "physics:mass",
+        "newton:massModel",
+        "newton:shellThickness",
+        "mjc:shellinertia",
+        "mjc:inertia",
+    ),
 )
 """Attributes of shapes that say how the body's mass follows from them."""
+OF_BODY: Final = (
+    *("physics:density", "physics:centerOfMass", "physics:diagonalInertia", "physics:principalAxes"),
+    *("simspec:centre_of_mass", "simspec:inertia"),
+)
+"""Attributes of a body of which none is carried where it has no mass."""
 INCOMPLETE: Final = "incomplete-inertial"
 TRIANGLE: Final = "triangle-inequality"
 AS_UNSAID: Final = "a mass or moments below 0 are as if they were not there: they follow from the shapes"
@@ -59,14 +66,7 @@ class MassReader:
         prim.applies(MASS)
         mass = prim.real("physics:mass", 0.0) * self.of_mass
         if prim.stored("mass") == (0.0,) and mass == STANDS_FOR_NONE * self.of_mass:
-            for name in (
-                "physics:density",
-                "physics:centerOfMass",
-                "physics:diagonalInertia",
-                "physics:principalAxes",
-                "simspec:centre_of_mass",
-                "simspec:inertia",
-            ):
+            for name in OF_BODY:
                 prim.value(name)
             return {}
         if mass < 0.0:
@@ -75,7 +75,7 @@ class MassReader:
             prim.lose("physics:mass", f"replaced by the rule {NOT_POSITIVE}")
             self.draft.repaired(NOT_POSITIVE, prim, f"a mass of {mass:g} kg follows from the shapes", path)
             mass = 0.0
-        mass = prim.exactly("mass", (mass,))[0] if mass else 0.0
+        mass = prim.exact("mass", mass) if mass else 0.0
         centre, moments = self._centre(prim, scale), self._moments(prim)
         if moments is not None and min(low := principal_moments(moments)) < 0.0 and self.draft.repairing(NOT_POSITIVE):
             prim.lose("physics:diagonalInertia", f"replaced by the rule {NOT_POSITIVE}")
@@ -84,28 +84,22 @@ class MassReader:
             moments = None
         solid = [shape for shape in shapes if shape.collision and (shape.sizes is None or shape.sizes[0] != "plane")]
         if mass and moments is not None:
-            if prim.has("physics:density"):
-                prim.ignore("physics:density", "the file gives the mass")
+            prim.ignore("physics:density", "the file gives the mass")
             for shape in shapes:
                 for name in OF_FILLING:
                     shape.prim.ignore(name, "the body has its own mass")
             if centre is None:
-                centre = self._middle(prim, solid)
-            data: dict[str, Any] = {"mass": plain(mass)}
-            place = frames.subtract(centre, offset)
-            if any(place):
-                data["centre_of_mass"] = numbers(place)
-            data["inertia"] = self._inertia(prim, moments, path)
-            return data
+                made = self._combined(prim, solid)
+                centre = (0.0, 0.0, 0.0) if made is None else made[1]
+            return _words(mass, frames.subtract(centre, offset), self._inertia(prim, moments, path))
         return self._from_shapes(prim, solid, mass, centre, moments, offset, path)
 
     def _centre(self, prim: PrimRead, scale: Vector3) -> Vector3 | None:
         said = prim.reals("physics:centerOfMass", 3, infinite=True)
         if said is None or any(math.isinf(value) for value in said):
             return None
-        x, y, z = (value * factor * self.stage.metres for value, factor in zip(said, scale, strict=True))
-        stored = prim.exactly("centre_of_mass", (x, y, z))
-        return (stored[0], stored[1], stored[2])
+        rough = [value * factor * self.stage.metres for value, factor in zip(said, scale, strict=True)]
+        return frames.vector3(prim.exactly("centre_of_mass", rough))
 
     def _moments(self, prim: PrimRead) -> tuple[float, ...] | None:
         """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
@@ -151,22 +145,7 @@ class MassReader:
             repair = f"the principal moments {low:g}, {middle:g}, {high:g} kg m² became those of the nearest body"
             if not self.draft.mend(TRIANGLE, prim, message, repair, (*path, "inertia")):
                 return tensor
-        # the same for every axis keeps the axes: the excess of the largest is shared
-        share = over / 3.0
-        matrix = np.array(
-            [[tensor[0], tensor[3], tensor[4]], [tensor[3], tensor[1], tensor[5]], [tensor[4], tensor[5], tensor[2]]]
-        )
-        values, vectors = np.linalg.eigh(matrix)
-        order = np.argsort(values)
-        values[order[0]] += share * 1.000001
-        values[order[1]] += share * 1.000001
-        values[order[2]] -= share * 1.000001
-        made = vectors @ np.diag(values) @ vectors.T
-        return tuple(float(made[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-
-    def _middle(self, prim: PrimRead, solid: Sequence[UsdShapeRead]) -> Vector3:
-        made = self._combined(prim, solid)
-        return (0.0, 0.0, 0.0) if made is None else made[1]
+        return nearest(tensor, over / 3.0 * 1.000001)
 
     def _combined(
         self, prim: PrimRead, solid: Sequence[UsdShapeRead]
@@ -218,34 +197,15 @@ class MassReader:
             if made is not None:
                 total, middle, tensor = made
                 factor = mass / total if mass else 1.0
-                lever = frames.subtract(middle, centre)
-                m = mass or total
-                x, y, z = lever
-                more = (
-                    m * (y * y + z * z),
-                    m * (x * x + z * z),
-                    m * (x * x + y * y),
-                    -m * x * y,
-                    -m * x * z,
-                    -m * y * z,
-                )
+                more = _steiner(mass or total, frames.subtract(middle, centre))
                 moved = tuple(factor * value + two for value, two in zip(tensor, more, strict=True))
-                place = frames.subtract(centre, offset)
-                return {
-                    "mass": plain(m),
-                    **({"centre_of_mass": numbers(place)} if any(place) else {}),
-                    "inertia": self._inertia(prim, moved, path),
-                }
+                return _words(mass or total, frames.subtract(centre, offset), self._inertia(prim, moved, path))
             prim.lose("physics:centerOfMass", "with meshes and without moments it follows from the shapes")
-        if mass and len(set(densities)) == 1:
-            return {"mass": plain(mass)}
         if mass:
-            made = self._combined(prim, solid)
-            if made is not None:
-                factor = mass / made[0]
-                densities = [factor * density for density in densities]
-            else:
+            made = self._combined(prim, solid) if len(set(densities)) > 1 else None
+            if made is None:
                 return {"mass": plain(mass)}
+            densities = [mass / made[0] * density for density in densities]
         for shape, density in zip(solid, densities, strict=True):
             shape.data["density"] = plain(density)
         return {}
@@ -262,12 +222,16 @@ class MassReader:
             return {}
         radius = (mass / (4.0 / 3.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
         moment = 0.4 * mass * radius * radius
-        place = frames.subtract(centre or (0.0, 0.0, 0.0), offset)
-        return {
-            "mass": plain(mass),
-            **({"centre_of_mass": numbers(place)} if any(place) else {}),
-            "inertia": {"principal": [moment] * 3},
-        }
+        return _words(mass, frames.subtract(centre or (0.0, 0.0, 0.0), offset), {"principal": [moment] * 3})
+
+
+def _words(mass: float, centre: Vector3, inertia: dict[str, Any]) -> dict[str, Any]:
+    return {"mass": plain(mass), **({"centre_of_mass": numbers(centre)} if any(centre) else {}), "inertia": inertia}
+
+
+def _steiner(m: float, lever: Vector3) -> tuple[float, ...]:
+    x, y, z = lever
+    return m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y), -m * x * y, -m * x * z, -m * y * z
 
 
 def _stands_for(moments: Sequence[float], tensor: Sequence[float]) -> bool:

@@ -49,16 +49,11 @@ class PrimPlaces:
 
     def world(self, prim: PrimRead) -> PrimPlace:
         """The place of a prim in the world. Raises SpecError where axes are not at right angles."""
-        return self._turned(self._within(prim, None))
-
-    def within(self, prim: PrimRead, body: PrimRead) -> PrimPlace:
-        """The place of a prim in the rigid frame of one that it is in, or itself."""
-        return self._within(prim, body)
-
-    def _turned(self, place: PrimPlace) -> PrimPlace:
+        place = self.within(prim, None)
         return place if self.upright else PrimPlace(frames.compose(UPRIGHT, place.pose), place.scale)
 
-    def _within(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
+    def within(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
+        """The place of a prim in the rigid frame of one that it is in, or itself; None: in the stage."""
         chain: list[PrimRead] = []
         closed = False
         for above in prim.ancestors():
@@ -69,15 +64,10 @@ class PrimPlaces:
             if above.record.get("reset"):
                 break
         if body is not None and not closed:  # a prim that stands in the body does not move with its place
-            return PrimPlace(
-                frames.compose(frames.inverse(self._exact(body).pose), self._exact(prim).pose), self._exact(prim).scale
-            )
-        start = UNIT_SCALE if body is None else self._exact(body).scale
-        place = self._composed(chain) if start == UNIT_SCALE else None
-        return place or self._by_matrix(prim, body)
-
-    def _exact(self, prim: PrimRead) -> PrimPlace:
-        return self._within(prim, None)
+            place = self.within(prim, None)
+            return PrimPlace(frames.compose(frames.inverse(self.within(body, None).pose), place.pose), place.scale)
+        start = UNIT_SCALE if body is None else self.within(body, None).scale
+        return (self._composed(chain) if start == UNIT_SCALE else None) or self._by_matrix(prim, body)
 
     def _composed(self, chain: list[PrimRead]) -> PrimPlace | None:
         """The place of the first of a chain of prims in what is around the last; None where factors stand in between."""
@@ -93,7 +83,7 @@ class PrimPlaces:
     def _by_matrix(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
         matrix = _matrix(prim)
         if body is not None:
-            around = self._exact(body).pose
+            around = self.within(body, None).pose
             rigid = np.eye(4)
             rigid[:3, :3] = frames.matrix(around.quaternion)
             rigid[:3, 3] = np.array(around.position) / self.metres
@@ -115,9 +105,9 @@ class PrimPlaces:
         if np.linalg.det(unit) < 0.0:
             unit[:, 0], factors[0] = -unit[:, 0], -factors[0]
         rows: Any = tuple(tuple(row) for row in unit.tolist())
-        x, y, z = (float(value) * self.metres for value in matrix[:3, 3])
         turn = frames.from_matrix(rows)
-        return PrimPlace(Pose((x, y, z), frames.IDENTITY if 1.0 - turn[0] < 1e-14 else turn), tuple(factors.tolist()))
+        origin = frames.vector3(float(value) * self.metres for value in matrix[:3, 3])
+        return PrimPlace(Pose(origin, frames.IDENTITY if 1.0 - turn[0] < 1e-14 else turn), tuple(factors.tolist()))
 
     def _read(self, prim: PrimRead) -> PrimPlace | None:
         """A prim's own operations; None where they are no pose with factors after it."""
@@ -146,8 +136,7 @@ class PrimPlaces:
         if any(not isinstance(item, (int, float)) for item in values):
             raise prim.error("a transformation should be finite", found=str(value)[:80])
         if kind == "Translate":
-            x, y, z = (self.metres * item for item in values)
-            return Pose((x, y, z))
+            return Pose(frames.vector3(self.metres * item for item in values))
         if kind == "Orient":
             return Pose(quaternion=quaternion(prim, "xformOp:orient", values))
         if kind.startswith("Rotate"):

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.imports.draft import Draft, made_file, numbers, plain
+from simspec.imports.draft import BEGINNING, Draft, made_file, numbers, plain, shape_data
 from simspec.imports.elements import APPEARANCE, INFORMATION
+from simspec.imports.usd.engine_schemas import first_of
 from simspec.imports.usd.places import ALIKE, UNIT_SCALE, PrimPlace, PrimPlaces
 from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, agree
 from simspec.language.shapes import FEWEST_VERTICES, MOST_VERTICES
@@ -39,13 +40,7 @@ EMPTY: Final = "empty-shapes"
 COLOUR: Final = [0.7, 0.7, 0.7, 1.0]
 """The language's default."""
 HULLS: Final = (
-    "convexHull",
-    "convexDecomposition",
-    "meshSimplification",
-    "none",
-    "sdf",
-    "boundingCube",
-    "boundingSphere",
+    *("convexHull", "convexDecomposition", "meshSimplification", "none", "sdf", "boundingCube", "boundingSphere"),
 )
 
 
@@ -99,7 +94,6 @@ class ShapeReader:
 
     places: PrimPlaces
     draft: Draft
-    failed: list[PrimRead] = field(default_factory=list)
 
     def read(self, prim: PrimRead, body: PrimRead | None) -> UsdShapeRead | None:
         """The shape of a prim of geometry in the rigid frame of a body (None: in the world); None for what is not carried."""
@@ -108,20 +102,14 @@ class ShapeReader:
         purpose = prim.record.get("purpose", "default")
         seen = bool(prim.record.get("visible", True)) and purpose not in ("guide", "proxy")
         for name in ("visibility", "purpose"):
-            if prim.has(name):
-                prim.value(name)
+            prim.value(name)
         if not collides and not seen:
             prim.ignore(None, "it does not collide and is not drawn")
             return None
-        flat = next(
-            (str(value) for _, kind, _, value in prim.record.get("ops", ()) if kind == "Scale" and _has_zero(value)), ""
-        )
-        if flat:
-            self._refuse(
-                UsdShapeRead(prim, {}, Pose(), collides, seen, prim.called()),
-                "a factor of 0 leaves no volume",
-                flat[:80],
-            )
+        factors = [value for _, kind, _, value in prim.record.get("ops", ()) if kind == "Scale" and value is not None]
+        if flat := next((str(value) for value in factors if 0.0 in map(float, value)), ""):
+            shape = UsdShapeRead(prim, {}, Pose(), collides, seen, prim.called())
+            self._refuse(shape, "a factor of 0 leaves no volume", flat[:80])
             return None
         place = self.places.world(prim) if body is None else self.places.within(prim, body)
         shape = UsdShapeRead(prim, {}, place.pose, collides, seen, prim.called())
@@ -130,14 +118,9 @@ class ShapeReader:
             self._mesh(shape, place)
         else:
             self._primitive(shape, place)
-        if shape.data and collides:
-            self._margin(shape)
+        if shape.data and collides and (margin := first_of(prim, dict.fromkeys(MARGINS, self.places.metres))) > 0.0:
+            shape.data["margin"] = plain(margin)
         return shape if shape.data else None
-
-    def _margin(self, shape: UsdShapeRead) -> None:
-        said = [shape.prim.real(name, 0.0) for name in MARGINS if shape.prim.has(name)]
-        if said and said[0] > 0.0:
-            shape.data["margin"] = plain(said[0] * self.places.metres)
 
     def _primitive(self, shape: UsdShapeRead, place: PrimPlace) -> None:
         prim, metres = shape.prim, self.places.metres
@@ -168,10 +151,8 @@ class ShapeReader:
         if abs(across[0] - across[1]) > ALIKE * max(across):
             self._refuse(shape, f"a {kind.lower()} with an elliptical section is not supported")
             return
-        radius, height = (
-            self._radius(prim) * metres * across[0],
-            prim.real("height", 2.0 if kind != "Capsule" else 1.0) * metres * along,
-        )
+        radius = self._radius(prim) * metres * across[0]
+        height = prim.real("height", 2.0 if kind != "Capsule" else 1.0) * metres * along
         if kind == "Cone":
             self._cone(shape, radius, height, axis)
             return
@@ -193,10 +174,7 @@ class ShapeReader:
         if min(size) <= 0.0:
             self._refuse(shape, "the lengths of a shape must be above 0", str(size))
             return
-        shape.sizes = (kind, tuple(size))
-        values = numbers(size)
-        words = {"box": {"size": values}, "ellipsoid": {"radii": values}, "sphere": {"radius": values[0]}}
-        shape.data = {kind: words.get(kind) or {"radius": values[0], "length": values[1]}}
+        shape.sizes, shape.data = (kind, tuple(size)), shape_data(kind, size)
 
     def _cone(self, shape: UsdShapeRead, radius: float, height: float, axis: str) -> None:
         """A cone as the hull of its tip and of a polygon around its base: the volume is 0.16 % less."""
@@ -242,14 +220,11 @@ class ShapeReader:
         if said not in HULLS:
             raise prim.error("not an approximation of a mesh", found=said[:40], allowed=", ".join(HULLS))
         if said != "convexHull":
-            reason = f"approximation {said}: the convex hull stands for it"
-            if prim.has("physics:approximation"):
-                prim.lose("physics:approximation", reason)
-            else:
-                prim.lose("points", reason)
+            where = "physics:approximation" if prim.has("physics:approximation") else "points"
+            prim.lose(where, f"approximation {said}: the convex hull stands for it")
 
     def _file(self, shape: UsdShapeRead, points: NDArray[np.float64], faces: list[tuple[int, int, int]]) -> None:
-        lines = ["# Made by simspec import"]
+        lines = [BEGINNING.decode()]
         lines += ["v " + " ".join(repr(float(value)) for value in point) for point in points.tolist()]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
         most = shape.prim.real("newton:maxHullVertices", -1.0) if shape.collision else -1.0
@@ -270,10 +245,6 @@ def refuse(shape: UsdShapeRead, draft: Draft, message: str, found: str = "") -> 
         prim.lose(None, f"left out by the rule {EMPTY}: {message}")
 
 
-def _has_zero(factors: Any) -> bool:
-    return factors is not None and 0.0 in map(float, factors)
-
-
 def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[int, int, int]]:
     """Faces as fans of triangles."""
     start, flat = 0, indices.tolist()
@@ -285,10 +256,8 @@ def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[in
 
 
 def _colour(prim: PrimRead) -> list[float] | None:
-    colours, opacities = (
-        prim.record["attributes"].get("primvars:displayColor"),
-        prim.record["attributes"].get("primvars:displayOpacity"),
-    )
+    attributes = prim.record["attributes"]
+    colours, opacities = (attributes.get(f"primvars:display{word}") for word in ("Color", "Opacity"))
     if colours is None or not colours.get("value") or len(colours["value"]) != 1:
         return None
     rgb = colours["value"][0]
@@ -300,11 +269,7 @@ def _colour(prim: PrimRead) -> list[float] | None:
     prim.value("primvars:displayOpacity")
     clipped = [min(1.0, max(0.0, float(value))) for value in values]
     said = prim.exactly("colour", clipped)
-    return (
-        [plain(value) for value in said]
-        if said != tuple(clipped)
-        else [plain(float(np.float32(value).astype(str))) for value in clipped]
-    )
+    return numbers(said if said != tuple(clipped) else [float(np.float32(value).astype(str)) for value in clipped])
 
 
 def name_meshes(shapes: Sequence[UsdShapeRead], draft: Draft) -> set[int]:

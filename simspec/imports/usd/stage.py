@@ -202,6 +202,15 @@ class PrimRead(Element):
             return None
         return tuple(self._number(PREFIX + name, item, False) for item in values)
 
+    def stored_number(self, name: str) -> float | None:
+        """One such number."""
+        said = self.stored(name, 1)
+        return None if said is None else said[0]
+
+    def exact(self, name: str, rough: float) -> float:
+        """One number of :meth:`exactly`."""
+        return self.exactly(name, (rough,))[0]
+
     def exactly(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
         """The doubles of ``simspec:NAME``, where they are ``rough`` but for its single precision; else ``rough``."""
         said = self.stored(name, len(rough))
