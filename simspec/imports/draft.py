@@ -271,7 +271,7 @@ CONTACT_OF_LINK: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class LinkSurface:
     """A surface of a file, as a material of the language."""
 
     friction: float = 1.0
@@ -289,9 +289,9 @@ class Surface:
 class Materials:
     """Names of surfaces; equal ones are one material."""
 
-    names: dict[Surface, str] = field(default_factory=dict)
+    names: dict[LinkSurface, str] = field(default_factory=dict)
 
-    def name(self, surface: Surface) -> str:
+    def name(self, surface: LinkSurface) -> str:
         """The material of a surface."""
         if surface not in self.names:
             self.names[surface] = f"surface-{len(self.names) + 1}"

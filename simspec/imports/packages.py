@@ -80,7 +80,7 @@ class Packages:
     _manifests: dict[Path, bytes | str] = field(default_factory=dict)
     """The content of each ``package.xml``, or why it is not read, by the folder of the package."""
     _bytes: int = 0
-    _below: dict[Path, _Tree] = field(default_factory=dict)
+    _below: dict[Path, _PackageTree] = field(default_factory=dict)
 
     @functools.cached_property
     def path(self) -> list[Path]:
@@ -171,9 +171,9 @@ class Packages:
             return self.options.project.resolve()
         return next((folder for folder in reversed(self.start.parents) if folder.name == SOURCES), None)
 
-    def _tree(self, folder: Path) -> _Tree:
+    def _tree(self, folder: Path) -> _PackageTree:
         if folder not in self._below:
-            self._below[folder] = _Tree(folder)
+            self._below[folder] = _PackageTree(folder)
         return self._below[folder]
 
     def _among(self, name: str, level: list[Path], damaged: dict[Path, Problem]) -> list[Path]:
@@ -256,7 +256,7 @@ def _has(folder: Path, *names: str) -> bool:
     return any(os.path.exists(folder / name) for name in names)
 
 
-class _Tree:
+class _PackageTree:
     """The packages below a folder. Links are not followed, and no package is looked for within another."""
 
     def __init__(self, folder: Path):

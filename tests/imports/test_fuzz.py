@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from simspec.errors import Problem, SpecError
-from simspec.imports.sdf.importer import Sdf
 from simspec.meshes.child import READERS
 from simspec.meshes.reading import MeshError, open_mesh, read_surfaces
 
@@ -101,7 +100,7 @@ def test_forbidden_acts_of_an_importer_are_noticed(act, given, tmp_path, monkeyp
         act(path.resolve())
         raise SpecError([Problem("refused", location=None)])
 
-    monkeypatch.setattr(Sdf, "read", plant)
+    monkeypatch.setattr(SdfImporter, "read", plant)
     monkeypatch.setattr(judge, "CPU_SECONDS", 0.3)
     monkeypatch.setattr(judge, "WALL", 2.0 if given == "hangs" else 60.0)
     _, wrong = verdict(Fuzz("sdf", tmp_path / "case"))
@@ -113,7 +112,7 @@ def test_forbidden_acts_of_an_importer_are_noticed(act, given, tmp_path, monkeyp
     [(KeyError("x"), "KeyError"), (RecursionError(), "Recursion"), (SpecError([Problem("here")]), "without a place")],
 )
 def test_errors_of_another_form_are_noticed(error, given, tmp_path, monkeypatch):
-    monkeypatch.setattr(Sdf, "read", raises(error))
+    monkeypatch.setattr(SdfImporter, "read", raises(error))
     _, wrong = verdict(Fuzz("sdf", tmp_path / "case"))
     assert any(given in entry for entry in wrong), wrong
     monkeypatch.undo()

@@ -19,7 +19,15 @@ from simspec.imports.sdf.masses import excluded, give_masses, silent
 from simspec.imports.sdf.models import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.models import ModelReader, Scope, SdfMeshes
 from simspec.imports.sdf.shapes import SdfShapeRead, judge_meshes
-from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, body_data, constraints, named_frames, read_model
+from simspec.imports.sdf.trees import (
+    MASSLESS,
+    SdfBodyRead,
+    SdfModelRead,
+    body_data,
+    constraints,
+    named_frames,
+    read_model,
+)
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import (
     IN_WORLD,
@@ -49,7 +57,7 @@ MOST_PAIRS: Final = 20_000
 """Pairs of bodies of one model that do not touch each other."""
 
 
-class Sdf:
+class SdfImporter:
     """The importer of SDF."""
 
     NAME: Final = "sdf"
@@ -73,7 +81,7 @@ class Sdf:
         made = Draft(files, options, RULES, (draft.FROM_SHAPES,))
         graph, meshes = FrameGraph(), SdfMeshes(made)
         made.problems += options.repairs.problems(shown, RULES, (draft.FROM_SHAPES,))
-        models: list[ModelRead] = []
+        models: list[SdfModelRead] = []
         for scope in scopes:
             with made.collecting():
                 models.append(read_model(graph, scope, meshes))
@@ -83,7 +91,7 @@ class Sdf:
         if not made.problems:
             give_masses(models, made, density)
         made.problems.demand_none()
-        spec = _Spec(path, graph, world, models, made)
+        spec = SdfAssembly(path, graph, world, models, made)
         spec.fill()
         made.repairs.sort(key=lambda repair: not repair.path)  # those of meshes last
         imported = made.imported(spec.data, [account for root in reader.roots for account in root.accounts()])
@@ -128,13 +136,13 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
 
 
 @dataclass
-class _Spec:
+class SdfAssembly:
     """The spec that is made."""
 
     path: Path
     graph: FrameGraph
     world: Scope | None
-    models: list[ModelRead]
+    models: list[SdfModelRead]
     draft: Draft
     data: dict[str, Any] = field(default_factory=dict)
     materials: Materials = field(default_factory=Materials)
@@ -162,23 +170,17 @@ class _Spec:
             self.data["physics"] = _physics(self.world)
         contact: dict[str, Any] = {}
         self.data["contact"] = contact
-        for read in self.models:
-            for body in read.bodies:
-                for shape in body.content.shapes:
-                    if shape.surface is not None:
-                        self.materials.name(shape.surface)
+        for shape in (shape for read in self.models for body in read.bodies for shape in body.content.shapes):
+            if shape.surface is not None:
+                self.materials.name(shape.surface)
         if alone:
             self.data["model"] = {"bodies": self._bodies(model, ("model", "bodies"))}
             self._constrain(model, self.data["model"], ("model",))
             self._separate(model, "")
         else:
             self._scenario()
-        if self.materials.names:
-            contact["materials"] = self.materials.data()
-        if self.groups:
-            contact["groups"] = self.groups
-        if self.exclude:
-            contact["exclude"] = self.exclude
+        said = {"materials": self.materials.data() if self.materials.names else {}, "groups": self.groups}
+        contact.update({word: value for word, value in {**said, "exclude": self.exclude}.items() if value})
         if not contact:
             del self.data["contact"]
         wrong: list[Path_] = []
@@ -216,10 +218,8 @@ class _Spec:
             loose = roots[0].name == model.scope.name or len(model.bodies) == 1
             renamed: dict[str, str] = {}
             for body in model.bodies:
-                text = body.name if loose and len(model.bodies) > 1 else f"{model.scope.name}_{body.name}"
-                if len(model.bodies) == 1:
-                    text = model.scope.name
-                renamed[body.name] = names.give(text, body.element)
+                text = body.name if loose else f"{model.scope.name}_{body.name}"
+                renamed[body.name] = names.give(text if len(model.bodies) > 1 else model.scope.name, body.element)
             for body in model.bodies:
                 if body.joint_name and not loose:
                     body.joint_name = f"{model.scope.name}_{body.joint_name}"
@@ -231,7 +231,7 @@ class _Spec:
             self._constrain(model, self.data, ())
             self._separate(model, "", group=names.give(model.scope.name))
 
-    def _constrain(self, model: ModelRead, around: dict[str, Any], path: Path_) -> None:
+    def _constrain(self, model: SdfModelRead, around: dict[str, Any], path: Path_) -> None:
         """The named frames of a model, and what holds its bodies together outside its trees."""
         if said := named_frames(model):
             taken = SdfNames([*around.get("frames", ()), *around.get("bodies", ())])
@@ -246,8 +246,7 @@ class _Spec:
         for name in actual:
             self.draft.places[(*path, "constraints", name)] = model.scope.element.location
 
-    def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
-        around = Placement()
+    def _bodies(self, model: SdfModelRead, path: tuple[str, ...]) -> dict[str, Any]:
         if self.world is not None:
             around = self.graph.pose(self.world, model.scope.name, model.scope.element)
         else:
@@ -280,7 +279,7 @@ class _Spec:
             pose = pose.then(self.graph.pose(scope, scope.placement_frame, scope.element).inverse())
         return pose
 
-    def _place(self, body: BodyRead, data: dict[str, Any], at: tuple[str, ...]) -> None:
+    def _place(self, body: SdfBodyRead, data: dict[str, Any], at: tuple[str, ...]) -> None:
         self.draft.places[at] = body.element.location
         if body.joint is not None:
             self.draft.places[(*at, "joint")] = body.joint.element.location
@@ -289,7 +288,7 @@ class _Spec:
                 if key in data:
                     self.draft.places[(*at, key)] = body.content.inertial.location
 
-    def _shape(self, body: BodyRead, index: int, path: Path_) -> dict[str, Any]:
+    def _shape(self, body: SdfBodyRead, index: int, path: Path_) -> dict[str, Any]:
         shape = body.content.shapes[index]
         self.draft.places[path] = shape.element.location
         named = {} if shape.name in ("", f"{body.name}_{index}") else {"name": shape.name}
@@ -298,7 +297,7 @@ class _Spec:
             data["material"] = self.materials.name(shape.surface)
         return data
 
-    def _separate(self, model: ModelRead, prefix: str, group: str | None = None) -> None:
+    def _separate(self, model: SdfModelRead, prefix: str, group: str | None = None) -> None:
         """Bodies of a model that do not touch each other: pairs in a model file, which may be placed twice, else a group."""
         bodies = silent(model)
         if not bodies:
@@ -314,7 +313,7 @@ class _Spec:
             table.update({"collision_group": group, "shapes": shapes})
 
 
-def _is_placed(model: ModelRead) -> bool:
+def _is_placed(model: SdfModelRead) -> bool:
     """Whether a model is one of the scenario's models: one tree, of more than one body without a name of its own. The bodies of
     others are loose."""
     names = [body.name for body in model.bodies]

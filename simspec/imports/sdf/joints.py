@@ -39,6 +39,11 @@ MOST_PARTS: Final = 100
 """Names of models that one name has before its own."""
 
 
+def key_of(link: Link | None) -> tuple[int, str] | None:
+    """A link as a key; None: the world."""
+    return None if link is None else (id(link[0]), link[1])
+
+
 def split(scope: Scope, name: str) -> tuple[str, str]:
     """The name of the model that a name begins with, and the rest, which is a name in that model; "" and the name itself where
     it is one of the scope's, also one with `::` in it."""
@@ -64,15 +69,13 @@ class FrameGraph:
 
     def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
         """The scope and the local name of ``name`` in ``scope``. Raises SpecError at the element ``asking``."""
-        last = name
-        while True:
-            part, last = split(scope, last)
-            if not part:
-                break
+        part, last = split(scope, name)
+        while part:
             around = scope.owner(part)
             if around is None or part not in around.models:
                 raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
             scope = around.models[part]
+            part, last = split(scope, last)
         owner = scope.owner(last)
         if owner is None and last not in (MODEL, WORLD):
             known = ", ".join(sorted(scope.names())[:20])
@@ -229,7 +232,7 @@ ACTING: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True)
-class MimicRead:
+class SdfMimicRead:
     """That a joint follows another: ``axis`` is which of the leader's axes."""
 
     element: Element
@@ -240,7 +243,7 @@ class MimicRead:
 
 
 @dataclass
-class JointRead:
+class SdfJointRead:
     """A joint: the links that it joins, its place, and its words in the language. ``parent`` None: the world."""
 
     scope: Scope
@@ -255,33 +258,29 @@ class JointRead:
     """Limits, damping, and the like; the axis in the child link's axes."""
     second: dict[str, Any] | None = None
     """The same of the second axis of a universal joint."""
-    mimic: MimicRead | None = None
-    second_mimic: MimicRead | None = None
+    mimic: SdfMimicRead | None = None
+    second_mimic: SdfMimicRead | None = None
 
     @property
-    def mimics(self) -> list[tuple[MimicRead, str]]:
+    def mimics(self) -> list[tuple[SdfMimicRead, str]]:
         """The leaders of its axes, each with the word of the axis."""
         both = ((self.mimic, FIRST_AXIS), (self.second_mimic, SECOND_AXIS))
         return [(mimic, word) for mimic, word in both if mimic is not None]
 
 
-def read_joint(graph: FrameGraph, scope: Scope, name: str) -> JointRead:
+def read_joint(graph: FrameGraph, scope: Scope, name: str) -> SdfJointRead:
     """A joint of a model. Raises SpecError for kinds that the language does not have."""
     element = scope.joints[name]
     word = element.need("type")
     if word in REFUSED:
-        raise element.error(
-            f"simspec does not support joints of the type {word}: {REFUSED[word]}", hint="leave it out, or fix it"
-        )
+        message = f"simspec does not support joints of the type {word}: {REFUSED[word]}"
+        raise element.error(message, hint="leave it out, or fix it")
     if word not in KINDS:
         raise element.error("not a type of joint", found=word[:60], allowed=", ".join((*KINDS, "gearbox", *REFUSED)))
-    parent = side_of(graph, scope, element, "parent")
-    child = side_of(graph, scope, element, "child")
-    if child is None:
-        raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
+    parent, child = side_of(graph, scope, element, "parent"), child_of(graph, scope, element)
     in_child = _between(graph, scope, element, name, child)
     kind = KINDS[word]
-    read = JointRead(scope, name, element, kind, parent, child, in_child, {})
+    read = SdfJointRead(scope, name, element, kind, parent, child, in_child, {})
     if kind in SCALAR_JOINTS or kind == "universal":
         limited, turns = word != "continuous", kind != "slide"
         read.data, read.mimic = _axis(graph, read, FIRST_AXIS, limited=limited, turns=turns)
@@ -307,6 +306,14 @@ def side_of(graph: FrameGraph, scope: Scope, element: Element, tag: str) -> Link
     return graph.link(scope, side.text, side)
 
 
+def child_of(graph: FrameGraph, scope: Scope, element: Element) -> Link:
+    """The link that a joint moves. Raises SpecError where there is none."""
+    child = side_of(graph, scope, element, "child")
+    if child is None:
+        raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
+    return child
+
+
 def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child: Link) -> Placement:
     placed, _ = graph.placed(scope, name)
     if not placed.relative_to or graph.home(scope, placed.relative_to, element) == child:
@@ -316,41 +323,38 @@ def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child
 
 
 def _axis(
-    graph: FrameGraph, joint: JointRead, word: str, *, limited: bool, turns: bool
-) -> tuple[dict[str, Any], MimicRead | None]:
+    graph: FrameGraph, joint: SdfJointRead, word: str, *, limited: bool, turns: bool
+) -> tuple[dict[str, Any], SdfMimicRead | None]:
     element = joint.element
-    axis = element.child(word)
-    if axis is None:
-        axis = Element(word, {}, element.location, "", element)
+    axis = axis_of(element, word)
     data: dict[str, Any] = {"axis": list(direction_of(graph, joint.scope, joint.name, joint.child, axis))}
     limit = axis.child("limit")
-    if limit is not None:
-        limits = _limits(limit, limited=limited, turns=turns)
-        if limits:
-            data["limits"] = limits
-    dynamics = axis.child("dynamics")
-    if dynamics is not None:
+    if limit is not None and (limits := _limits(limit, limited=limited, turns=turns)):
+        data["limits"] = limits
+    if (dynamics := axis.child("dynamics")) is not None:
         for tag, key in (("damping", "damping"), ("friction", "dry_friction")):
-            value = finite_of(dynamics, tag, 0.0)
-            if value:
+            if value := finite_of(dynamics, tag, 0.0):
                 data[key] = value
         stiffness = finite_of(dynamics, "spring_stiffness", 0.0)
         rest = finite_of(dynamics, "spring_reference", 0.0)
         if stiffness:
-            data["spring"] = (
-                {"stiffness": stiffness}
-                if not rest
-                else {"stiffness": stiffness, "rest": angle(rest) if turns else rest}
-            )
+            data["spring"] = {"stiffness": stiffness}
+        if stiffness and rest:
+            data["spring"]["rest"] = angle(rest) if turns else rest
     for child_element in axis.look("initial_position"):
         child_element.lose(None, "where a joint begins is not read", PHYSICS, "`positions` of the placed model")
     mimics = axis.look("mimic")
-    for child_element in mimics[1:]:
-        raise child_element.error("a joint follows one other at most")
+    if len(mimics) > 1:
+        raise mimics[1].error("a joint follows one other at most")
     return data, _mimic(graph, joint.scope, mimics[0].take()) if mimics else None
 
 
-def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> MimicRead | None:
+def axis_of(element: Element, word: str) -> Element:
+    """The element of an axis of a joint; an empty one where the file has none."""
+    return element.child(word) or Element(word, {}, element.location, "", element)
+
+
+def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> SdfMimicRead | None:
     """The leader of an axis: q = multiplier × (q of the leader − reference) + offset. None where it has none."""
     leader = graph.home(scope, element.need("joint"), element)
     axis = element.word("axis") or FIRST_AXIS
@@ -364,7 +368,7 @@ def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> MimicRead | Non
         reason = "with a multiplier of 0 the joint follows nothing: it moves on its own"
         element.lose(None, reason, hint="make the joint fixed")
         return None
-    return MimicRead(element, leader, axis, ratio, offset - ratio * reference)
+    return SdfMimicRead(element, leader, axis, ratio, offset - ratio * reference)
 
 
 def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
@@ -374,11 +378,9 @@ def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: 
     direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else vector(xyz)
     if not any(direction):
         raise axis.error("the axis of a joint has no length")
-    frame = name
-    if scope.version < JOINT_FRAME_SINCE or (
-        scope.version < EXPRESSED_SINCE and flag_of(axis, "use_parent_model_frame", False)
-    ):
-        frame = MODEL
+    by_flag = JOINT_FRAME_SINCE <= scope.version < EXPRESSED_SINCE
+    of_model = flag_of(axis, "use_parent_model_frame", False) if by_flag else scope.version < JOINT_FRAME_SINCE
+    frame = MODEL if of_model else name
     if xyz is not None:
         frame = xyz.word("expressed_in") or frame
     if frame == name:

@@ -12,10 +12,13 @@ from simspec.imports.sdf.joints import (
     FIRST_AXIS,
     SECOND_AXIS,
     FrameGraph,
-    JointRead,
     Link,
-    MimicRead,
+    SdfJointRead,
+    SdfMimicRead,
+    axis_of,
+    child_of,
     direction_of,
+    key_of,
     side_of,
     solver_of,
 )
@@ -36,16 +39,15 @@ _WORLD: Final = (0, "")
 """Stands for the world among links: no object has this ``id``."""
 
 
-def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[JointRead]]:
+def spanning(joints: Sequence[SdfJointRead]) -> tuple[dict[_Key, SdfJointRead], list[SdfJointRead]]:
     """The joint that each link hangs on, by the link, and the joints that close loops, in the order of the file. Joints to the
     world hang links first, then those that no constraint stands for, those whose efforts or limits would be lost, and others,
     in the order of the file."""
-    of_child: dict[_Key, JointRead] = {}
-    closing: list[JointRead] = []
+    of_child: dict[_Key, SdfJointRead] = {}
+    closing: list[SdfJointRead] = []
     above: dict[_Key, _Key] = {}
     for joint in sorted(joints, key=_order):
-        child = (id(joint.child[0]), joint.child[1])
-        parent = _WORLD if joint.parent is None else (id(joint.parent[0]), joint.parent[1])
+        child, parent = key_of(joint.child) or _WORLD, key_of(joint.parent) or _WORLD
         # a link that carries the parent already is the topmost of that: it hangs on nothing yet
         if child in of_child or _topmost(parent, above) == child:
             closing.append(joint)
@@ -55,7 +57,7 @@ def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[J
     return of_child, sorted(closing, key=lambda joint: position[id(joint)])
 
 
-def _order(joint: JointRead) -> tuple[bool, int]:
+def _order(joint: SdfJointRead) -> tuple[bool, int]:
     if joint.kind not in CLOSED or joint.mimic is not None:
         rank = 0
     else:
@@ -73,12 +75,11 @@ def _topmost(key: _Key, above: dict[_Key, _Key]) -> _Key:
     return top
 
 
-def refused(joint: JointRead) -> Iterator[Problem]:
+def refused(joint: SdfJointRead) -> Iterator[Problem]:
     """Why no constraint stands for a joint that closes a loop."""
     if joint.kind not in CLOSED:
-        message = (
-            f"a loop that is closed by a joint of the type {joint.element.attributes['type'][:40]} is not supported"
-        )
+        kind = joint.element.attributes["type"][:40]
+        message = f"a loop that is closed by a joint of the type {kind} is not supported"
         hint = "make another joint of the loop hang on two links, or leave this one out"
         yield joint.element.problem(message, allowed="ball, revolute, fixed", hint=hint)
     elif joint.mimic is not None:
@@ -86,7 +87,7 @@ def refused(joint: JointRead) -> Iterator[Problem]:
 
 
 def closed(
-    joint: JointRead, names: tuple[str, str], places: tuple[Pose, Pose], axes: tuple[Vector3, Vector3]
+    joint: SdfJointRead, names: tuple[str, str], places: tuple[Pose, Pose], axes: tuple[Vector3, Vector3]
 ) -> list[dict[str, Any]]:
     """The constraints that stand for a joint between the bodies ``names``; ``places``: the joint's frame in each of them,
     ``axes``: its axis there. Properties that they do not have are lost."""
@@ -104,7 +105,7 @@ def _along(point: Vector3, axis: Vector3) -> list[float]:
     return list(frames.add(point, (LEVER * x, LEVER * y, LEVER * z)))
 
 
-def _lose(joint: JointRead) -> None:
+def _lose(joint: SdfJointRead) -> None:
     """Say what a joint has that its constraint has not."""
     words = {"limits": ("limit",), "damping": ("dynamics",), "dry_friction": ("dynamics",), "spring": ("dynamics",)}
     acting = set(joint.data) - {"axis"}
@@ -117,7 +118,7 @@ def _lose(joint: JointRead) -> None:
         joint.element.lose(None, "the joint closes a loop: its rotor has no inertia")
 
 
-def _said(joint: JointRead, tags: tuple[str, ...], reason: str, severity: Severity) -> None:
+def _said(joint: SdfJointRead, tags: tuple[str, ...], reason: str, severity: Severity) -> None:
     for axis in joint.element.look("axis"):
         for element in axis.look(*tags):
             element.lose(None, reason, severity)
@@ -134,7 +135,7 @@ PARALLEL: Final = 1e-6
 """By how much the cosine of the angle between an axis of a gearbox and that of a joint may miss 1."""
 
 
-def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[JointRead]) -> None:
+def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[SdfJointRead]) -> None:
     """Let a joint of ``joints`` follow another as a gearbox says: θ₂ = −ratio θ₁, the angles from the reference body to the
     parent about ``axis`` and to the child about ``axis2``. Raises SpecError where no two hinges are these angles."""
     element = scope.joints[name]
@@ -156,12 +157,12 @@ def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[JointRea
         leader, follower, factor = follower, leader, 1.0 / factor
     if follower.mimic is not None or follower is leader:
         raise element.error(f"the joint {follower.name!r} follows another already", hint="leave the gearbox out")
-    follower.mimic = MimicRead(element, (leader.scope, leader.name), FIRST_AXIS, factor, 0.0)
+    follower.mimic = SdfMimicRead(element, (leader.scope, leader.name), FIRST_AXIS, factor, 0.0)
     set_aside(element, IN_JOINT)
     solver_of(element)
 
 
-def _bounded(joint: JointRead) -> bool:
+def _bounded(joint: SdfJointRead) -> bool:
     return "position" in joint.data.get("limits", {})
 
 
@@ -171,41 +172,26 @@ def _shaft(
     name: str,
     ends: tuple[Link | None, Link | None],
     word: str,
-    joints: Sequence[JointRead],
-) -> tuple[JointRead, float]:
+    joints: Sequence[SdfJointRead],
+) -> tuple[SdfJointRead, float]:
     """The hinge between two links, and the sign with which its angle is that from the first to the second about an axis of the
     gearbox. Raises SpecError where there is none."""
-    element, wanted = scope.joints[name], [_key(end) for end in ends]
+    element, wanted = scope.joints[name], [key_of(end) for end in ends]
     for joint in joints:
-        between = [_key(joint.parent), _key(joint.child)]
+        between = [key_of(joint.parent), key_of(joint.child)]
         if joint.kind != "hinge" or sorted(between, key=str) != sorted(wanted, key=str):
             continue
         joint_axis = _turned(graph, scope, joint.child, tuple(joint.data["axis"]), element)
-        axis = element.child(word)
-        if axis is None:
-            axis = Element(word, {}, element.location, "", element)
-        carried = _child(graph, scope, element)
+        axis, carried = axis_of(element, word), child_of(graph, scope, element)
         turned = _turned(graph, scope, carried, direction_of(graph, scope, name, carried, axis), element)
-        along = frames.dot(joint_axis, turned) / math.sqrt(
-            frames.dot(joint_axis, joint_axis) * frames.dot(turned, turned)
-        )
+        squares = frames.dot(joint_axis, joint_axis) * frames.dot(turned, turned)
+        along = frames.dot(joint_axis, turned) / math.sqrt(squares)
         if not abs(along) > 1.0 - PARALLEL:
             raise axis.error(f"the axis of a gearbox is that of the joint {joint.name!r}, whose angle it is about")
         sign = 1.0 if between == wanted else -1.0
         return joint, sign if along > 0.0 else -sign
     message = f"no hinge joins the reference body of the gearbox and its {'parent' if word == FIRST_AXIS else 'child'}"
     raise element.error(message, hint="leave it out, or write `constraints` of the scenario")
-
-
-def _key(link: Link | None) -> tuple[int, str] | None:
-    return None if link is None else (id(link[0]), link[1])
-
-
-def _child(graph: FrameGraph, scope: Scope, element: Element) -> Link:
-    child = side_of(graph, scope, element, "child")
-    if child is None:
-        raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
-    return child
 
 
 def _turned(graph: FrameGraph, scope: Scope, link: Link, vector: Vector3, element: Element) -> Vector3:

@@ -23,7 +23,7 @@ from simspec.imports.draft import (
     shown,
     solids_of,
 )
-from simspec.imports.sdf.trees import BodyRead, ModelRead
+from simspec.imports.sdf.trees import SdfBodyRead, SdfModelRead
 from simspec.language.moments import principal_moments
 
 RULES: Final = {FROM_SHAPES: OF_SHAPES, NOT_POSITIVE: OF_SHAPES_OR_BALL}
@@ -31,7 +31,7 @@ RULES: Final = {FROM_SHAPES: OF_SHAPES, NOT_POSITIVE: OF_SHAPES_OR_BALL}
 OF_MASS: Final = ("mass", "centre_of_mass", "inertia")
 
 
-def give_masses(models: Sequence[ModelRead], draft: Draft, density: float) -> None:
+def give_masses(models: Sequence[SdfModelRead], draft: Draft, density: float) -> None:
     """Give what moves its masses and moments by the rules that are requested, and report what no rule repairs. ``density``:
     kg/m³ of :data:`FROM_SHAPES`."""
     for model in models:
@@ -47,10 +47,10 @@ def give_masses(models: Sequence[ModelRead], draft: Draft, density: float) -> No
                     _give_moments(body, why, draft)
 
 
-def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
+def _moving(model: SdfModelRead) -> Iterator[list[SdfBodyRead]]:
     """Bodies that move as one, free or below a joint that moves them, the first nearest to the root."""
-    top: dict[int, BodyRead] = {}
-    groups: dict[int, list[BodyRead]] = {}
+    top: dict[int, SdfBodyRead] = {}
+    groups: dict[int, list[SdfBodyRead]] = {}
     for body in model.bodies:
         rigid = body.joint is None or body.joint.kind == "fixed"
         head = top[id(body.parent)] if body.parent is not None and rigid else body
@@ -62,12 +62,12 @@ def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
             yield group
 
 
-def _mass(body: BodyRead) -> float:
+def _mass(body: SdfBodyRead) -> float:
     mass: float = body.content.mass.get("mass", 0.0)
     return mass
 
 
-def _give_mass(body: BodyRead, draft: Draft, density: float) -> None:
+def _give_mass(body: SdfBodyRead, draft: Draft, density: float) -> None:
     element = body.content.inertial or body.element
     solids, before = solids_of(body.content.shapes), _mass(body)
     found = f"{before:g} kg" if before else None
@@ -84,7 +84,7 @@ def _give_mass(body: BodyRead, draft: Draft, density: float) -> None:
     return None
 
 
-def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
+def _wrong_moments(body: SdfBodyRead, alone: bool) -> tuple[float, ...] | None:
     """The principal moments of a body with a mass, where one is below 0, or 0 in a body that moves ``alone``."""
     said = body.content.mass.get("inertia")
     if said is None or _mass(body) <= 0.0:
@@ -94,7 +94,7 @@ def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
     return moments if min(moments) < 0.0 or (alone and min(moments) == 0.0) else None
 
 
-def _give_moments(body: BodyRead, moments: Sequence[float], draft: Draft) -> None:
+def _give_moments(body: SdfBodyRead, moments: Sequence[float], draft: Draft) -> None:
     element = body.content.inertial or body.element
     if not draft.repairing(NOT_POSITIVE):
         message = "the principal moments of what moves must be above 0"
@@ -113,7 +113,7 @@ def _give_moments(body: BodyRead, moments: Sequence[float], draft: Draft) -> Non
     return None
 
 
-def silent(model: ModelRead) -> list[BodyRead]:
+def silent(model: SdfModelRead) -> list[SdfBodyRead]:
     """Bodies of a model that do not touch each other: colliding ones without ``self_collide``. [] where the joints between them
     say as much."""
     bodies = [
@@ -127,7 +127,7 @@ def silent(model: ModelRead) -> list[BodyRead]:
     return bodies if separate else []
 
 
-def excluded(bodies: list[BodyRead]) -> list[list[str]]:
+def excluded(bodies: list[SdfBodyRead]) -> list[list[str]]:
     """Every pair of bodies that do not touch, but those that a joint connects."""
     return [
         [first.name, second.name]

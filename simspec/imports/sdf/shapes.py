@@ -15,9 +15,9 @@ from simspec.imports.draft import (
     SIZES,
     Draft,
     LinkShape,
+    LinkSurface,
     NamedMesh,
     Problems,
-    Surface,
     measure_meshes,
     not_drawn,
     read_meshes,
@@ -56,7 +56,7 @@ FILTERS: Final[Mapping[str, tuple[str, ...]]] = {
 MASKS: Final = ("collide_bitmask", "category_bitmask")
 
 
-def read_surface(shape: Element, of_link: Surface) -> Surface:
+def read_surface(shape: Element, of_link: LinkSurface) -> LinkSurface:
     """The surface of a collision; ``of_link``: the surface that its link states for collisions that state none."""
     surface = shape.child("surface")
     if surface is None:
@@ -80,7 +80,7 @@ def read_surface(shape: Element, of_link: Surface) -> Surface:
     return read
 
 
-def surface_of_link(link: Element) -> Surface:
+def surface_of_link(link: Element) -> LinkSurface:
     """The surface of all collisions of a link, in words of one reader: lengths in m; its defaults are SDF's,
     friction 1."""
     numbers: dict[str, float] = {}
@@ -91,7 +91,7 @@ def surface_of_link(link: Element) -> Surface:
             for child in contact.look(tag):
                 child.take()
                 numbers[name] = (child.number("value") or 0.0) if child.has("value") else child.content(1)[0]
-    return Surface(**numbers)
+    return LinkSurface(**numbers)
 
 
 def _friction(friction: Element) -> tuple[float, float]:
@@ -164,7 +164,7 @@ COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
 class SdfShapeRead(LinkShape):
     """A shape, and the surface of one that collides."""
 
-    surface: Surface | None = None
+    surface: LinkSurface | None = None
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class LinkContext:
     folder: Path
     move: Placement
     density: float | None
-    surface: Surface
+    surface: LinkSurface
     """Of collisions that say none."""
     static: bool = False
     """Whether the link is fixed to the world."""

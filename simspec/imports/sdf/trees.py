@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from simspec.imports import draft
 from simspec.imports.elements import Element
-from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, JointRead, Link, read_joint
+from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, Link, SdfJointRead, key_of, read_joint
 from simspec.imports.sdf.loops import GEARBOX, closed, couple, refused, spanning
 from simspec.imports.sdf.models import Scope, SdfMeshes
 from simspec.imports.sdf.shapes import DENSITY, LinkContext, SdfShapeRead, read_shapes, surface_of_link
@@ -39,7 +39,7 @@ UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.
 
 
 @dataclass
-class LinkRead:
+class SdfLinkRead:
     """The properties of a link for its body, in the body's frame."""
 
     mass: dict[str, Any]
@@ -61,7 +61,7 @@ class LinkRead:
         )
 
 
-def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *, static: bool) -> LinkRead:
+def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *, static: bool) -> SdfLinkRead:
     """A link, for a body whose frame is at ``offset`` in the link's; ``folder``: of its file. Where it is ``static``, a mass
     that is not in the file has no effect. Raises SpecError."""
     move = at((-offset[0], -offset[1], -offset[2]))
@@ -71,13 +71,13 @@ def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *
     weight: dict[str, Any] = {} if flag_of(link, "gravity", True) or static else {"gravity_scale": 0.0}
     inertial = link.look("inertial")
     if density is not None:
-        return LinkRead(weight, shapes, inertial=inertial[0])
+        return SdfLinkRead(weight, shapes, inertial=inertial[0])
     if inertial:
         mass, repaired = _inertial(inertial[0].take(), move, meshes.draft)
-        return LinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
+        return SdfLinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
     if static:
-        return LinkRead({}, shapes)
-    return LinkRead(
+        return SdfLinkRead({}, shapes)
+    return SdfLinkRead(
         {**weight, "mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL
     )
 
@@ -100,14 +100,12 @@ def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[di
         raise inertial.error("the pose of an inertial is relative to its link", found=pose.relative_to[:80])
     place = move.then(pose.placement)
     tensor = inertial.child("inertia")
-    values = {
-        key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
-    }
+    values = [default if tensor is None else finite_of(tensor, key, default) for key, default in UNIT_INERTIA.items()]
     inertial.lose_child("fluid_added_mass", "simspec has no added mass: physics.fluid is drag and viscous resistance")
     inertial.ignore_child("density", "the file gives the mass")
-    if not mass and not any(values.values()):
+    if not mass and not any(values):
         return {}, ""
-    six, repaired = _possible(inertial, tuple(values.values()), spec)
+    six, repaired = _possible(inertial, tuple(values), spec)
     return {"mass": mass, **_centre(place), "inertia": inertia_data(six, place)}, repaired
 
 
@@ -147,16 +145,16 @@ RULES: Final = {MASSLESS: "a root without mass is fixed to the world"}
 
 
 @dataclass
-class BodyRead:
+class SdfBodyRead:
     """A body: its link, its joint (None: free, or fixed by the model), and its frame in the model's."""
 
     name: str
     link: Link
     element: Element
     frame: Placement
-    content: LinkRead
-    joint: JointRead | None = None
-    parent: BodyRead | None = None
+    content: SdfLinkRead
+    joint: SdfJointRead | None = None
+    parent: SdfBodyRead | None = None
     offset: Vector3 = (0.0, 0.0, 0.0)
     """The frame's origin in the link's frame."""
     static: bool = False
@@ -170,33 +168,33 @@ class BodyRead:
 class Closing:
     """A joint that closes a loop, between two bodies."""
 
-    joint: JointRead
-    first: BodyRead
-    second: BodyRead
+    joint: SdfJointRead
+    first: SdfBodyRead
+    second: SdfBodyRead
     name: str
 
 
 @dataclass
-class ModelRead:
+class SdfModelRead:
     """A model of the file: its bodies, parents first in each tree."""
 
     scope: Scope
-    bodies: list[BodyRead]
+    bodies: list[SdfBodyRead]
     graph: FrameGraph
-    repairs: list[tuple[BodyRead, str]] = field(default_factory=list)
+    repairs: list[tuple[SdfBodyRead, str]] = field(default_factory=list)
     closing: list[Closing] = field(default_factory=list)
     """Joints that close loops."""
 
     @property
-    def roots(self) -> list[BodyRead]:
+    def roots(self) -> list[SdfBodyRead]:
         """Bodies without a parent."""
         return [body for body in self.bodies if body.parent is None]
 
 
-def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
+def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> SdfModelRead:
     """The bodies of a model with all that are within it. Raises SpecError with all problems."""
     problems = draft.Problems()
-    joints: list[JointRead] = []
+    joints: list[SdfJointRead] = []
     gearboxes: list[tuple[Scope, str]] = []
     scopes = model.within()
     for scope in scopes:
@@ -220,7 +218,7 @@ def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
     return read
 
 
-def _massless(read: ModelRead, root: BodyRead, spec: draft.Draft, problems: draft.Problems) -> None:
+def _massless(read: SdfModelRead, root: SdfBodyRead, spec: draft.Draft, problems: draft.Problems) -> None:
     if root.static or root.joint is not None or not root.content.is_massless:
         return
     if not spec.repairing(MASSLESS):
@@ -232,13 +230,13 @@ def _massless(read: ModelRead, root: BodyRead, spec: draft.Draft, problems: draf
 
 
 def _bodies(
-    graph: FrameGraph, model: Scope, joints: list[JointRead], meshes: SdfMeshes, problems: draft.Problems
-) -> ModelRead:
+    graph: FrameGraph, model: Scope, joints: list[SdfJointRead], meshes: SdfMeshes, problems: draft.Problems
+) -> SdfModelRead:
     of_child, closed_by = spanning(joints)
     closing = {id(joint) for joint in closed_by}
     actual = _fixed_to_world(of_child)
     names, joint_names = SdfNames(), SdfNames()
-    bodies: dict[tuple[int, str], BodyRead] = {}
+    bodies: dict[tuple[int, str], SdfBodyRead] = {}
     for scope in model.within():
         for name, element in scope.links.items():
             key = (id(scope), name)
@@ -247,27 +245,17 @@ def _bodies(
                 joint = None  # nothing moves in a static model
             offset = _offset(joint)
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
-            content = LinkRead({}, [])
+            content = SdfLinkRead({}, [])
             with problems.collecting():
                 is_static = scope.static or key in actual
                 content = read_link(element, offset, meshes, scope.folder, static=is_static)
-            body = BodyRead(
-                names.give(_long_name(model, scope, name), element),
-                (scope, name),
-                element,
-                frame,
-                content,
-                joint,
-                offset=offset,
-                static=scope.static,
-                self_collide=flag_of(element, "self_collide", scope.self_collide),
-            )
-            bodies[key] = body
+            given = names.give(_long_name(model, scope, name), element)
+            body = bodies[key] = SdfBodyRead(given, (scope, name), element, frame, content, joint, offset=offset)
+            body.static, body.self_collide = scope.static, flag_of(element, "self_collide", scope.self_collide)
     closed: list[Closing] = []
     for read in joints:
-        body = bodies[id(read.child[0]), read.child[1]]
+        body, parent = bodies[id(read.child[0]), read.child[1]], bodies.get(key_of(read.parent) or (0, ""))
         joint_name = joint_names.give(_long_name(model, read.scope, read.name), read.element)
-        parent = None if read.parent is None else bodies[id(read.parent[0]), read.parent[1]]
         if body.joint is read:
             body.joint_name = joint_name
             if read.second is not None:
@@ -276,26 +264,24 @@ def _bodies(
         elif id(read) in closing and not read.scope.static:
             problems.extend(refused(read))
             if parent is None:
-                problems.append(
-                    read.element.problem(TO_WORLD, hint="let a link that is fixed to the world be the parent")
-                )
+                hint = "let a link that is fixed to the world be the parent"
+                problems.append(read.element.problem(TO_WORLD, hint=hint))
             elif parent is body:
                 problems.append(read.element.problem("a joint between a link and itself", found=body.name))
             else:
                 closed.append(Closing(read, parent, body, joint_name))
     _join_static(list(bodies.values()))
-    return ModelRead(model, _parents_first(list(bodies.values())), graph, closing=closed)
+    return SdfModelRead(model, _parents_first(list(bodies.values())), graph, closing=closed)
 
 
 TO_WORLD: Final = "a loop that is closed by a joint to the world is not supported"
 
 
-def _fixed_to_world(of_child: dict[tuple[int, str], JointRead]) -> set[tuple[int, str]]:
+def _fixed_to_world(of_child: dict[tuple[int, str], SdfJointRead]) -> set[tuple[int, str]]:
     below: dict[tuple[int, str] | None, list[tuple[int, str]]] = {}
     for key, joint in of_child.items():
         if joint.kind == "fixed":
-            parent = None if joint.parent is None else (id(joint.parent[0]), joint.parent[1])
-            below.setdefault(parent, []).append(key)
+            below.setdefault(key_of(joint.parent), []).append(key)
     actual: set[tuple[int, str]] = set()
     waiting = list(below.get(None, ()))
     while waiting:
@@ -315,16 +301,16 @@ def _long_name(model: Scope, scope: Scope, name: str) -> str:
     return "_".join(reversed(parts))
 
 
-def _offset(joint: JointRead | None) -> Vector3:
+def _offset(joint: SdfJointRead | None) -> Vector3:
     """Where a body's frame is in its link's: at its joint, unless it does not turn there."""
     if joint is None or joint.kind not in ("hinge", "ball", "universal"):
         return (0.0, 0.0, 0.0)
     return joint.in_child.pose.position
 
 
-def _join_static(bodies: list[BodyRead]) -> None:
+def _join_static(bodies: list[SdfBodyRead]) -> None:
     """Links of a static model are one rigid thing: those that no joint fixes are fixed to the first."""
-    first: BodyRead | None = None
+    first: SdfBodyRead | None = None
     for body in bodies:
         if body.static and body.parent is None:
             if first is not None:
@@ -332,19 +318,16 @@ def _join_static(bodies: list[BodyRead]) -> None:
             first = first or body
 
 
-def _parents_first(bodies: list[BodyRead]) -> list[BodyRead]:
-    order: list[BodyRead] = []
-    placed: set[int] = set()
-    below: dict[int, list[BodyRead]] = {}
-    for body in bodies:
-        if body.parent is not None:
-            below.setdefault(id(body.parent), []).append(body)
-    waiting = [body for body in reversed(bodies) if body.parent is None]
+def _parents_first(bodies: list[SdfBodyRead]) -> list[SdfBodyRead]:
+    order: list[SdfBodyRead] = []
+    below: dict[int, list[SdfBodyRead]] = {}
+    for body in reversed(bodies):
+        below.setdefault(id(body.parent), []).append(body)
+    waiting = below.get(id(None), [])
     while waiting:
-        body = waiting.pop()
-        order.append(body)
-        placed.add(id(body))
-        waiting.extend(reversed(below.get(id(body), [])))
+        order.append(waiting.pop())
+        waiting.extend(below.get(id(order[-1]), []))
+    placed = {id(body) for body in order}
     for body in bodies:
         if id(body) not in placed:
             assert body.joint is not None
@@ -352,15 +335,14 @@ def _parents_first(bodies: list[BodyRead]) -> list[BodyRead]:
     return order
 
 
-def named_frames(read: ModelRead) -> dict[str, dict[str, Any]]:
+def named_frames(read: SdfModelRead) -> dict[str, dict[str, Any]]:
     """The frames of a model that are attached to its links, as the language has them, by name; bodies have theirs already."""
     names = SdfNames(body.name for body in read.bodies)
-    of_link = {(id(body.link[0]), body.link[1]): body for body in read.bodies}
+    of_link = {key_of(body.link): body for body in read.bodies}
     made: dict[str, dict[str, Any]] = {}
     for scope in read.scope.within():
         for name, element in scope.frames.items():
-            link = read.graph.link(scope, name, element)
-            body = None if link is None else of_link.get((id(link[0]), link[1]))
+            body = of_link.get(key_of(read.graph.link(scope, name, element)))
             if body is None:
                 continue
             place = read.graph.in_scope(read.scope, scope).then(read.graph.pose(scope, name, element))
@@ -370,7 +352,7 @@ def named_frames(read: ModelRead) -> dict[str, dict[str, Any]]:
     return made
 
 
-def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, Any]:
+def body_data(model: SdfModelRead, body: SdfBodyRead, around: Placement) -> dict[str, Any]:
     """A body as the language has it; ``around``: the pose of the model's frame in that of the placement."""
     data: dict[str, Any] = {}
     content, joint = body.content, body.joint
@@ -390,7 +372,7 @@ def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, 
     return data
 
 
-def _origin(graph: FrameGraph, body: BodyRead) -> Placement:
+def _origin(graph: FrameGraph, body: SdfBodyRead) -> Placement:
     """The pose of a body in its parent's; of a link that the file places against its parent, by the file's own numbers."""
     assert body.parent is not None
     scope, name = body.link
@@ -401,7 +383,7 @@ def _origin(graph: FrameGraph, body: BodyRead) -> Placement:
     return body.parent.frame.inverse().then(body.frame)
 
 
-def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
+def _joint_data(body: SdfBodyRead, kind: str, origin: Placement) -> dict[str, Any]:
     data: dict[str, Any] = {"type": kind}
     if body.joint_name and body.joint_name != f"{body.name}_joint":
         data = {"name": body.joint_name, **data}
@@ -416,21 +398,20 @@ def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
     return {"joints": [first, {"name": body.second_name, "type": "hinge", **body.joint.second}]}
 
 
-def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
+def constraints(read: SdfModelRead) -> dict[str, dict[str, Any]]:
     """Joints that follow others, and joints that close loops, as constraints of the language, by name. Raises SpecError for
     joints that follow what has no position."""
     names = SdfNames()
     said: dict[str, dict[str, Any]] = {}
-    by_joint = {(id(body.joint.scope), body.joint.name): body for body in read.bodies if body.joint is not None}
+    by_joint = {key_of((body.joint.scope, body.joint.name)): body for body in read.bodies if body.joint is not None}
     problems = draft.Problems()
     for body in read.bodies:
         for mimic, word in body.joint.mimics if body.joint is not None else ():
-            leader = by_joint.get((id(mimic.leader[0]), mimic.leader[1]))
+            leader = by_joint.get(key_of(mimic.leader))
             driven = _axis_name(leader, mimic.axis) if leader is not None else ""
             if not driven:
-                problems.append(
-                    mimic.element.problem("this axis has no position to be followed", found=mimic.leader[1][:80])
-                )
+                message = "this axis has no position to be followed"
+                problems.append(mimic.element.problem(message, found=mimic.leader[1][:80]))
                 continue
             follow: dict[str, Any] = {"joint": _axis_name(body, word), "leader": driven}
             follow.update({"ratio": mimic.ratio} if mimic.ratio != 1.0 else {})
@@ -443,7 +424,7 @@ def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
     return said
 
 
-def _axis_name(body: BodyRead, axis: str) -> str:
+def _axis_name(body: SdfBodyRead, axis: str) -> str:
     """The name of the hinge or slide that an axis of a body's joint is; "" for none."""
     if body.joint is None or (axis == SECOND_AXIS and body.joint.second is None):
         return ""

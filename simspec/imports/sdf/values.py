@@ -23,7 +23,7 @@ from simspec.imports.elements import (
 )
 from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
-from simspec.world.types import Pose, Quaternion, Vector3
+from simspec.world.types import Pose, Vector3
 
 TRUE: Final = ("true", "1")
 FALSE: Final = ("false", "0")
@@ -88,7 +88,6 @@ def flag(element: Element, text: str) -> bool:
 
 
 IDENTITY: Final = Pose()
-"""The same frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +103,8 @@ class Placement:
             return inner
         if inner.pose == IDENTITY:
             return self
-        if self.pose.quaternion == frames.IDENTITY:
-            return Placement(frames.compose(self.pose, inner.pose), inner.rpy)
-        return Placement(frames.compose(self.pose, inner.pose))
+        rpy = inner.rpy if self.pose.quaternion == frames.IDENTITY else None
+        return Placement(frames.compose(self.pose, inner.pose), rpy)
 
     def inverse(self) -> Placement:
         """The pose of A in B."""
@@ -155,22 +153,17 @@ def pose_of(parent: Element) -> SdfPose:
     if not child.text:
         return SdfPose(Placement(), relative, child)
     values = child.content(7 if wording == QUATERNION else 6)
-    position: Vector3 = (values[0], values[1], values[2])
+    position = frames.vector3(values[:3])
     if wording == QUATERNION:
-        return SdfPose(Placement(Pose(position, _quaternion(child, values[3:]))), relative, child)
+        x, y, z, w = values[3:]
+        if abs(math.hypot(w, x, y, z) - 1.0) > UNIT:
+            raise child.error("not a unit quaternion", found=child.text[:80])
+        return SdfPose(Placement(Pose(position, frames.normalise((w, x, y, z)))), relative, child)
     turn = (math.pi / 180.0) if degrees else 1.0
-    rpy: Vector3 = (values[3] * turn, values[4] * turn, values[5] * turn)
+    rpy = frames.vector3(value * turn for value in values[3:])
     if any(abs(angle) > 1e6 for angle in rpy):
         raise child.error("angles of more than 1e6 rad", found=child.text[:80])
     return SdfPose(Placement(Pose(position, frames.from_rpy(*rpy)), rpy), relative, child)
-
-
-def _quaternion(element: Element, values: tuple[float, ...]) -> Quaternion:
-    x, y, z, w = values
-    length = math.hypot(w, x, y, z)
-    if abs(length - 1.0) > UNIT:
-        raise element.error("not a unit quaternion", found=element.text[:80])
-    return frames.normalise((w, x, y, z))
 
 
 LONGEST_NAME: Final = 200
@@ -395,10 +388,9 @@ def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
 
 def is_default(element: Element) -> bool:
     """Whether an element says only what holds without it. Raises SpecError for values that it may not have."""
-    inner = element.look()
-    if element.tag in EMPTY and not inner and not element.text:
+    if element.tag in EMPTY and not element.look() and not element.text:
         return True
-    if inner:
+    if inner := element.look():
         return all(child.tag in DEFAULTS and is_default(child) for child in inner)
     if not element.text or element.tag not in DEFAULTS:
         return False

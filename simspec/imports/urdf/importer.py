@@ -436,7 +436,7 @@ _PROGRAM: Final = re.compile(rb"<xacro:[A-Za-z]|=\s*[\"'][^\"'<>]*\$(?:\{|\((?:o
 uses."""
 
 
-class Urdf:
+class UrdfImporter:
     """Reads URDF by itself: every element and attribute is seen, with its line."""
 
     NAME = "URDF"

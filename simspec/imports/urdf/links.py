@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from simspec.imports.draft import CONTACT_OF_LINK, Draft, Materials, Surface, plain
+from simspec.imports.draft import CONTACT_OF_LINK, Draft, LinkSurface, Materials, plain
 from simspec.imports.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, Element
 from simspec.imports.urdf.joints import UrdfJointRead
 from simspec.imports.urdf.shapes import UrdfShapeRead
@@ -202,9 +202,9 @@ def chain_joints(chain: JointChain) -> list[dict[str, Any]]:
 
 # Surfaces: plain URDF has none, two programs add elements for them.
 
-CONTACT_DEFAULT: Final = Surface(friction=0.5)
+CONTACT_DEFAULT: Final = LinkSurface(friction=0.5)
 """Of a link without <contact>, in the program that has this element."""
-GAZEBO_DEFAULT: Final = Surface(friction=1.0)
+GAZEBO_DEFAULT: Final = LinkSurface(friction=1.0)
 """Of a link of which no <gazebo> speaks, in Gazebo."""
 FIRST: Final = "mu1"
 SECOND: Final = "mu2"
@@ -220,7 +220,7 @@ def add_materials(
 ) -> dict[str, dict[str, Any]]:
     """Give every collision shape its material, and return the materials by name; {} where the file speaks of no surface.
     ``links``: by the file's names, the element and its shapes."""
-    said: dict[str, Surface] = {}
+    said: dict[str, LinkSurface] = {}
     default = GAZEBO_DEFAULT
     for name, (element, _) in links.items():
         for contact in element.look("contact"):
@@ -244,8 +244,8 @@ def add_materials(
 
 def _named(
     links: Mapping[str, tuple[Element, Sequence[UrdfShapeRead]]],
-    said: Mapping[str, Surface],
-    default: Surface,
+    said: Mapping[str, LinkSurface],
+    default: LinkSurface,
     draft: Draft,
 ) -> dict[str, dict[str, Any]]:
     """The materials, and their names in all collision shapes; one that all of them have needs no name there."""
@@ -298,7 +298,7 @@ def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) ->
     return [list(pair) for pair in sorted(pairs)]
 
 
-def _of_contact(contact: Element, before: Surface) -> Surface:
+def _of_contact(contact: Element, before: LinkSurface) -> LinkSurface:
     """The surface of a <contact>. Raises SpecError for values that are not finite or below 0."""
     numbers: dict[str, float] = {}
     contact.take()
@@ -318,12 +318,12 @@ def _not_negative(element: Element, value: float) -> float:
     return value
 
 
-def _of_gazebo(gazebo: Element) -> Surface | None:
+def _of_gazebo(gazebo: Element) -> LinkSurface | None:
     """The friction that a <gazebo> says; None for one that speaks of other things."""
     first, second = (_friction(gazebo, tag) for tag in (FIRST, SECOND))
     if first is None and second is None:
         return None
-    return Surface(friction=_or_default(first))
+    return LinkSurface(friction=_or_default(first))
 
 
 def _or_default(friction: float | None) -> float:

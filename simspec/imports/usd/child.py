@@ -46,7 +46,7 @@ CLIPS = ("clips", "clipSets", "clipAssetPaths", "clipManifestAssetPath", "clipTe
 _PLACE = re.compile(r":(\d+):(\d+): ([^\n]*)")
 
 
-class RefusedError(Exception):
+class StageRefusedError(Exception):
     """The stage is not read; the message says why. ``missing``: of a file that is not there; ``at``: line and column."""
 
     def __init__(self, message: str, found: str = "", missing: bool = False, at: tuple[int, int] = (1, 1)):
@@ -75,7 +75,7 @@ def main() -> None:
     request = json.loads(sys.stdin.buffer.read())
     try:
         answer = _answer(request)
-    except RefusedError as refused:
+    except StageRefusedError as refused:
         answer = {"error": str(refused), "found": refused.found, "missing": refused.missing, "at": refused.at}
     except MemoryError:
         answer = {"error": "it takes more memory than is allowed", "found": "", "missing": False}
@@ -105,25 +105,25 @@ def _answer(requested: dict[str, Any]) -> dict[str, Any]:
             raise _damaged(error, path) from None
     used = {os.path.realpath(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
     if beyond := sorted(used - layers.read.keys()):
-        raise RefusedError("this stage reads a file that it does not name", beyond[0])
+        raise StageRefusedError("this stage reads a file that it does not name", beyond[0])
     if not requested["forgive"]:
         for wrong in stage.GetCompositionErrors():
-            raise RefusedError("this stage does not compose", " ".join(str(wrong).split())[:LONGEST_TEXT])
-    answer = _Reader(stage).answer()
+            raise StageRefusedError("this stage does not compose", " ".join(str(wrong).split())[:LONGEST_TEXT])
+    answer = _StageReader(stage).answer()
     answer["read"] = {} if packed else layers.read
     answer["missing"] = layers.missing
     answer["usd"] = ".".join(map(str, Usd.GetVersion()))
     return answer
 
 
-def _damaged(error: Exception, place: str) -> RefusedError:
+def _damaged(error: Exception, place: str) -> StageRefusedError:
     message = "this is no file of USD, or it is damaged"
     if "bad_alloc" in str(error):
-        return RefusedError("it takes more memory than is allowed", os.path.basename(place))
+        return StageRefusedError("it takes more memory than is allowed", os.path.basename(place))
     if match := _PLACE.search(str(error)):
-        return RefusedError(message, match[3].strip()[:LONGEST_TEXT], at=(int(match[1]), int(match[2])))
+        return StageRefusedError(message, match[3].strip()[:LONGEST_TEXT], at=(int(match[1]), int(match[2])))
     words = str(error).rpartition(" : ")[2].strip().strip("'").strip()
-    return RefusedError(message, words.replace(place, os.path.basename(place))[:LONGEST_TEXT])
+    return StageRefusedError(message, words.replace(place, os.path.basename(place))[:LONGEST_TEXT])
 
 
 def unpacked(path: str) -> str:
@@ -133,24 +133,24 @@ def unpacked(path: str) -> str:
     name = os.path.basename(path)
     size = os.path.getsize(path)
     if size > LARGEST_LAYER:
-        raise RefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", name)
+        raise StageRefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", name)
     try:
         with zipfile.ZipFile(path) as package:
             entries = [entry for entry in package.infolist() if not entry.is_dir()]
             if len(entries) > MOST_ENTRIES:
-                raise RefusedError(f"a package of more than {MOST_ENTRIES:,} files", name)
+                raise StageRefusedError(f"a package of more than {MOST_ENTRIES:,} files", name)
             # files of a package are not compressed: more bytes than it has are files that share some
             if sum(entry.file_size for entry in entries) > size:
-                raise RefusedError("a package whose files are larger than itself", name)
+                raise StageRefusedError("a package whose files are larger than itself", name)
             if len({entry.filename for entry in entries}) < len(entries):
-                raise RefusedError("this is no package of USD, or it is damaged", "two files of one name")
+                raise StageRefusedError("this is no package of USD, or it is damaged", "two files of one name")
             for entry in entries:
                 _unpack(package, entry)
     except (zipfile.BadZipFile, ValueError, NotImplementedError, RuntimeError, EOFError, OSError):
-        raise RefusedError("this is no package of USD, or it is damaged", name) from None
+        raise StageRefusedError("this is no package of USD, or it is damaged", name) from None
     layers = [entry.filename for entry in entries if entry.filename.lower().endswith((".usd", ".usda", ".usdc"))]
     if not entries or entries[0].filename not in layers:
-        raise RefusedError(
+        raise StageRefusedError(
             "a package begins with a file of USD", entries[0].filename[:LONGEST_TEXT] if entries else name
         )
     return os.path.join(UNPACKED, layers[0])
@@ -160,9 +160,11 @@ def _unpack(package: Any, entry: Any) -> None:
     parts = entry.filename.split("/")
     leads_out = any(part in ("", ".", "..") or len(part) > 200 for part in parts) or len(parts) > DEEPEST
     if leads_out or "\\" in entry.filename or "\0" in entry.filename or ":" in entry.filename:
-        raise RefusedError("a package with a path that leads out of it", entry.filename[:LONGEST_TEXT])
+        raise StageRefusedError("a package with a path that leads out of it", entry.filename[:LONGEST_TEXT])
     if entry.compress_type or entry.flag_bits & 1 or entry.compress_size != entry.file_size:
-        raise RefusedError("files of a package are neither compressed nor encrypted", entry.filename[:LONGEST_TEXT])
+        raise StageRefusedError(
+            "files of a package are neither compressed nor encrypted", entry.filename[:LONGEST_TEXT]
+        )
     package.extract(entry, UNPACKED)
 
 
@@ -183,7 +185,7 @@ class _Layers:
             if place in self.read:
                 continue
             if len(self.read) >= MOST_LAYERS:
-                raise RefusedError(f"more than {MOST_LAYERS} files")
+                raise StageRefusedError(f"more than {MOST_LAYERS} files")
             layer = self._open(place)
             _refuse_clips(layer)
             for named in layer.GetCompositionAssetDependencies():
@@ -195,17 +197,17 @@ class _Layers:
         from pxr import Sdf, Tf
 
         if os.path.getsize(place) > LARGEST_LAYER:
-            raise RefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", os.path.basename(place))
+            raise StageRefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", os.path.basename(place))
         with open(place, "rb") as stream:
             self.read[place] = hashlib.file_digest(stream, "sha256").hexdigest()
         if place.lower().endswith(PACKAGE):
-            raise RefusedError("packages that other files name are not supported", os.path.basename(place))
+            raise StageRefusedError("packages that other files name are not supported", os.path.basename(place))
         try:
             layer = Sdf.Layer.FindOrOpen(place)
         except Tf.ErrorException as error:
             raise _damaged(error, place) from None
         if layer is None:
-            raise RefusedError("this is no file of USD, or it is damaged", os.path.basename(place))
+            raise StageRefusedError("this is no file of USD, or it is damaged", os.path.basename(place))
         self.opened[place] = layer
         return layer
 
@@ -220,31 +222,31 @@ class _Layers:
             or "://" in text
             or ":SDF_FORMAT_ARGS:" in text
         ):
-            raise RefusedError("simspec does not read this kind of path", text[:LONGEST_TEXT])
+            raise StageRefusedError("simspec does not read this kind of path", text[:LONGEST_TEXT])
         target = os.path.realpath(os.path.join(os.path.dirname(alongside), text))
         if self.roots and not any(target == root or target.startswith(root + os.sep) for root in self.roots):
-            raise RefusedError("leaves the project folder", text)
+            raise StageRefusedError("leaves the project folder", text)
         if not os.path.isfile(target):
             if not self.forgive:
-                raise RefusedError("no such file", text, missing=True)
+                raise StageRefusedError("no such file", text, missing=True)
             self.missing.append(text)
             return None
         return target
 
 
 def _refuse_clips(layer: Any) -> None:
-    """Raise RefusedError for value clips: files whose names are no dependencies of composition, and which it opens."""
+    """Raise StageRefusedError for value clips: files whose names are no dependencies of composition, and which it opens."""
     waiting = list(layer.rootPrims)
     while waiting:
         spec = waiting.pop()
         if any(spec.HasInfo(word) for word in CLIPS):
-            raise RefusedError("value clips are not supported", str(spec.path)[:LONGEST_TEXT])
+            raise StageRefusedError("value clips are not supported", str(spec.path)[:LONGEST_TEXT])
         waiting.extend(spec.nameChildren)
         for variants in spec.variantSets.values():
             waiting.extend(variant.primSpec for variant in variants.variants.values())
 
 
-class _Reader:
+class _StageReader:
     """A composed stage as plain values."""
 
     def __init__(self, stage: Any):
@@ -262,13 +264,13 @@ class _Reader:
             if prim.IsPseudoRoot():
                 continue
             if len(prims) >= MOST_PRIMS:
-                raise RefusedError(f"more than {MOST_PRIMS:,} prims")
+                raise StageRefusedError(f"more than {MOST_PRIMS:,} prims")
             if prim.GetPath().pathElementCount > DEEPEST:
-                raise RefusedError(f"more than {DEEPEST} prims within each other")
+                raise StageRefusedError(f"more than {DEEPEST} prims within each other")
             prims.append(self._prim(prim, cache))
             bodies += "PhysicsRigidBodyAPI" in prims[-1]["schemas"]
             if bodies > MOST_BODIES:
-                raise RefusedError(f"more than {MOST_BODIES:,} bodies")
+                raise StageRefusedError(f"more than {MOST_BODIES:,} bodies")
         default = stage.GetDefaultPrim()
         return {
             "metres": self._value(float(UsdGeom.GetStageMetersPerUnit(stage))),
@@ -314,7 +316,7 @@ class _Reader:
                 record["reset"] = bool(xform.GetResetXformStack())
                 record["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
             except (Tf.ErrorException, RuntimeError):
-                raise RefusedError(
+                raise StageRefusedError(
                     "the transformation of a prim cannot be read", record["path"][:LONGEST_TEXT]
                 ) from None
         if record["used"] and (image := UsdGeom.Imageable(prim)):
@@ -353,7 +355,7 @@ class _Reader:
                 array = np.asarray(value)
                 self.numbers += array.size
                 if self.numbers > MOST_NUMBERS:
-                    raise RefusedError(f"more than {MOST_NUMBERS:,} numbers of meshes")
+                    raise StageRefusedError(f"more than {MOST_NUMBERS:,} numbers of meshes")
                 kind = "<f8" if array.dtype.kind == "f" else "<i8"
                 record["array"] = [kind, list(array.shape), base64.b64encode(array.astype(kind).tobytes()).decode()]
             elif len(value) <= SHORT:

@@ -338,7 +338,7 @@ def rows() -> list[ElementRow]:
 MISSING: Final = "missing-files"
 
 
-class Usd:
+class UsdImporter:
     """Reads ``.usda``, ``.usdc`` and ``.usd``, also those that refer to others, and packages of them (``.usdz``)."""
 
     NAME: Final = "USD"

@@ -223,7 +223,7 @@ ADDRESS = re.compile(r" at 0x[0-9a-f]{6,}>")
 """How Python shows what has no text of its own."""
 
 
-class _Builder(xml.dom.expatbuilder.ExpatBuilderNS):
+class _PlacedBuilder(xml.dom.expatbuilder.ExpatBuilderNS):
     """The document of a file, whose elements know their places."""
 
     def __init__(self, number: int):
@@ -330,7 +330,7 @@ class XacroProgram:
         return self._parsed(text, self._texts - 1)
 
     def _parsed(self, text: str, number: int) -> Any:
-        return _Builder(number).parseString(text)
+        return _PlacedBuilder(number).parseString(text)
 
     def _included(self, spec: str, symbols: Any) -> list[str]:
         name = _absolute(str(xacro.eval_text(spec, symbols)))

@@ -234,7 +234,7 @@ SCHEMES: Final = ("file://package://", "file:///package://")
 """How files of packages are named where `$(find PACKAGE)` stands in a URL."""
 
 
-class Xacro:
+class XacroImporter:
     """Reads xacro by expanding it."""
 
     NAME: Final = "xacro"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.urdf.importer import Urdf
+from simspec.imports.urdf.importer import UrdfImporter
 from simspec.language.foreign import Imported, ImportOptions
 
 SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -114,7 +114,7 @@ def read(text: str | bytes, folder: Path, *repair: str, name: str = "robot.urdf"
     """The import of a text as a file in ``folder``."""
     file = folder / name
     file.write_bytes(text.encode() if isinstance(text, str) else text)
-    return Urdf().read(file, name, ImportOptions(repair=repair, project=folder))
+    return UrdfImporter().read(file, name, ImportOptions(repair=repair, project=folder))
 
 
 def refused(text: str | bytes, folder: Path, *repair: str) -> list[str]:

@@ -9,7 +9,7 @@ from lxml import etree
 from simspec.errors import SpecError
 from simspec.imports.elements import Element, parse
 from simspec.imports.files import Files
-from simspec.imports.urdf.importer import Urdf
+from simspec.imports.urdf.importer import UrdfImporter
 from simspec.language.foreign import Fate, ImportOptions
 from tests.imports.urdf.robots import SPECIMEN
 
@@ -22,7 +22,7 @@ OF_URDF = st.sampled_from(
 def accounts(text: str):
     files = Files.__new__(Files)
     files.shown, files.options, files.read = "r.urdf", ImportOptions(), {}
-    return Urdf().parsed(text.encode(), files).accounts
+    return UrdfImporter().parsed(text.encode(), files).accounts
 
 
 BEFORE = Counter((account.what, account.fate) for account in accounts(SPECIMEN))

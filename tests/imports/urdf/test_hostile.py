@@ -5,7 +5,7 @@ import random
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.urdf.importer import Urdf
+from simspec.imports.urdf.importer import UrdfImporter
 from simspec.language.foreign import ImportOptions
 from tests.imports.urdf.robots import SPECIMEN, refused, two_links, watched
 
@@ -62,21 +62,21 @@ DECLARED = ('<?xml version="0.0"?>', "<!-- a robot --> \n<?xml version='1.0'\n?>
 @pytest.mark.parametrize("before", DECLARED)
 def test_a_declaration_that_is_wrong_means_nothing(tmp_path, before):
     (tmp_path / "r.urdf").write_text(before + two_links())
-    imported = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
+    imported = UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
     assert imported.places["model", "bodies", "arm"].line == before.count("\n") + 3
 
 
 def test_words_of_others_keep_their_prefix_declared_or_not(tmp_path):
     more = '<drake:filter name="f"/><gz:sensor xmlns:gz="http://gz"/>'
     (tmp_path / "r.urdf").write_text(two_links('<limit drake:acceleration="3"/>', more=more))
-    accounts = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions()).accounts
+    accounts = UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions()).accounts
     lost = {account.what for account in accounts if account.reason}
     assert lost == {"drake:filter[f]", "gz:sensor", "joint[hinge]/limit/@drake:acceleration"}
 
 
 def test_a_text_in_other_letters_is_no_defect(tmp_path):
     (tmp_path / "r.urdf").write_bytes(b"\xef\xbb\xbf" + two_links().replace('name="two"', 'name="zwöi"').encode())
-    imported = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
+    imported = UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
     assert imported.data["name"] == "zwoi"
 
 
@@ -86,7 +86,7 @@ def test_many_links_are_read_without_recursion(tmp_path):
     joint = '<joint name="j{0}" type="fixed"><parent link="l{0}"/><child link="l{1}"/></joint>'
     joints = "".join(joint.format(i, i + 1) for i in range(count - 1))
     (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
-    imported = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
+    imported = UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
     assert len(imported.data["model"]["bodies"]) == count
 
 
@@ -94,7 +94,7 @@ def test_a_name_that_is_a_command_is_a_name(tmp_path):
     command = "$(touch pwned); `touch pwned` ; rm -rf ~"
     text = two_links().replace('name="two"', f'name="{command}"').replace('"arm"', f'"{command}"')
     (tmp_path / "r.urdf").write_text(text)
-    imported = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
+    imported = UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
     assert imported.data["name"] == "touch_pwned_touch_pwned_rm_-rf"
     assert not (tmp_path / "pwned").exists()
 
@@ -105,7 +105,7 @@ def test_only_the_file_itself_is_opened(tmp_path):
         (tmp_path / "r.urdf").write_bytes(FILES[name])
         opened: list[str] = []
         with watched(opened), pytest.raises(SpecError):
-            Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions(project=tmp_path))
+            UrdfImporter().read(tmp_path / "r.urdf", "r.urdf", ImportOptions(project=tmp_path))
         assert any("r.urdf" in path for path in opened)
         assert all("r.urdf" in path or path.endswith((".py", ".pyc", ".so")) for path in opened), opened
 
@@ -114,4 +114,4 @@ def test_a_folder_of_packages_that_is_a_link_to_itself_has_nothing(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "robot.urdf").write_text(two_links())
     for words in ({"packages": {"p": str(tmp_path / "loop")}}, {"package_path": (str(tmp_path / "loop"),)}):
-        assert Urdf().read(tmp_path / "robot.urdf", "robot.urdf", ImportOptions(project=tmp_path, **words)).data
+        assert UrdfImporter().read(tmp_path / "robot.urdf", "robot.urdf", ImportOptions(project=tmp_path, **words)).data

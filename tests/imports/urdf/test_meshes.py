@@ -5,7 +5,7 @@ import os
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.urdf.importer import Urdf
+from simspec.imports.urdf.importer import UrdfImporter
 from simspec.imports.writing import copies, from_folder, spec_text
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
@@ -57,7 +57,7 @@ def test_a_package_path_of_a_file_alone_is_the_file_next_to_it(folder):
 def test_scale_and_the_same_mesh_to_see_and_to_touch(folder):
     both = mesh("visual", NAMES[1], 'scale="2 2 2"') + mesh("collision", NAMES[1], 'scale="2 2 2"')
     file = write(folder, both + mesh("visual", NAMES[1], 'scale="1 -1 1"'))
-    shapes = Urdf().read(file, "arm.urdf", ImportOptions()).data["model"]["bodies"]["arm"]["shapes"]
+    shapes = UrdfImporter().read(file, "arm.urdf", ImportOptions()).data["model"]["bodies"]["arm"]["shapes"]
     assert shapes == [
         {"mesh": {"file": NAMES[1], "scale": 2}},
         {"mesh": {"file": NAMES[1], "scale": [1, -1, 1]}, "collision": False},
@@ -66,7 +66,7 @@ def test_scale_and_the_same_mesh_to_see_and_to_touch(folder):
 
 def test_the_written_spec_names_the_files_from_where_it_stands_or_copies(folder):
     file = write(folder, mesh("collision", NAMES[0]))
-    imported = Urdf().read(file, "arm.urdf", ImportOptions(project=folder))
+    imported = UrdfImporter().read(file, "arm.urdf", ImportOptions(project=folder))
     text = spec_text(imported, "arm.urdf", from_folder(imported, folder))
     assert "{file: meshes/box.stl}" in text
     (folder / "arm.yaml").write_text(text)
@@ -131,7 +131,7 @@ def test_no_path_leads_out_of_the_project(tmp_path, name, tag):
     opened: list[str] = []
     with watched(opened):
         try:
-            imported = Urdf().read(file, "r.urdf", ImportOptions(project=project))
+            imported = UrdfImporter().read(file, "r.urdf", ImportOptions(project=project))
         except SpecError as error:
             imported, problems = None, error.problems
     assert not any("secret" in path for path in opened)
