@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from simspec.errors import Problem, SpecError
+from simspec.imports.sdf.importer import SdfImporter
 from simspec.meshes.child import READERS
 from simspec.meshes.reading import MeshError, open_mesh, read_surfaces
 
