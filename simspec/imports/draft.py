@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element
+from simspec.imports.elements import APPEARANCE, Element
 from simspec.imports.files import Files
 from simspec.language.document import Path_, dotted
 from simspec.language.foreign import Account, Imported, ImportOptions, Repair, RequestedRepairs
@@ -24,7 +24,7 @@ from simspec.language.quantities import Number
 from simspec.language.shapes import MESH_SUFFIXES as SUFFIXES
 from simspec.language.shapes import MOST_VERTICES
 from simspec.language.strict import Faults, required
-from simspec.language.words import LONGEST_NAME, NAME, clean_name
+from simspec.language.words import clean_name
 from simspec.meshes.load import MadeMesh, MeshOptions, load
 from simspec.meshes.reading import MeshError
 from simspec.outputs.collection import Entries
@@ -157,48 +157,6 @@ class Draft:
             raise SpecError(sorted(self.problems, key=order))
 
 
-def names(wanted: Sequence[str], reserved: Sequence[str] = ()) -> list[str]:
-    """For each of ``wanted`` a name that the language allows, none twice: those that are allowed keep theirs, the others are
-    cleaned, or get a number."""
-    taken, numbers_of = set(reserved), dict[str, int]()
-    given: list[str | None] = []
-    for name in wanted:
-        keeps = NAME.fullmatch(name) is not None and len(name) <= LONGEST_NAME and name not in taken
-        given.append(name if keeps else None)
-        if keeps:
-            taken.add(name)
-    for index, name in enumerate(wanted):
-        if given[index] is not None:
-            continue
-        clean = (name if NAME.fullmatch(name) else clean_name(name))[:LONGEST_NAME]
-        free = clean
-        while free in taken:
-            numbers_of[clean] = numbers_of.get(clean, 1) + 1
-            free = f"{clean[: LONGEST_NAME - 8]}_{numbers_of[clean]}"
-        taken.add(free)
-        given[index] = free
-    return [name for name in given if name is not None]
-
-
-class UniqueNames:
-    """Names of a spec, each given once."""
-
-    def __init__(self, taken: Iterable[str] = ()):
-        self.taken = set(taken)
-        self._numbers: dict[str, int] = {}
-        """The last number of each name that is wanted more than once."""
-
-    def unique(self, wanted: str) -> str:
-        """``wanted``, or it with the first number that is free."""
-        name, number = wanted, self._numbers.get(wanted, 1)
-        while name in self.taken:
-            number += 1
-            name = f"{wanted}_{number}"
-        self._numbers[wanted] = number
-        self.taken.add(name)
-        return name
-
-
 MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
 
 
@@ -207,12 +165,6 @@ def not_drawn(visual: Element, why: Problem) -> None:
     found = f": {why.found}" if why.found else ""
     visual.forget()
     visual.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
-
-
-def renamed(element: Element, name: str, given: str) -> None:
-    """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
-    if element.attributes.get(name, "").strip() != given:
-        element.set_aside(name, CARRIED, f"called {given} in the spec", INFORMATION)
 
 
 def plain(value: float) -> float:

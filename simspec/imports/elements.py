@@ -7,7 +7,7 @@ that it took are carried, those that it set aside have the fate and the reason t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +15,7 @@ from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
 from simspec.formats.kit.xml_elements import XmlElement, XmlError, parse_xml
 from simspec.language.foreign import Account, Fate, Severity
+from simspec.language.words import LONGEST_NAME, NAME, clean_name
 
 CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
@@ -388,3 +389,51 @@ def _elements(root: XmlElement, file: str) -> Element:
         waiting.extend((child, element, depth + 1) for child in reversed(read.children))
     assert top is not None
     return top.take()
+
+
+def names(wanted: Sequence[str], reserved: Sequence[str] = ()) -> list[str]:
+    """For each of ``wanted`` a name that the language allows, none twice: those that are allowed keep theirs, the others are
+    cleaned, or get a number."""
+    taken, numbers_of = set(reserved), dict[str, int]()
+    given: list[str | None] = []
+    for name in wanted:
+        keeps = NAME.fullmatch(name) is not None and len(name) <= LONGEST_NAME and name not in taken
+        given.append(name if keeps else None)
+        if keeps:
+            taken.add(name)
+    for index, name in enumerate(wanted):
+        if given[index] is not None:
+            continue
+        clean = (name if NAME.fullmatch(name) else clean_name(name))[:LONGEST_NAME]
+        free = clean
+        while free in taken:
+            numbers_of[clean] = numbers_of.get(clean, 1) + 1
+            free = f"{clean[: LONGEST_NAME - 8]}_{numbers_of[clean]}"
+        taken.add(free)
+        given[index] = free
+    return [name for name in given if name is not None]
+
+
+class UniqueNames:
+    """Names of a spec, each given once."""
+
+    def __init__(self, taken: Iterable[str] = ()):
+        self.taken = set(taken)
+        self._numbers: dict[str, int] = {}
+        """The last number of each name that is wanted more than once."""
+
+    def unique(self, wanted: str) -> str:
+        """``wanted``, or it with the first number that is free."""
+        name, number = wanted, self._numbers.get(wanted, 1)
+        while name in self.taken:
+            number += 1
+            name = f"{wanted}_{number}"
+        self._numbers[wanted] = number
+        self.taken.add(name)
+        return name
+
+
+def renamed(element: Element, name: str, given: str) -> None:
+    """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
+    if element.attributes.get(name, "").strip() != given:
+        element.set_aside(name, CARRIED, f"called {given} in the spec", INFORMATION)

@@ -11,7 +11,7 @@ import functools
 import hashlib
 import os
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
@@ -19,7 +19,7 @@ from urllib.parse import unquote
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.files import NotReadableError, read_bytes
 from simspec.imports.elements import Element
-from simspec.imports.packages import MissingFileError, Packages, named_folders, package_path
+from simspec.imports.packages import MissingFileError, Packages, named_folders, package_path, why_not
 from simspec.language.foreign import ImportOptions
 
 LARGEST_FILE: Final = 256 * 2**20
@@ -77,18 +77,10 @@ class Files:
         return self._bytes(path, element.problem(f"{path.name} cannot be read"))
 
     def _bytes(self, path: Path, problem: Problem) -> bytes:
-        why = ""
         try:
             content = read_bytes(path, LARGEST_FILE, links=True)
-        except NotReadableError as error:
-            why = str(error)
-        except OSError as error:
-            why = error.strerror or str(error)
-        if why:
-            message = f"{problem.message}: {why}"
-            raise SpecError(
-                [Problem(message, problem.path, problem.location, problem.found, problem.allowed, problem.hint)]
-            )
+        except (NotReadableError, OSError) as error:
+            raise SpecError([replace(problem, message=f"{problem.message}: {why_not(error)}")]) from None
         self.read[path] = hashlib.sha256(content).hexdigest()
         return content
 
@@ -112,24 +104,18 @@ class Files:
             return self._find(text, element, start)
         except MissingFileError:
             plain = unquote(text)
-            if plain != text and not UNSEEN_CHARACTERS.search(plain) and (found := self._found(plain, element, start)):
-                return found
+            if plain != text and not UNSEEN_CHARACTERS.search(plain):
+                with contextlib.suppress(MissingFileError):
+                    return self._find(plain, element, start)
             if "\\" in text:
                 raise MissingFileError([_of_another_system(text, element)]) from None
             if PLACEHOLDER.search(text):
-                hint = "import the file that the build makes of this one"
-                problem = element.problem(
-                    "a path with a placeholder that a build replaces", found=text[:200], hint=hint
+                message, hint = (
+                    "a path with a placeholder that a build replaces",
+                    "import the file that the build makes of this one",
                 )
-                raise MissingFileError([problem]) from None
+                raise MissingFileError([element.problem(message, found=text[:200], hint=hint)]) from None
             raise
-
-    def _found(self, text: str, element: Element, start: Path | None) -> Path | None:
-        """The same; None where there is none."""
-        try:
-            return self._find(text, element, start)
-        except MissingFileError:
-            return None
 
     def _find(self, text: str, element: Element, start: Path | None) -> Path:
         target = self._target(text, element, start or self.path.parent)
@@ -144,9 +130,8 @@ class Files:
         if not is_file and start is None and (other := self._above(text)) is not None:
             return other
         if not is_file:
-            raise MissingFileError(
-                [element.problem(NO_FILE[0], found=text, hint=f"looked for {self.options.shown(target)}")]
-            )
+            hint = f"looked for {self.options.shown(target)}"
+            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=hint)])
         return resolved
 
     def _above(self, text: str) -> Path | None:
@@ -167,7 +152,7 @@ class Files:
             *_, name, rest = match.groups()
             if not rest.strip("/") and (start / name).is_file():
                 return start / name  # package://wheel.obj: a file without a package, as some write it
-            return self.package(name, element) / rest.lstrip("/")
+            return self.packages.find(name, element) / rest.lstrip("/")
         if match := SCHEME.fullmatch(text):
             scheme, rest = match.groups()
             if scheme.lower() in NETWORK:
@@ -190,15 +175,11 @@ class Files:
             name, rest = unquote(match[1]), match[2]
             hint = f"download the model {name!r} (gz fuel download -u URL), and say --package {name!r}=FOLDER"
             with contextlib.suppress(MissingFileError):
-                target = self.package(name, element) / rest
+                target = self.packages.find(name, element) / rest
                 if os.path.isfile(target):
                     return target
         problem = element.problem("simspec loads nothing from the network", found=text[:200], hint=hint)
         raise MissingFileError([problem])
-
-    def package(self, name: str, element: Element) -> Path:
-        """The folder of a package. Raises SpecError where none is found."""
-        return self.packages.find(name, element)
 
 
 def _of_another_system(text: str, element: Element) -> Problem:

@@ -198,7 +198,9 @@ class Packages:
     def _declared(self, folder: Path, name: str) -> str | Problem | None:
         """The name in the ``package.xml`` of a folder, where that can be ``name`` or its folder is called so; None where there
         is none; a problem where the manifest is wrong."""
-        content = self._manifest(folder)
+        if folder not in self._manifests:
+            self._manifests[folder] = self._read(folder / MANIFEST)
+        content = self._manifests[folder]
         if content == b"":
             return None
         if isinstance(content, bytes) and name.encode(errors="replace") not in content and folder.name != name:
@@ -219,25 +221,23 @@ class Packages:
             return names[0].problem("not the name of a package", found=names[0].text[:80] or "nothing")
         return names[0].text
 
-    def _manifest(self, folder: Path) -> bytes | str:
-        """The content of a ``package.xml``; b"" where there is none that may be read; a text: why it is not read."""
-        if folder not in self._manifests:
-            self._manifests[folder] = self._read(folder / MANIFEST)
-        return self._manifests[folder]
-
     def _read(self, file: Path) -> bytes | str:
+        """The content of a ``package.xml``; b"" where there is none that may be read; a text: why it is not read."""
         if not os.path.exists(file) or not self.inside(Path(os.path.realpath(file))):
             return b""
         try:
             content = read_bytes(file, LARGEST_MANIFEST, links=True)
-        except NotReadableError as error:
-            return str(error)
-        except OSError as error:
-            return error.strerror or str(error)
+        except (NotReadableError, OSError) as error:
+            return why_not(error)
         self._bytes += len(content)
         if self._bytes > MOST_MANIFESTS:
             return f"there are more than {MOST_MANIFESTS:,} bytes of such files"
         return content or "it is empty"
+
+
+def why_not(error: NotReadableError | OSError) -> str:
+    """Why a file cannot be read."""
+    return str(error) if isinstance(error, NotReadableError) else error.strerror or str(error)
 
 
 def _is_name(name: str) -> bool:

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Location
-from simspec.imports.draft import UniqueNames
-from simspec.imports.elements import Element
+from simspec.imports.elements import Element, UniqueNames
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
 from simspec.language.beginning import Start
 from simspec.language.document import Path_

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from simspec import numerals
-from simspec.imports.draft import UniqueNames, angle
+from simspec.imports.draft import angle
 from simspec.imports.elements import (
     APPEARANCE,
     CARRIED,
@@ -19,6 +19,7 @@ from simspec.imports.elements import (
     PHYSICS,
     UNUSED,
     Element,
+    UniqueNames,
     plugin_loss,
 )
 from simspec.language.foreign import Fate, Severity

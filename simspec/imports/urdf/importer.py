@@ -9,8 +9,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.draft import FROM_SHAPES, Draft, density_of, names, plain, renamed, shown, solids_of
-from simspec.imports.elements import INFORMATION, MOST_BODIES, SPLIT, Element, outermost, parse, without_comments
+from simspec.imports.draft import FROM_SHAPES, Draft, density_of, plain, shown, solids_of
+from simspec.imports.elements import (
+    INFORMATION,
+    MOST_BODIES,
+    SPLIT,
+    Element,
+    names,
+    outermost,
+    parse,
+    renamed,
+    without_comments,
+)
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.urdf import SUFFIXES

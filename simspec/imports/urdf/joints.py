@@ -7,8 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, angle, names, numbers, plain, pose, renamed
-from simspec.imports.elements import CARRIED, INFORMATION, LOCKED, LOST, NO_RATING, PHYSICS, UNUSED, Element
+from simspec.imports.draft import Draft, angle, numbers, plain, pose
+from simspec.imports.elements import (
+    CARRIED,
+    INFORMATION,
+    LOCKED,
+    LOST,
+    NO_RATING,
+    PHYSICS,
+    UNUSED,
+    Element,
+    names,
+    renamed,
+)
 from simspec.imports.urdf.elements import attributes_unused
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS

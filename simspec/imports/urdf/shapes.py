@@ -18,15 +18,13 @@ from simspec.imports.draft import (
     find_mesh,
     kept_vertices,
     measure_meshes,
-    names,
     not_drawn,
     numbers,
     pose,
     read_meshes,
-    renamed,
     shape_data,
 )
-from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element
+from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element, names, renamed
 from simspec.imports.packages import MissingFileError
 from simspec.imports.urdf.elements import DIALECTS, LENGTHS
 from simspec.imports.urdf.joints import across

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from simspec.errors import SpecError
-from simspec.imports.draft import Draft, names, numbers, plain
+from simspec.imports.draft import Draft, numbers, plain
+from simspec.imports.elements import names
 from simspec.imports.usd.bodies import (
     UsdBodyRead,
     UsdLinkRead,

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from simspec.imports.draft import names, numbers
+from simspec.imports.draft import numbers
+from simspec.imports.elements import names
 from simspec.imports.usd.joints import Freedom, UsdJointRead
 from simspec.imports.usd.places import SAME, PrimPlaces
 from simspec.imports.usd.shapes import UsdShapeRead, pose_data

@@ -7,7 +7,8 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, names, numbers, plain
+from simspec.imports.draft import Draft, numbers, plain
+from simspec.imports.elements import names
 from simspec.imports.usd.bodies import UsdBodyRead, holder_of
 from simspec.imports.usd.joints import UsdJointRead
 from simspec.imports.usd.places import UPRIGHT
