@@ -19,7 +19,7 @@ from simspec.errors import Location, Problem, SimspecError, SpecError
 from simspec.files import NotReadableError, read_bytes
 from simspec.imports.draft import FROM_SHAPES
 from simspec.imports.elements import Element, parse
-from simspec.imports.packages import Packages
+from simspec.imports.files import Packages
 from simspec.language.foreign import Imported, ImportOptions, Repair, importers
 from simspec.language.load import Spec, load
 from simspec.language.sources import project_folder

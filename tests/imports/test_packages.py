@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from simspec.audit.meaning import packages_of
 from simspec.errors import UNSEEN_CHARACTERS, Location, SpecError
-from simspec.imports import packages
+from simspec.imports import files as packages
 from simspec.imports.elements import Element
-from simspec.imports.files import Files
-from simspec.imports.packages import ENVIRONMENT, MissingFileError, Packages
+from simspec.imports.files import ENVIRONMENT, Files, MissingFileError, Packages
 from simspec.language.foreign import ImportOptions
 
 ASKING = Element("mesh", {}, Location("r.urdf", 3, 1), "", None)

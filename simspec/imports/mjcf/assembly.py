@@ -13,8 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 from simspec import numerals
 from simspec.imports.elements import DEEPEST, MOST_BODIES, SPLIT, Element, parse
-from simspec.imports.files import Files
-from simspec.imports.packages import MissingFileError
+from simspec.imports.files import Files, MissingFileError
 from simspec.language.foreign import Account
 
 ROOT: Final = "mujoco"

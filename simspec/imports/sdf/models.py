@@ -24,8 +24,7 @@ from simspec.imports.elements import (
     parse,
     plugin_loss,
 )
-from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
-from simspec.imports.packages import CONFIGURATIONS, MissingFileError
+from simspec.imports.files import CONFIGURATIONS, LIBRARY, PACKAGE, SCHEME, Files, MissingFileError
 from simspec.imports.sdf.values import (
     FLAT_BEFORE,
     NEWEST,

@@ -25,7 +25,7 @@ from simspec.imports.draft import (
     shape_data,
 )
 from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION, Element, names, renamed
-from simspec.imports.packages import MissingFileError
+from simspec.imports.files import MissingFileError
 from simspec.imports.urdf.elements import DIALECTS, LENGTHS
 from simspec.imports.urdf.joints import across
 from simspec.language.shapes import MESH_SUFFIXES as MESHES

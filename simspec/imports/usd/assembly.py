@@ -10,6 +10,8 @@ from simspec.errors import SpecError
 from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.elements import names
 from simspec.imports.usd.bodies import (
+    OF_FILLING,
+    MassReader,
     UsdBodyRead,
     UsdLinkRead,
     add_frames,
@@ -32,9 +34,7 @@ from simspec.imports.usd.joints import (
     start_of,
     start_words,
 )
-from simspec.imports.usd.masses import OF_FILLING, MassReader
-from simspec.imports.usd.places import UPRIGHT, PrimPlaces
-from simspec.imports.usd.shapes import GEOMETRY, ShapeReader, UsdShapeRead, name_meshes, pose_data
+from simspec.imports.usd.shapes import GEOMETRY, UPRIGHT, PrimPlaces, ShapeReader, UsdShapeRead, name_meshes, pose_data
 from simspec.imports.usd.stage import PrimRead, StageRead, agree
 from simspec.imports.writing import has_drives, stable_timestep
 from simspec.language.vocabulary import SCALAR_JOINTS

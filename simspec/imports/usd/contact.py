@@ -11,8 +11,7 @@ from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.elements import names
 from simspec.imports.usd.bodies import UsdBodyRead, holder_of
 from simspec.imports.usd.joints import UsdJointRead
-from simspec.imports.usd.places import UPRIGHT
-from simspec.imports.usd.shapes import UsdShapeRead
+from simspec.imports.usd.shapes import UPRIGHT, UsdShapeRead
 from simspec.imports.usd.stage import PrimRead, StageRead
 from simspec.world import frames
 from simspec.world.types import Vector3

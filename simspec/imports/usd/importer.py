@@ -13,8 +13,8 @@ from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.usd import SUFFIXES
 from simspec.imports.usd.assembly import UsdAssembly
-from simspec.imports.usd.masses import AS_UNSAID
-from simspec.imports.usd.places import ROTATIONS
+from simspec.imports.usd.bodies import AS_UNSAID
+from simspec.imports.usd.shapes import ROTATIONS
 from simspec.imports.usd.stage import PrimRead, StageRead, read_stage
 from simspec.language.foreign import Fate, Imported, ImportOptions, Severity
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd import engine_schemas
 from simspec.imports.usd.engine_schemas import UNBOUNDED, Units, UsdMimic
-from simspec.imports.usd.places import PrimPlaces, quaternion
+from simspec.imports.usd.shapes import PrimPlaces, quaternion
 from simspec.imports.usd.stage import PREFIX, PrimRead, StageRead, agree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.packages import ENVIRONMENT
+from simspec.imports.files import ENVIRONMENT
 from simspec.imports.sdf.models import GROUND_FRICTION, SUN_NOTE
 from simspec.language.load import load
 from tests.imports.sdf.texts import imported, joint, link, lost, model, sdf
