@@ -8,13 +8,13 @@ import hashlib
 import math
 import os
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError, visible
 from simspec.language.beginning import begin_within
-from simspec.language.document import MOST_EVENTS, build, event_count, events
+from simspec.language.document import MOST_EVENTS, Key, build, event_count, events
 from simspec.language.foreign import Imported
 from simspec.language.formatting import WIDTH, Entry, Node, lines, node_of
 from simspec.language.load import Spec
@@ -52,9 +52,8 @@ def add_timestep(imported: Imported) -> None:
     except SpecError:
         return  # a spec that does not resolve is reported by its reader, with its places
     if step is not None:
-        first: dict[str, Any] = {
-            key: data.pop(key) for key in ("simspec", "name", "description", "physics") if key in data
-        }
+        words = [word for word in ("simspec", "name", "description", "physics") if word in data]
+        first: dict[str, Any] = {word: data.pop(word) for word in words}
         first.setdefault("physics", {})["timestep"] = step
         imported.data = {**first, **data}
         imported.comments["physics.timestep"] = "the file says no timestep; its dampers are stable at this one"
@@ -104,10 +103,7 @@ def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:
     timed.setdefault("physics", {})["timestep"] = RESOLVED
     here = Path.cwd()
     for path, text in list(named_files(timed)):
-        holder: Any = timed
-        for step in path[:-1]:
-            holder = holder[step]
-        holder[path[-1]] = os.path.relpath(meshes[text], here)
+        _put(timed, path, os.path.relpath(meshes[text], here))
     return Spec.from_data(timed, folder=here, allow_outside=True).resolve()
 
 
@@ -165,8 +161,7 @@ def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None =
 def too_long(imported: Imported, shown: str) -> Problem | None:
     """The problem of an import that is more than one file of the language may hold; computed before the work of resolving and
     writing it. ``shown``: how messages call the file."""
-    count = event_count(imported.data)
-    if count <= MOST_EVENTS:
+    if (count := event_count(imported.data)) <= MOST_EVENTS:
         return None
     place = imported.places.get((), Location(shown, 1, 1))
     hint = "a scenario may take the file as it is: models: {NAME: {use: FILE}}"
@@ -198,9 +193,8 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
         if depth > 0 and node.kind == "scalar":
             break
         if node.kind == "list":
-            below = (
-                node.entries[int(step)] if step.isascii() and step.isdigit() and int(step) < len(node.entries) else None
-            )
+            is_item = step.isascii() and step.isdigit() and int(step) < len(node.entries)
+            below = node.entries[int(step)] if is_item else None
         else:
             if id(node) not in index:
                 index[id(node)] = {entry.name: entry for entry in reversed(node.entries) if entry.name is not None}
@@ -214,11 +208,14 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
 def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
     changed = copy.deepcopy(data)
     for path, text in named_files(data):
-        holder: Any = changed
-        for step in path[:-1]:
-            holder = holder[step]
-        holder[path[-1]] = files.get(text, text)
+        _put(changed, path, files.get(text, text))
     return changed
+
+
+def _put(data: Any, path: Sequence[Key], value: str) -> None:
+    for step in path[:-1]:
+        data = data[step]
+    data[path[-1]] = value
 
 
 def from_folder(imported: Imported, folder: Path, package: Package | None = None) -> dict[str, str]:

@@ -32,7 +32,7 @@ from simspec.imports.files import Files
 from simspec.imports.sdf import SUFFIXES
 from simspec.imports.sdf.joints import FrameGraph
 from simspec.imports.sdf.models import RULES as RULES_OF_MESHES
-from simspec.imports.sdf.models import ModelReader, Scope, SdfMeshes
+from simspec.imports.sdf.models import ModelReader, Scope, SdfContext, SdfMeshes
 from simspec.imports.sdf.shapes import SdfShapeRead, judge_meshes
 from simspec.imports.sdf.trees import (
     MASSLESS,
@@ -43,9 +43,7 @@ from simspec.imports.sdf.trees import (
     named_frames,
     read_model,
 )
-from simspec.imports.sdf.trees import (
-    RULES as RULES_OF_TREES,
-)
+from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import (
     IN_WORLD,
     OLD_OUTERMOST,
@@ -162,10 +160,7 @@ def silent(model: SdfModelRead) -> list[SdfBodyRead]:
         for body in model.bodies
         if not body.self_collide and any(shape.surface is not None for shape in body.content.shapes)
     ]
-    separate = [
-        pair for pair in combinations(bodies, 2) if pair[0].parent is not pair[1] and pair[1].parent is not pair[0]
-    ]
-    return bodies if separate else []
+    return bodies if excluded(bodies) else []
 
 
 def excluded(bodies: list[SdfBodyRead]) -> list[list[str]]:
@@ -233,17 +228,16 @@ class SdfImporter:
 
 def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:
     """The models of a file, and its world where it has one. Raises SpecError where there is nothing to import."""
-    version, folder, chain = version_of(root), path.resolve().parent, (path.resolve(),)
+    around = SdfContext(version_of(root), path.resolve().parent, (path.resolve(),))
     worlds = root.look("world")
     if len(worlds) > 1:
         raise worlds[1].error("a file of several worlds is not supported", hint="save each world in a file of its own")
     if worlds:
-        if root.look("model", "include"):
-            raise root.look("model", "include")[0].error(
-                "a file with both a world and a model next to it is not supported", hint="put it into the world"
-            )
-        world = Scope(worlds[0].word("name") or "world", worlds[0].take(), version)
-        reader.fill(world, folder, chain)
+        for other in root.look("model", "include"):
+            message = "a file with both a world and a model next to it is not supported"
+            raise other.error(message, hint="put it into the world")
+        world = Scope(worlds[0].word("name") or "world", worlds[0].take(), around.version)
+        reader.fill(world, around)
         if world.joints:
             element = next(iter(world.joints.values()))
             raise element.error("joints between models of a world are not supported", hint="put them into one model")
@@ -256,9 +250,8 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
     models = root.look("model")
     if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
-    included = (reader.include(element.take(), version, folder, None, chain) for element in root.look("include"))
-    scopes = [reader.model(model.take(), version, folder, None, chain) for model in models]
-    scopes += [scope for scope in included if scope is not None]
+    read = [reader.read(element, around) for element in (*models, *root.look("include"))]
+    scopes = [scope for scope in read if scope is not None]
     if not scopes:
         raise root.error("this file has no model")
     for scope in scopes:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 from urllib.parse import unquote
 
 from simspec.errors import Location, Problem, SpecError
@@ -170,8 +170,8 @@ class SdfMeshes:
                 raise
             self.draft.leave_out(shape, MISSING, error.problems[0])
             return None
-        mesh = replace(mesh, text=self._called(mesh))
-        return ({"mesh": {**mesh.data(), "as": PIECES} if as_pieces else mesh.data()}, mesh)
+        mesh = self._called(mesh)
+        return {"mesh": {**mesh.data(), "as": PIECES} if as_pieces else mesh.data()}, mesh
 
     def _find(self, uri: Element, scale: Vector3, folder: Path) -> NamedMesh:
         """The mesh of a URI. A path from the root of all files that leads nowhere is one from the file's folder, as readers
@@ -195,14 +195,13 @@ class SdfMeshes:
             child.lose(None, reason, INFORMATION)
         return how == DECOMPOSED and shape.tag == "collision"
 
-    def _called(self, mesh: NamedMesh) -> str:
-        """How the spec calls a file: by the file's text, unless another file of this import has that."""
+    def _called(self, mesh: NamedMesh) -> NamedMesh:
+        """The mesh as the spec calls its file: by the file's text, unless another file of this import has that."""
         if self.draft.meshes.get(mesh.text, mesh.path) != mesh.path:
-            mesh = replace(
-                mesh, text=Path(os.path.relpath(mesh.path, self.draft.files.path.resolve().parent)).as_posix()
-            )
+            here = self.draft.files.path.resolve().parent
+            mesh = replace(mesh, text=Path(os.path.relpath(mesh.path, here)).as_posix())
         self.draft.meshes[mesh.text] = mesh.path
-        return mesh.text
+        return mesh
 
 
 MOST_INCLUDES: Final = 1_000
@@ -262,6 +261,17 @@ class Scope:
         return [self, *(inner for model in self.models.values() for inner in model.within())]
 
 
+@dataclass(frozen=True)
+class SdfContext:
+    """Where a model is read: the version and the folder of its file, the files that include each other up to it, and the scope
+    that the model is in."""
+
+    version: Version
+    folder: Path
+    chain: tuple[Path, ...]
+    parent: Scope | None = None
+
+
 @dataclass
 class ModelReader:
     """Reads the models of a file, and of those that it includes."""
@@ -283,24 +293,23 @@ class ModelReader:
             modernise(element)
         return self._read[path]
 
-    def model(
-        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
-    ) -> Scope:
+    def model(self, element: Element, around: SdfContext) -> Scope:
         """A ``<model>`` with what is in it. Raises SpecError."""
+        version, parent = around.version, around.parent
         scope = Scope(_named(element, version), element, version, parent, pose_of(element))
-        scope.folder = folder
+        scope.folder = around.folder
         scope.placement_frame = element.word("placement_frame") or ""
         scope.canonical = element.word("canonical_link") or ""
         scope.static = flag_of(element, "static", False) or (parent is not None and parent.static)
         scope.self_collide = flag_of(element, "self_collide", False)
-        self.fill(scope, folder, chain)
+        self.fill(scope, around)
         return scope
 
-    def fill(self, scope: Scope, folder: Path, chain: tuple[Path, ...]) -> None:
+    def fill(self, scope: Scope, around: SdfContext) -> None:
         """Read the links, joints, frames and models of a scope."""
-        depth, around = 0, scope.parent
-        while around is not None:
-            depth, around = depth + 1, around.parent
+        depth, outer = 0, scope.parent
+        while outer is not None:
+            depth, outer = depth + 1, outer.parent
         if depth > DEEPEST:
             raise scope.element.error(f"more than {DEEPEST} models within each other")
         tables = {"link": scope.links, "joint": scope.joints, "frame": scope.frames}
@@ -318,8 +327,7 @@ class ModelReader:
                 tables[child.tag][name] = child.take()
                 self._links += child.tag in ("link", "frame")
             else:
-                read: _Read = self.include if child.tag == "include" else self.model
-                inner = read(child.take(), scope.version, folder, scope, chain)
+                inner = self.read(child, replace(around, parent=scope))
                 if inner is None:
                     continue
                 if inner.merged:
@@ -346,29 +354,31 @@ class ModelReader:
         inner.static, inner.self_collide = scope.static, scope.self_collide
         scope.models[inner.name] = inner
 
-    def include(
-        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
-    ) -> Scope | None:
+    def read(self, element: Element, around: SdfContext) -> Scope | None:
+        """The model of a ``<model>`` or an ``<include>``, taken."""
+        return (self.include if element.tag == "include" else self.model)(element.take(), around)
+
+    def include(self, element: Element, around: SdfContext) -> Scope | None:
         """The model of an ``<include>``, with what the include says of it; None for one without bodies. Raises SpecError."""
         self._includes += 1
         if self._includes > MOST_INCLUDES:
             raise element.error(f"more than {MOST_INCLUDES:,} includes")
         merges = flag(element, element.word("merge") or "false")
-        if merges and (parent is None or parent.is_world):
+        if merges and (around.parent is None or around.parent.is_world):
             hint = "include the model as it is"
             raise element.error("an include that merges a model into a world is not supported", hint=hint)
         uri = element.child("uri")
         if uri is None or not uri.text:
             raise element.error("<include> has no <uri>")
-        path = find_model(self.files, uri, folder)
+        path = find_model(self.files, uri, around.folder)
         known = path is None
         if path is None:
             root = self._known(element, called(uri.text))
             path = Path(f"{MODELS}{called(uri.text)}")
         else:
-            if path in chain:
+            if path in around.chain:
                 raise uri.error("files that include each other", found=uri.text[:200])
-            if len(chain) > DEEPEST:
+            if len(around.chain) > DEEPEST:
                 raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
             root = self.root(path, self.files.bytes_of(path, uri), self.files.options.shown(path))
         if root is None or _without_bodies(element, root):
@@ -376,8 +386,7 @@ class ModelReader:
         models = root.look("model", "include")
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
-        read: _Read = self.include if models[0].tag == "include" else self.model
-        scope = read(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        scope = self.read(models[0], SdfContext(version_of(root), path.parent, (*around.chain, path), around.parent))
         if scope is None:
             return None
         scope.note = GROUND_NOTE if known else ""
@@ -396,9 +405,8 @@ class ModelReader:
             severity, reason = plugin_loss(child)
             child.lose(None, reason, severity)
         for child in element.look(PARAMETERS):
-            child.lose(
-                None, "changes of the included model by parameters are not applied", hint="change a copy of the model"
-            )
+            reason = "changes of the included model by parameters are not applied"
+            child.lose(None, reason, hint="change a copy of the model")
         return scope
 
     def _known(self, element: Element, name: str) -> Element | None:
@@ -409,12 +417,6 @@ class ModelReader:
         element.set_aside(None, CARRIED, GROUND_NOTE, INFORMATION)
         shown = f"{MODELS}{name}"
         return self.root(Path(shown), KNOWN[name].encode(), shown)
-
-
-class _Read(Protocol):
-    def __call__(
-        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...], /
-    ) -> Scope | None: ...
 
 
 def _without_bodies(element: Element, root: Element) -> bool:

@@ -330,8 +330,7 @@ class UsdAssembly:
         else:
             self._free(body, data)
         if not body.fixed:
-            scale = self.places.world(prim).scale
-            data |= self.masses.read(prim, body.shapes, body.offset, scale, path)
+            data |= self.masses.read(body, path)
             self._massless(body, data, path)
             if not data.get("kinematic") and prim.flag(NO_GRAVITY, False):
                 data["gravity_scale"] = 0.0
@@ -416,10 +415,9 @@ class UsdAssembly:
             speeds.append(prim.exactly(text, [value * unit for value in said]))
         if self.stage.up == "Y":
             speeds = [frames.rotate(UPRIGHT.quaternion, frames.vector3(speed)) for speed in speeds]
-        if any(any(speed) for speed in speeds) and not data.keys() & {"fixed", "kinematic"}:
-            data["velocity"] = {
-                word: numbers(speed) for word, speed in zip(("linear", "angular"), speeds, strict=True) if any(speed)
-            }
+        moving = {word: numbers(v) for word, v in zip(("linear", "angular"), speeds, strict=True) if any(v)}
+        if moving and not data.keys() & {"fixed", "kinematic"}:
+            data["velocity"] = moving
         said_name = prim.token("simspec:joint_name")
         if said_name and "fixed" not in data:
             data["joint"] = {"name": said_name, "type": "free"}
@@ -428,10 +426,9 @@ class UsdAssembly:
         if body.link.parent is not None or body.link.joint is not None or "fixed" in data or "kinematic" in data:
             return
 
-        def weighs(body_read: UsdBodyRead) -> bool:
-            return bool(body_read.prim.record["attributes"].get("physics:mass", {}).get("value")) or any(
-                shape.collision for shape in body_read.shapes
-            )
+        def weighs(other: UsdBodyRead) -> bool:
+            said = other.prim.record["attributes"].get("physics:mass", {}).get("value")
+            return bool(said) or any(shape.collision for shape in other.shapes)
 
         if any(weighs(self.bodies[id(link.prim)]) for link in in_order(body.link)):
             return

@@ -272,11 +272,9 @@ class MassReader:
         self.of_inertia = stage.kilograms * stage.metres**2
         self.of_density = stage.kilograms / stage.metres**3
 
-    def read(
-        self, prim: PrimRead, shapes: Sequence[UsdShapeRead], offset: Vector3, scale: Vector3, path: tuple[str, ...]
-    ) -> dict[str, Any]:
-        """The words of a body whose frame is at ``offset`` in the prim's rigid frame. Raises SpecError for what are no
-        numbers."""
+    def read(self, body: UsdBodyRead, path: tuple[str, ...]) -> dict[str, Any]:
+        """The words of a body. Raises SpecError for what are no numbers."""
+        prim, shapes, scale = body.prim, body.shapes, self.places.world(body.prim).scale
         prim.applies(MASS)
         mass = prim.real("physics:mass", 0.0) * self.of_mass
         if prim.stored("mass") == (0.0,) and mass == STANDS_FOR_NONE * self.of_mass:
@@ -305,8 +303,12 @@ class MassReader:
             if centre is None:
                 made = self._combined(prim, solid)
                 centre = (0.0, 0.0, 0.0) if made is None else made[1]
-            return _words(mass, frames.subtract(centre, offset), self._inertia(prim, moments, path))
-        return self._from_shapes(prim, solid, mass, centre, moments, offset, path)
+            return _words(mass, frames.subtract(centre, body.offset), self._inertia(prim, moments, path))
+        if moments is not None:
+            prim.lose("physics:diagonalInertia", "the file does not say the mass: it follows from the shapes")
+        if not solid:
+            return self._bare(body, mass, centre, path)
+        return self._from_shapes(body, solid, mass, centre, path)
 
     def _centre(self, prim: PrimRead, scale: Vector3) -> Vector3 | None:
         said = prim.reals("physics:centerOfMass", 3, infinite=True)
@@ -392,19 +394,14 @@ class MassReader:
 
     def _from_shapes(
         self,
-        prim: PrimRead,
+        body: UsdBodyRead,
         solid: Sequence[UsdShapeRead],
         mass: float,
         centre: Vector3 | None,
-        moments: tuple[float, ...] | None,
-        offset: Vector3,
         path: tuple[str, ...],
     ) -> dict[str, Any]:
         """The words of a body that does not say all."""
-        if moments is not None:
-            prim.lose("physics:diagonalInertia", "the file does not say the mass: it follows from the shapes")
-        if not solid:
-            return self._bare(prim, mass, centre, offset, path)
+        prim = body.prim
         densities = [self._density(shape, prim) for shape in solid]
         if centre is not None:
             made = self._combined(prim, solid)
@@ -413,7 +410,7 @@ class MassReader:
                 factor = mass / total if mass else 1.0
                 more = _steiner(mass or total, frames.subtract(middle, centre))
                 moved = tuple(factor * value + two for value, two in zip(tensor, more, strict=True))
-                return _words(mass or total, frames.subtract(centre, offset), self._inertia(prim, moved, path))
+                return _words(mass or total, frames.subtract(centre, body.offset), self._inertia(prim, moved, path))
             prim.lose("physics:centerOfMass", "with meshes and without moments it follows from the shapes")
         if mass:
             made = self._combined(prim, solid) if len(set(densities)) > 1 else None
@@ -424,19 +421,17 @@ class MassReader:
             shape.data["density"] = plain(density)
         return {}
 
-    def _bare(
-        self, prim: PrimRead, mass: float, centre: Vector3 | None, offset: Vector3, path: tuple[str, ...]
-    ) -> dict[str, Any]:
+    def _bare(self, body: UsdBodyRead, mass: float, centre: Vector3 | None, path: tuple[str, ...]) -> dict[str, Any]:
         """A body without shapes that have a volume: its moments are not known."""
         if not mass:
             return {}
         message = "the body has a mass, but neither moments nor shapes that they follow from"
         repair = f"the moments are those of a ball of {mass:g} kg and 1000 kg/m³"
-        if not self.draft.mend(INCOMPLETE, prim, message, repair, (*path, "inertia")):
+        if not self.draft.mend(INCOMPLETE, body.prim, message, repair, (*path, "inertia")):
             return {}
         radius = (mass / (4.0 / 3.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
         moment = 0.4 * mass * radius * radius
-        return _words(mass, frames.subtract(centre or (0.0, 0.0, 0.0), offset), {"principal": [moment] * 3})
+        return _words(mass, frames.subtract(centre or (0.0, 0.0, 0.0), body.offset), {"principal": [moment] * 3})
 
 
 def _words(mass: float, centre: Vector3, inertia: dict[str, Any]) -> dict[str, Any]:

@@ -261,10 +261,11 @@ class XacroImporter:
         if root.tag != "robot":
             raise root.error("does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot")
         if not root.look("link"):
-            hint = "import the file that includes it and places its macros"
-            raise SpecError(
-                [Problem(f"{shown} is a library: it expands to no links", location=root.location, hint=hint)]
+            message, hint = (
+                "is a library: it expands to no links",
+                "import the file that includes it and places its macros",
             )
+            raise SpecError([Problem(f"{shown} {message}", location=root.location, hint=hint)])
         if PARENTS not in options.repairs:
             _check_whole(root, shown)
         files.looks_above = True
@@ -326,9 +327,7 @@ def _with_arguments(error: SpecError, files: Files) -> SpecError:
     if missing is None:
         return error
     declared = _declared(files)
-    listed = [
-        f"{name}={default}" if default is not None else f"{name} (no default)" for name, default in declared.items()
-    ]
+    listed = [f"{name}={default}" for name, default in declared.items()]
     hint = f"--arg {missing.group(1)}=VALUE, or in a scenario import: {{arguments: {{{missing.group(1)}: VALUE}}}}"
     allowed = f"{MANY.join(listed[:MOST_NAMED])}{' ...' if len(listed) > MOST_NAMED else ''}" or "none is declared"
     return SpecError([replace(problem, allowed=allowed, hint=hint)])
