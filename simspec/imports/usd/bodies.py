@@ -192,7 +192,7 @@ def loop_data(joint: UsdJointRead, bodies: Mapping[int, UsdBodyRead]) -> tuple[s
 
 
 def holder_of(data: dict[str, Any], model: str) -> dict[str, Any]:
-    """What has the bodies of a model ("": of none) in the data of a spec."""
+    """The part of the data of a spec that has the bodies of a model ("": those of none)."""
     holder: dict[str, Any] = data.get("model") or (data["models"][model] if model else data)
     return holder
 
@@ -273,7 +273,7 @@ class MassReader:
         self.of_density = stage.kilograms / stage.metres**3
 
     def read(self, body: UsdBodyRead, path: tuple[str, ...]) -> dict[str, Any]:
-        """The words of a body. Raises SpecError for what are no numbers."""
+        """The words of a body. Raises SpecError for values that are not numbers."""
         prim, shapes, scale = body.prim, body.shapes, self.places.world(body.prim).scale
         prim.applies(MASS)
         mass = prim.real("physics:mass", 0.0) * self.of_mass
