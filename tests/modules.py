@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import gc
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -20,7 +21,16 @@ def name_of(path: Path) -> str:
 
 @functools.cache
 def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+    """The tree of a module. No garbage is collected meanwhile: every node stays, and looking at all of them again and again
+    takes three quarters of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        return ast.parse(path.read_text(encoding="utf-8"))
+    finally:
+        if enabled:
+            gc.freeze()
+            gc.enable()
 
 
 def offences(

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.modules import parsed
+
 GLOSSARY = Path(__file__).resolve().parent.parent / "docs" / "glossary.md"
 ROW = re.compile(r"^\| `(?P<word>[^`]+)` \| (?P<write>[^|]+) \| (?P<where>names|prose|both) \|", re.MULTILINE)
 STARTS = ("what", "whatever", "whose", "who", "whoever", "of which", "that which")
@@ -79,7 +81,7 @@ def in_module(path: Path) -> list[Finding]:
             found += [Finding(token.start[0], word, token.string) for word in in_name(token.string)]
         elif token.type == tokenize.COMMENT:
             found += in_prose(token.string.lstrip("# "), token.start[0])
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
             found += in_prose(node.value, node.lineno)
     return found

@@ -40,6 +40,7 @@ def _module(name: str) -> Any:
 
 def _prepare(program: str) -> dict[str, Any]:
     """Import all that an engine's process imports, and return the report on it."""
+    gc.disable()
     module, _, name = program.partition(":")
     engine = getattr(importlib.import_module(module), name)
     for part in ("attempts", "operations", "session"):
@@ -52,6 +53,7 @@ def _prepare(program: str) -> dict[str, Any]:
         }
     gc.collect()
     gc.freeze()  # existing objects are shared by all forked processes, and no collection touches them
+    gc.enable()
     return {"ready": True}
 
 
