@@ -1,4 +1,4 @@
-"""What a format or an engine declares about each feature.
+"""Declarations of a format or an engine about each feature.
 
 Every dialect and every engine declares every feature (a missing declaration is an error at import).
 """
@@ -17,7 +17,7 @@ from simspec.world.types import World
 # Releases of engines, and the bounds of declarations that hold for some of them.
 #
 # A version comes from a label (``engine@3.8`` may stand for 3.8.1) or from the installed package. Only release numbers are
-# compared: what follows them (``rc1``, ``.post2``, ``+local``) belongs to the release.
+# compared: suffixes (``rc1``, ``.post2``, ``+local``) belong to the release.
 
 _RELEASE = re.compile(r"v?([0-9]+(?:\.[0-9]+)*)")
 
@@ -107,8 +107,8 @@ class Attempt(StrEnum):
     """The contact probes of the world's laws; it works when all agree with the law."""
     READ_BACK = "read-back"
     """The world is loaded and read back; it works when what the engine says it holds has the law of every pair."""
-    OWN_CONTROLLER = "own-controller"
-    """The engine's own controller is told to drive a joint; it works when no error is raised."""
+    BUILT_IN_CONTROLLER = "own-controller"
+    """The engine's built-in controller drives a joint; it works when no error is raised."""
     CONSTRAINED_MOTION = "constrained-motion"
     """The world moves without contact; it works when the motion keeps the constraint."""
 
@@ -119,20 +119,20 @@ _ABSENCES = list(Absence)
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """What holds of a feature in one world. ``level`` and ``how`` (None: as declared) take the declaration's place; ``short``
-    is one line on what is lost or done outside; ``note`` is added to ``how``, whatever the level. ``asked``: a setting of the
-    spec asks for the computation outside the engine, so that it needs no name under ``outside``.
+    """The support for a feature in one world. ``level`` and ``how`` (None: as declared) take the declaration's place; ``short``
+    is one line on what is lost or done outside; ``note`` is added to ``how``, whatever the level. ``requested``: a setting of
+    the spec selects the computation outside the engine, so that it needs no name under ``outside``.
     """
 
     level: Level | None = None
     how: str | None = None
     short: str = ""
     note: str = ""
-    asked: bool = False
+    requested: bool = False
 
 
 Refine = Callable[[World], Refinement | None]
-"""What holds in a world; None: what is declared."""
+"""The support in a world; None: as declared."""
 
 
 def acceptance(engine: str, feature: str) -> str:
@@ -149,14 +149,14 @@ def unsupported_if(reason: str | None) -> Refinement | None:
 class Support:
     """One declaration: the level, and how (or why not).
 
-    short    one line of at most 100 characters, a text of its own for comments and tables: what is lost where the feature is
-             approximate, or what is done where it is computed outside the engine
-    refine   what holds in one world instead
+    short    one line of at most 100 characters, for comments and tables: the deviation where the feature is
+             approximate, or the computation outside the engine
+    refine   the support in one world instead
     cases    the refinements that are known before any world is: what each costs, for tables and pages
     absence  of what is unsupported: never, or not yet; then ``attempt`` says how the shared tests try it
     since    the first release of the engine that has it ("" for any); ``until`` the first that no longer has it
-    before   what releases before ``since`` have of it in a world (None there: as declared); without it they do not support it
-    asked    in one world: a setting of the spec asks for the computation outside the engine
+    before   the support of releases before ``since`` in a world (None there: as declared); without it they do not support it
+    requested  in one world: a setting of the spec selects the computation outside the engine
     """
 
     level: Level
@@ -169,17 +169,17 @@ class Support:
     since: str = ""
     until: str = ""
     before: Refine | None = None
-    asked: bool = False
+    requested: bool = False
 
     def __post_init__(self) -> None:
         if (self.level is Level.UNSUPPORTED) is (self.absence is None):
-            raise ValueError("what is unsupported is so never or not yet (never, not_yet), and nothing else is")
+            raise ValueError("an unsupported feature is declared by never or not_yet, and a supported one by neither")
         if (self.absence is Absence.NOT_YET) is (self.attempt is None):
-            raise ValueError("what is not built yet names its attempt, and nothing else does")
+            raise ValueError("a feature that is not built yet names its attempt, and no other does")
         if self.level is Level.UNSUPPORTED and (self.since or self.until):
             raise ValueError("bounds of versions say which releases have a feature; this one is unsupported")
         if self.before is not None and not self.since:
-            raise ValueError("what holds in earlier releases needs the release that they are earlier than: since")
+            raise ValueError("support in earlier releases needs the first release with the feature: since")
         for bound in (self.since, self.until):
             if bound:
                 release(bound)
@@ -187,7 +187,7 @@ class Support:
             raise ValueError(f"no release is from {self.since} on and before {self.until}")
 
     def brief(self, level: Level) -> str:
-        """What is lost, or done outside, in one line; all that is said of it where nothing shorter is."""
+        """The deviation, or the computation outside the engine, in one line; the whole text where there is no shorter one."""
         if level is not self.level:
             for case in self.cases:
                 if case.level is level:
@@ -195,7 +195,7 @@ class Support:
         return self.short or self.how
 
     def in_world(self, world: World) -> Support:
-        """What holds in ``world``, its refinement applied."""
+        """The support in ``world``, its refinement applied."""
         refined = None if self.refine is None else self.refine(world)
         if refined is None:
             return replace(self, refine=None)
@@ -214,11 +214,11 @@ class Support:
             attempt=self.attempt if lost is Absence.NOT_YET else None,
             since="" if lost else self.since,
             until="" if lost else self.until,
-            asked=refined.asked,
+            requested=refined.requested,
         )
 
     def at_version(self, engine: str, version: str | None) -> Support:
-        """What holds in a release of ``engine``; in all of them where ``version`` is None, which nothing is known of."""
+        """The support in a release of ``engine``; where ``version`` is None (unknown), that in all releases."""
         if version is None or (reason := out_of_bounds(version, self.since, self.until)) is None:
             return self
         if self.before is not None and is_before(version, self.since):
@@ -226,7 +226,7 @@ class Support:
         return never(f"{engine} {reason}")
 
     def in_earlier_releases(self) -> Support:
-        """What releases before ``since`` have of it; the same in all where that is not said."""
+        """The support in releases before ``since``; the same in all where that is not declared."""
         return self if self.before is None else replace(self, since="", before=None, refine=self.before)
 
 
@@ -250,7 +250,7 @@ def via_api(how: str, refine: Refine | None = None) -> Support:
 
 
 def outside(how: str, refine: Refine | None = None, short: str = "") -> Support:
-    """Exact, computed outside the engine at every step, where the spec asks for it by name; ``short`` in one line."""
+    """Exact, computed outside the engine at every step, where the spec requests it by name; ``short`` in one line."""
     return Support(Level.OUTSIDE, how, short, refine)
 
 
@@ -286,8 +286,8 @@ def exactly(*features: Feature) -> dict[Feature, Support]:
 
 
 def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
-    """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: a new kind is
-    refused by name where nobody has written it."""
+    """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: a new kind is refused
+    by name until it is in the table."""
 
     known = frozenset(known)
     lacking = {kind: never(f"{owner} has no {kind}") for kind in PRIMITIVE_SHAPES}
@@ -305,8 +305,8 @@ def check_total(owner: str, table: Table) -> None:
 
 
 def combine(file: Table, engine: Table) -> dict[Feature, Support]:
-    """What a dialect and an engine support together: for each feature the weaker declaration, in a world the weaker of
-    what holds there, and where both are of one level what both say."""
+    """The combined support of a dialect and an engine: for each feature the weaker declaration, in a world the weaker of the
+    refined ones, and where both are of one level the texts of both."""
     return {feature: _combined(file[feature], engine[feature]) for feature in Feature}
 
 
@@ -325,7 +325,7 @@ def _combined(file: Support, engine: Support) -> Support:
 def _of_both(file: Support, engine: Support) -> Refine:
     def refine(world: World) -> Refinement | None:
         there = _weaker(file.in_world(world), engine.in_world(world))
-        return Refinement(there.level, there.how, there.short, asked=there.asked)
+        return Refinement(there.level, there.how, there.short, requested=there.requested)
 
     return refine
 

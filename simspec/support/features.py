@@ -197,6 +197,6 @@ PASSIVE_FORCES = (Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID)
 CONTROLS = (Feature.CONTROL, Feature.CONTROL_NATIVE)
 PHYSICS = (Feature.GRAVITY, Feature.TIMESTEP)
 COUPLED_CONTACT = (Feature.CARRIED_FRICTION, Feature.SELF_LOCKING, Feature.EVEN_PRESSURE, Feature.MASS_RATIO)
-"""What contact of several bodies needs beside what that of two does: coupled probes of level L5 measure it."""
+"""Further needs of contact of several bodies, compared to contact of two: coupled probes of level L5 measure them."""
 CONTACT_LAWS = (*FRICTIONS, *RESTITUTIONS, Feature.IMPACT_FRICTION, *COUPLED_CONTACT, *CONES)
 """The laws of two surfaces, without their hardness."""

@@ -1,7 +1,7 @@
 """The features that a world needs, each with the places that use it, and what a target declares about them.
 
 All features that a world needs are decided, or one error names all problems. An approximation happens only where the spec
-accepts it by name; a computation outside the engine only where the spec asks for it by name.
+accepts it by name; a computation outside the engine only where the spec requests it by name.
 """
 
 from __future__ import annotations
@@ -127,13 +127,13 @@ def needs(world: World, laws: Iterable[PairContact] | None = None) -> list[Need]
     for root, bodies in trees(world).items():
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")
-    _beside_bodies(world, note)
+    _world_needs(world, note)
     _contact_needs(world, meeting_laws(world).values() if laws is None else laws, note)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 
-def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
-    """What a fluid, constraints, frames, motions, forces and controllers need."""
+def _world_needs(world: World, note: Callable[[Feature, str], None]) -> None:
+    """Needs of a fluid, constraints, frames, motions, forces and controllers."""
     if world.physics.fluid is not None and any(body.box is not None for body in world.bodies):
         note(Feature.FLUID, "physics.fluid")
     for constraint in world.constraints:
@@ -156,7 +156,7 @@ def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
 
 
 def _inertia_needs(inertial: Inertial) -> Iterator[tuple[Feature, str]]:
-    """What the mass properties of a body that moves need, with the field that says so."""
+    """Needs of the mass properties of a body that moves, with the field that states them."""
     if not inertial.mass:
         yield Feature.MASSLESS, "mass"
         return
@@ -198,10 +198,10 @@ def _contact_needs(world: World, laws: Iterable[PairContact], note: Callable[[Fe
         note(Feature.TOUCHING_PAIRS, "contact.touch")
 
 
-# What a world needs, held against what a target declares.
+# The needs of a world, compared to the declarations of a target.
 #
 # All features that a world needs are decided, or one error names all problems. An approximation happens only where the spec
-# accepts it by name; a computation outside the engine only where the spec asks for it by name.
+# accepts it by name; a computation outside the engine only where the spec requests it by name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,7 +270,7 @@ def _refusal(feature: Feature, support: Support, options: EngineOptions, title: 
             acceptance(target, name),
             "accept",
         )
-    if support.level is Level.OUTSIDE and not support.asked and name not in options.outside:
+    if support.level is Level.OUTSIDE and not support.requested and name not in options.outside:
         return (
             f"{title} does not support {name} itself; simspec can compute it outside the engine: {support.how}",
             f"ask for it by name: engines.{target}.outside: [{name}], or --accept {name}",

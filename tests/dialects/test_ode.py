@@ -71,7 +71,7 @@ def test_numbers_of_shapes_that_nothing_goes_by_are_refused():
     bodies = tuple(
         dataclasses.replace(entry, shapes=(shape,)) if entry is body else entry for entry in given.tree.bodies
     )
-    with pytest.raises(ValueError, match="has numbers beside"):
+    with pytest.raises(ValueError, match="has numbers in addition"):
         OdeDialect().raise_(dataclasses.replace(given.tree, bodies=bodies), given.sidecar)
 
 

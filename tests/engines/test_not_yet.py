@@ -118,7 +118,7 @@ def constraint_is_kept(name: str, world: World, folder: Path) -> bool:
 ATTEMPTS: Mapping[Attempt, Callable[[str, World, Path], bool]] = {
     Attempt.CONTACT_PROBES: probes_agree,
     Attempt.READ_BACK: laws_are_stored,
-    Attempt.OWN_CONTROLLER: native_controller_drives,
+    Attempt.BUILT_IN_CONTROLLER: native_controller_drives,
     Attempt.CONSTRAINED_MOTION: constraint_is_kept,
 }
 """Whether a feature works, in a world that needs it, compiled as if it were declared exact."""
@@ -143,7 +143,7 @@ def test_features_declared_not_yet_do_not_work(name, feature, attempt, tmp_path,
         ("mujoco", Feature.HARDNESS_STIFFNESS, Attempt.CONTACT_PROBES),
         ("mujoco", Feature.HARDNESS_PAIRS, Attempt.READ_BACK),
         ("pybullet", Feature.HARDNESS_STIFFNESS, Attempt.READ_BACK),
-        ("dart", Feature.CONTROL_NATIVE, Attempt.OWN_CONTROLLER),
+        ("dart", Feature.CONTROL_NATIVE, Attempt.BUILT_IN_CONTROLLER),
     ],
     ids=str,
 )

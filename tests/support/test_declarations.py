@@ -123,16 +123,16 @@ def test_an_engine_that_is_exact_in_a_world_is_as_good_as_its_dialect_there():
     both = combine(file, engine)[Feature.SPRING]
     assert both.level is Level.APPROXIMATE
     there = both.in_world(WORLD)
-    assert (there.level, there.how, there.asked) == (Level.OUTSIDE, "a force of simspec's", False)
+    assert (there.level, there.how, there.requested) == (Level.OUTSIDE, "a force of simspec's", False)
 
 
 def test_cases_estimate_the_cost_of_a_level():
-    case = Refinement(Level.OUTSIDE, "by a loop", "a loop around the solver", asked=True)
+    case = Refinement(Level.OUTSIDE, "by a loop", "a loop around the solver", requested=True)
     soft = approximate("soft", lambda world: case, "soft springs", cases=(case,))
     both = combine(TABLE, TABLE | {Feature.SPRING: soft})[Feature.SPRING]
     assert both.brief(Level.APPROXIMATE) == "soft springs"
     assert both.brief(Level.OUTSIDE) == "a loop around the solver"
-    assert both.in_world(WORLD).asked
+    assert both.in_world(WORLD).requested
 
 
 def test_bounds_of_both_sides_hold():

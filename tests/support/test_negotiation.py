@@ -89,11 +89,13 @@ def test_outside_is_refused_where_it_would_not_be_exact():
 
 def test_features_requested_by_a_setting_need_no_name_and_others_do():
     world = worlds.damped_springs()
-    refinement = Refinement(Level.OUTSIDE, "a loop", asked=True)
+    refinement = Refinement(Level.OUTSIDE, "a loop", requested=True)
     table = TABLE | {Feature.SPRING: approximate("soft", lambda world: refinement)}
     levels = {decision.feature: decision.level for decision in negotiate(world, "engine", table)}
     assert levels[Feature.SPRING] is Level.OUTSIDE
-    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: dataclasses.replace(refinement, asked=False))}
+    table = TABLE | {
+        Feature.SPRING: approximate("soft", lambda world: dataclasses.replace(refinement, requested=False))
+    }
     with pytest.raises(UnsupportedError, match=r"outside the engine: a loop"):
         negotiate(world, "engine", table)
 

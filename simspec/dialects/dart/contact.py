@@ -363,7 +363,7 @@ def _unsupported(world: World, pair: tuple[str, str], flaw: str, engine: str) ->
         f"{engine} does not support contact between {name} and {other}: {flaw}",
         _first(world, name),
         found=f"shapes of kinds {name} and {other} that may touch",
-        hint="keep them apart by collision groups or contact.exclude, use other shapes, or run without this engine",
+        hint="separate them by collision groups or contact.exclude, use other shapes, or run without this engine",
     )
 
 

@@ -290,13 +290,13 @@ SIDECAR_ADDITIONS = (
     Addition("", "9.81", "strength"),
     Addition("settings", "true", "sleeping"),
     Addition("settings", "true", "split_impulse"),
-    Addition("damping", '{"body": "nobody", "value": 1.0}'),
-    Addition("springs", '{"body": "nobody", "stiffness": 1.0, "rest": 0.0}'),
-    Addition("enforce_limits", '"nobody"'),
-    Addition("excluded", '["nobody", "nothing"]'),
+    Addition("damping", '{"body": "absent", "value": 1.0}'),
+    Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+    Addition("enforce_limits", '"absent"'),
+    Addition("excluded", '["absent", "nothing"]'),
     Addition("groups", "[]", "one-more"),
     Addition("filter.classes", "[]", "one-more"),
-    Addition("filter.apart", '["nobody", "nothing"]'),
+    Addition("filter.apart", '["absent", "nothing"]'),
 )
 
 FIRST_ONLY = "DART reads only the first of repeated elements"

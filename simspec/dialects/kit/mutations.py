@@ -214,8 +214,8 @@ ADDITIONS = (
     Addition("bodies.*.shapes.*.copies", COPY),
     Addition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),
     Addition("meets", '["nothing", "nothing", 0]'),
-    Addition("apart.bodies", '["nobody", "nothing"]'),
-    Addition("apart.groups", '["nobody", "nothing"]'),
+    Addition("apart.bodies", '["absent", "nothing"]'),
+    Addition("apart.groups", '["absent", "nothing"]'),
 )
 
 SEEN = "visual only"

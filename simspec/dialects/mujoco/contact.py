@@ -206,7 +206,7 @@ def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
         if pair in target.plan.missed:
             found[pair] = "which the numbers of their materials' shapes cannot give together"
         elif law.hardness.kind == "stiffness":
-            found[pair] = "whose stiffness depends on the masses of both bodies"
+            found[pair] = "which have a stiffness that depends on the masses of both bodies"
         elif law.margin is not None:
             found[pair] = "which have a margin of their own"
         elif pair in target.pair_settings:

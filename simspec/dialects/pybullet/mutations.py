@@ -86,10 +86,10 @@ SIDECAR_ADDITIONS = (
     Addition("settings", "0.5", "global_cfm"),
     Addition("instances.*", "true", "fixed"),
     Addition("instances.*", "2.0", "scale"),
-    Addition("springs", '{"body": "nobody", "stiffness": 1.0, "rest": 0.0}'),
-    Addition("armature", '{"body": "nobody", "armature": 1.0}'),
+    Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+    Addition("armature", '{"body": "absent", "armature": 1.0}'),
     Addition("collision_filter.classes", '{"group": 64, "mask": 64, "links": []}'),
-    Addition("collision_filter.excluded", '["nobody", "nothing"]'),
+    Addition("collision_filter.excluded", '["absent", "nothing"]'),
 )
 
 FIRST_ONLY = "PyBullet reads only the first of repeated elements"

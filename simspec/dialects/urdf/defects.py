@@ -245,8 +245,8 @@ TABLE = MutationTable(
         ),
         "sidecar.json": (
             Addition("", "9.81", "strength"),
-            Addition("springs", '{"body": "nobody", "stiffness": 1.0, "rest": 0.0}'),
-            Addition("excluded", '["nobody", "nothing"]'),
+            Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+            Addition("excluded", '["absent", "nothing"]'),
         ),
     },
     inert=(

@@ -119,7 +119,7 @@ BY_COULOMB = Refinement(
     Level.OUTSIDE,
     COULOMB_COSTS,
     "simspec solves friction in impacts in a loop around MuJoCo's solver (friction: coulomb)",
-    asked=True,
+    requested=True,
 )
 
 

@@ -151,7 +151,7 @@ INERT: Mapping[str, str] = {
     ),
     **dict.fromkeys(
         ("nbvh", "nbvhstatic", "nbvhdynamic", "bvh_*", "body_bvhadr", "body_bvhnum", "noct"),
-        "boxes that spare the collision search pairs which are far apart",
+        "boxes that spare the collision search pairs at large distances",
     ),
     **dict.fromkeys(("vis", "geom_rgba", "geom_castshadow", "jnt_group", "body_user"), "visual only, or user data"),
     **dict.fromkeys(

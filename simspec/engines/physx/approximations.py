@@ -67,7 +67,7 @@ KEPT = 256
 """Hulls of which the answer is remembered."""
 
 
-def hulls_held(world: World) -> Refinement | None:
+def hull_refusal(world: World) -> Refinement | None:
     """Not a world with a hull of which PhysX would leave corners out."""
     for body in world.bodies:
         for shape in solid_shapes(body):
@@ -154,7 +154,7 @@ def boxes(world: World) -> Refinement | None:
 
 def meshes(world: World) -> Refinement | None:
     """Not hulls that PhysX would not hold; approximate are those that may meet more than planes."""
-    if refused := hulls_held(world):
+    if refused := hull_refusal(world):
         return refused
     met = met_pairs(world, _of("mesh"))
     return _refinement(met) if met else None
