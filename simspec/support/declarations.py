@@ -152,8 +152,8 @@ class Support:
     short    one line of at most 100 characters, for comments and tables: the deviation where the feature is
              approximate, or the computation outside the engine
     refine   the support in one world instead
-    cases    the refinements that are known before any world is: what each costs, for tables and pages
-    absence  of what is unsupported: never, or not yet; then ``attempt`` says how the shared tests try it
+    cases    the refinements that are known for all worlds: the cost of each, for tables and pages
+    absence  of an unsupported feature: never, or not yet; then ``attempt`` says how the shared tests try it
     since    the first release of the engine that has it ("" for any); ``until`` the first that no longer has it
     before   the support of releases before ``since`` in a world (None there: as declared); without it they do not support it
     requested  in one world: a setting of the spec selects the computation outside the engine
