@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.dialects.mujoco.dialect import apart, are_confused, distinct_sites
+from simspec.dialects.mujoco.dialect import are_confused, distinct_sites, with_distinct_frames
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
@@ -69,16 +69,16 @@ BODY = MjcfBody(
 
 
 def test_equal_and_distant_frames_are_written_unchanged():
-    assert apart(BODY) == BODY
+    assert with_distinct_frames(BODY) == BODY
     mesh = dataclasses.replace(BODY.geoms[0], type="mesh", position=(1e-8, 0.0, 0.0))
-    assert apart(dataclasses.replace(BODY, geoms=(mesh,))).geoms == (mesh,)
+    assert with_distinct_frames(dataclasses.replace(BODY, geoms=(mesh,))).geoms == (mesh,)
 
 
 def test_a_geom_near_the_inertial_frame_is_turned():
     turn = frames.normalise((0.6, 0.8, 0.0, 0.0))
     inertial = dataclasses.replace(BODY.inertial, orientation=turn)
     geom = dataclasses.replace(BODY.geoms[0], position=(0.0, 1e-9, 0.1), orientation=turn)
-    body = apart(dataclasses.replace(BODY, inertial=inertial, geoms=(geom,)))
+    body = with_distinct_frames(dataclasses.replace(BODY, inertial=inertial, geoms=(geom,)))
     assert body.inertial == inertial
     half = frames.multiply(frames.conjugate(turn), body.geoms[0].orientation)
     assert half == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-15)
