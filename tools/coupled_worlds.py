@@ -1,4 +1,4 @@
-"""Random worlds of contact of several bodies: what is proven valid must move as right engines do at small timesteps.
+"""Random worlds of contact of several bodies: proven models must move as the reference engines do at small timesteps.
 
     python tools/coupled_worlds.py --count 100 --json FILE           the seeds 0 to 99, every engine; appends to FILE
     python tools/coupled_worlds.py --seeds 7 12 --engine ode         these
@@ -6,8 +6,9 @@
 
 The reference of a world are two of ``REFERENCES`` that agree, at a quarter to an eighth of its timestep. An engine is *wrong*
 in a world where a body ends further from it than ``TOLERANCE`` and ``SHARE`` allow. Where another engine that is right is as
-far off at the world's own timestep, the timestep is to blame, not the engine. What is valid and wrong is *covered* where its
-proof passes by a deviation that the engine declares for such contact, or where the spec had to accept such contact by name.
+far off at the world's own timestep, the timestep is to blame, not the engine. A valid world that moves wrongly is *covered*
+where its proof passes by a deviation that the engine declares for such contact, or where the spec had to accept such contact by
+name.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "records" / "coupled-worlds.md"
 ENGINES = ("mujoco", "pybullet", "dart", "drake", "ode", "rapier", "gazebo", "physx")
 TURNS = {"mujoco": {"friction": "coulomb"}}
-"""Settings of odd seeds; even ones have the defaults."""
+"""Settings of every second seed; the others have the defaults."""
 REFERENCES: Mapping[str, Mapping[str, str]] = {
     "ode": {"solver": "step"},
     "dart": {"contact_solver": "nsgs"},
@@ -58,7 +59,7 @@ STEP = 0.00025
 TOLERANCE, SHARE = 0.005, 0.03
 """m, and share of the body's way: 3 % is what the probes of slips allow, 5 mm what bodies may settle by several contacts."""
 AGREEING = 0.5
-"""How far two references may be apart, in tolerances."""
+"""Largest difference of two references, in tolerances."""
 COVERING: Mapping[str, tuple[str, str]] = {
     "stack": ("stack* pile* cross*", "contact.mass-ratio shape.box contact.cone.pyramid-inscribed"),
     "leaner": (
@@ -135,7 +136,7 @@ def places_of(spec: Mapping[str, Any], engine: str, warm: WarmProcesses) -> Plac
 
 
 def largest_distance(places: Places, other: Places, reference: Places) -> tuple[float, str, float]:
-    """Of the body whose ends are furthest apart, in tolerances of the reference: these, its name, and the distance (m)."""
+    """The largest difference of final positions, in tolerances of the reference, its body, and the distance (m)."""
     found = []
     for name, trace in reference.items():
         way = float(np.linalg.norm(np.diff(trace, axis=0), axis=1).sum())
@@ -145,7 +146,7 @@ def largest_distance(places: Places, other: Places, reference: Places) -> tuple[
 
 
 def references(spec: Mapping[str, Any], timestep: float, warm: WarmProcesses) -> dict[str, Places]:
-    """What the reference engines make of a world at a timestep, by name."""
+    """Motion of a world in the reference engines at a timestep, by name."""
     found = {}
     for engine, settings in REFERENCES.items():
         if engine == "mujoco" and spec["contact"]["friction_cone"] != "pyramid-inscribed":
@@ -172,7 +173,7 @@ def reference(fine: Mapping[str, Places]) -> tuple[set[str], Places, str]:
         return set(), {}, f"only {', '.join(fine) or 'no engine'} as reference"
     (off, body, distance), first, other = pairs[0]
     if not off <= AGREEING:
-        return set(), {}, f"{first} and {other} are {1e3 * distance:.1f} mm apart ({body})"
+        return set(), {}, f"{first} and {other} differ by {1e3 * distance:.1f} mm ({body})"
     return {first, other}, fine[first], ""
 
 
@@ -258,7 +259,7 @@ def page(rows: Sequence[Judged], date: str) -> str:
         f"An engine is wrong where a body ends further from the reference than {1e3 * TOLERANCE:g} mm and "
         f"{100 * SHARE:g} % of its way. The reference are two of ODE (`step`), DART (`nsgs`), Drake (TAMSI), and under the "
         f"inscribed pyramid MuJoCo (`coulomb`), at {1e3 * STEP:g} ms or an eighth of the world's timestep, that agree to "
-        "half of that. MuJoCo has `friction: coulomb` in odd seeds.",
+        "half of that. MuJoCo has `friction: coulomb` in every second seed.",
         "",
     ]
     lines += [f"- **{name}**: {MEANINGS[name]}" for name in VERDICTS]

@@ -3,7 +3,7 @@
 python tools/detectors.py [--draws 12] [--poses 250] [--kind mesh]
 
 Two shapes of random sizes are put into random poses in which coal, the library of signed distances that the filter proof uses,
-has them overlap by 0.1, 1 or 10 mm, or 0.1 or 1 mm apart; then the detector is asked whether they touch.
+has them overlap by 0.1, 1 or 10 mm, or have a gap of 0.1 or 1 mm; then the detector is queried for contact.
 
 This is no study: nothing is run, and no scenario is at stake. The table ``UNSOUND`` of simspec/dialects/dart/contact.py is
 made of it.
@@ -131,7 +131,7 @@ def poses(solid: Solid, other: Solid, count: int, draw: np.random.Generator) -> 
             where: np.ndarray = where,
             fixed: bool = fixed,
         ) -> list[Pose]:
-            # what is a plane stays; the other one moves
+            # a plane stays; the other shape moves
             moves = [where, where + along * way] if sign > 0.0 else [where + along * way, where]
             if fixed:
                 moves[1 if sign < 0.0 else 0] = np.zeros(3)

@@ -59,7 +59,7 @@ PAGE = ROOT / "docs" / "records" / "coupled-contact.md"
 ALIKE = 1.3
 """Ratio of the largest to the smallest deviation up to which cones or settings share a row of a table."""
 KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
-"""What is kept of a figure."""
+"""The stored row of a figure."""
 SUNK = (stacks.Stack.NAME, stacks.Stack.SIDEWAYS)
 """Of the tables of stacks that are left alone."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")

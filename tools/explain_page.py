@@ -1,7 +1,7 @@
-"""The tables of docs/guide/explain.md: planted differences, and real pairs of engines, with what is left unexplained.
+"""The tables of docs/guide/explain.md: planted differences, and real pairs of engines, with the unexplained remainder.
 
 python tools/explain_page.py                  all cases, then the tables
-python tools/explain_page.py --only erp cone  some of them; what is known already is kept (docs/records/explain.json.gz)
+python tools/explain_page.py --only erp cone  some of them; known results are kept (docs/records/explain.json.gz)
 python tools/explain_page.py --page           the tables again
 """
 
@@ -35,7 +35,7 @@ PAIRS = {
 
 
 def explanation_of(name: str) -> dict[str, Any]:
-    """What ``simspec explain`` finds of a case."""
+    """The result of ``simspec explain`` for a case."""
     if name in CASES:
         case = CASES[name]
         data = explanation_data(case.explain())

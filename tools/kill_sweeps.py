@@ -66,7 +66,7 @@ class Sweeps:
         )
 
     def finish(self, store: Path) -> dict[str, object]:
-        """Let a sweep come to its end; what it says. Raises AssertionError when it fails."""
+        """Run a sweep to its end; its JSON output. Raises AssertionError if it fails."""
         out, errors = self.start(store).communicate(timeout=DEADLINE)
         assert out, errors.decode(errors="replace")[-2000:]
         content: dict[str, object] = json.loads(out)
@@ -82,8 +82,8 @@ class Sweeps:
 
 
 def contents(store: Path) -> dict[str, object]:
-    """What must be equal in two stores: of every run its result, who asked, and the bytes of its tables (of those of
-    circumstances, that they are there); the bytes of worlds."""
+    """Content that must be equal in two stores: of every run its result, its request, and the bytes of its tables (of those of
+    circumstances, their existence); the bytes of worlds."""
     found: dict[str, object] = {}
     timed: set[Path] = set()
     for path in sorted(store.rglob("*"), key=lambda path: (path.name != "run.json", path)):
@@ -112,7 +112,7 @@ def timeless(certificate: dict[str, object]) -> object:
 
 
 def kill_often(sweeps: Sweeps, count: int, dice: random.Random) -> list[str]:
-    """Kill one sweep ``count`` times, then finish it; what differs from an undisturbed one."""
+    """Kill a sweep ``count`` times, then finish it; the differences from an undisturbed sweep."""
     began = time.monotonic()
     whole = sweeps.finish(sweeps.root / "whole")
     usual = time.monotonic() - began

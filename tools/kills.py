@@ -42,7 +42,7 @@ MINE = (
     "runs/fall/notes.txt",
     "runs/notes.txt",
 )
-"""Files of the user's: in simspec's folders, and beside them."""
+"""Files of the user: inside simspec's folders, and next to them."""
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TOKEN = "SIMSPEC_KILLS"
 """An environment variable by which every process that a command starts is known."""
@@ -84,7 +84,7 @@ class Sandbox:
         (self.place / "fall.yaml").write_text(SPEC)
 
     def start(self, words: list[str], mass: int) -> subprocess.Popen[bytes]:
-        """A command on its way; ``mass``: what makes its world another one."""
+        """A running command; ``mass``: of the body, to vary the world."""
         environment = {
             **os.environ,
             TOKEN: self.token,
@@ -146,9 +146,9 @@ class Sandbox:
         return gaps
 
     def stray(self) -> list[str]:
-        """What is left that no finished command leaves."""
+        """Files that no finished command leaves."""
         found = [*self.place.rglob(".simspec*"), *self.temporary.iterdir()]
-        # the report of a bug says what it was: the sandbox is gone when somebody wants to know
+        # the report of a bug contains the traceback: the sandbox is deleted afterwards
         return [f"{path}: {path.read_text()[-2000:]}" if path.suffix == ".txt" else str(path) for path in found]
 
     def running(self) -> list[int]:
@@ -164,7 +164,7 @@ class Sandbox:
 
 
 def kill_often(name: str, words: list[str], count: int, dice: random.Random) -> list[str]:
-    """Kill one command ``count`` times; what was lost, stray, left or failed."""
+    """Kill a command ``count`` times; complaints about lost, stray or left files and failures."""
     found: list[str] = []
     with tempfile.TemporaryDirectory(prefix="kills-") as root:
         box = Sandbox(Path(root).resolve())

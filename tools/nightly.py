@@ -1,4 +1,4 @@
-"""Run everything that is too long for a commit, and write docs/records/nightly.md: what ran, its outcome and its time.
+"""Run everything that is too long for a commit, and write docs/records/nightly.md: each part, its outcome and its time.
 
 python tools/nightly.py                    # all parts: hours
 python tools/nightly.py --only slow kills  # some; the other rows of the page stay

@@ -4,9 +4,9 @@ docs/records/planted-contact.md.
 python tools/planted.py [--engine NAME ...] [--json FILE]
 python tools/planted.py --page FILE ...
 
-One defect at a time is in what is compiled: a number of the law, the cone, the timestep, a setting, a body of the probe's
-world. The figures are judged as level L5 does, by the law without it and with the engine's declared deviations. What no
-coupled probe sees is given to the probes of one pair. --json keeps the results; from such files --page writes both pages.
+One defect at a time is in the compiled files: a number of the law, the cone, the timestep, a setting, a body of the probe's
+world. The figures are judged as level L5 does, by the law without it and with the engine's declared deviations. Defects that no
+coupled probe sees are given to the probes of one pair. --json keeps the results; from such files --page writes both pages.
 Exits 1 when the unchanged law fails somewhere, or when no probe at all sees a defect.
 """
 
@@ -77,7 +77,7 @@ class Job:
 
     @property
     def key(self) -> tuple[Law, str]:
-        """What it has in common with the same probe of the unchanged law."""
+        """The part that it shares with the same probe of the unchanged law."""
         return self.law, self.probe.NAME
 
 
@@ -87,7 +87,7 @@ Found = list[list[Motion]] | EngineError | UnsupportedError
 
 @dataclass(frozen=True)
 class Tried:
-    """What an engine made of a job."""
+    """The results of a job in an engine."""
 
     job: Job
     found: Found
@@ -101,7 +101,7 @@ class Tried:
 
 @dataclass
 class Result:
-    """What is kept of one defect in an engine, under a setting and a cone.
+    """The stored result of a defect in an engine, under a setting and a cone.
 
     verdict   fails: a figure of the unchanged law does. seen: a figure of a coupled probe fails. hidden: declared deviations
               alone let all pass, though the defect moves a figure by more than the probe's tolerance. blind: all pass, though
@@ -192,7 +192,7 @@ def measured(engine: str, jobs: Sequence[Job]) -> list[Found]:
 
 
 def _answered(engine: str, place: Path, some: Mapping[int, list[Operation]]) -> dict[int, list[Answer] | EngineError]:
-    """By number the answers to some operations. Where a process fails its halves are asked again, to find out at what."""
+    """By number the answers to some operations. If a process fails, its halves are repeated, to find the failing operation."""
     numbers = list(some)
     if not numbers:
         return {}
@@ -219,13 +219,13 @@ def _written(engine: str, planned: Job, place: Path) -> list[Operation]:
 
 
 def figures(planned: Job, engine: str, found: Found) -> list[Figure]:
-    """What level L5 makes of it; an engine that fails is a figure that fails, and what is refused has none."""
+    """Figures of level L5; an engine that fails gives a failed figure, and a refused job gives none."""
     if isinstance(found, UnsupportedError):
         return []
     if isinstance(found, EngineError):
         return [Figure(planned.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
     kind = find_engine(engine)
-    with np.errstate(invalid="ignore"):  # what never meets has no impact: no number, which fails
+    with np.errstate(invalid="ignore"):  # bodies that never meet have no impact: NaN, which fails
         raw = planned.probe.figures(planned.law, [joined(parts) for parts in found])
     return [deviating(figure, planned.law, kind, planned.settings, kind.version()) for figure in raw]
 
@@ -316,7 +316,7 @@ def reads(planned: Job) -> bool:
             (engine,) = (options.engine for options in world.engines)
             place = Path(folder) / str(number)
             write_folder(compile_world(world, [engine])[engine].files, place)
-            read = call(engine, place, [Operation("read_back", world=world)]).answers[0].held
+            read = call(engine, place, [Operation("read_back", world=world)]).answers[0].read_back
             if read is None:
                 raise EngineError(engine, "nothing was read back")
             masses = {body.name: body.inertial.mass for body in read.bodies}

@@ -48,7 +48,7 @@ class Defect:
     settings  of the engine in place of its own, by (engine, value of the first setting judged by, "" where there is none)
     heavier   by probe, a pattern of the names of bodies whose mass is multiplied by ``MASS``; their tensors stay
     slick     by probe, a pattern of the names of bodies that lose their friction
-    apart     moving bodies pass through each other
+    no_contact moving bodies pass through each other
     probes    in whose worlds it is planted, where these apply; empty: in all
     """
 

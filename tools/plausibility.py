@@ -1,8 +1,8 @@
-"""What simspec says of robot files, side by side with simcheck 0.2.0, another checker, which runs in its own interpreter.
+"""Findings of simspec in robot files, side by side with simcheck 0.2.0, another checker, which runs in a separate interpreter.
 
 The files are those of packages that `tools/corpora --fetch` installs, of PyBullet's data, and an arm with planted slips. Every
 finding of simcheck is looked for among those of the rules that correspond to it, by the link, joint or pair that it is about;
-what is not found has a reason here, or the record says "missed".
+a finding without counterpart has a reason here, or the record says "missed".
 
     python tools/plausibility.py --simcheck PYTHON --packages FOLDER --answers FOLDER
     python tools/plausibility.py --rules     the table of rules in docs/guide/audit.md
@@ -191,7 +191,7 @@ def place(package: str, path: str, packages: Path) -> Path:
 
 
 def answer(python: str, file: Path, kept: Path, folders: Sequence[str]) -> dict[str, Any]:
-    """What simcheck says of a file, from an earlier run where that is kept. Large files are checked without engines where they
+    """Findings of simcheck in a file, from an earlier run if stored. Large files are checked without engines where they
     take longer than the deadline."""
     if not kept.exists():
         words = [python, "-m", "simcheck", "check", str(file), "--json", str(kept), "--no-config"]
@@ -207,7 +207,7 @@ def answer(python: str, file: Path, kept: Path, folders: Sequence[str]) -> dict[
 
 
 def of_simspec(file: Path, folders: Sequence[str]) -> tuple[Plausibility | None, Meaning | None, str]:
-    """What simspec says of a file: the findings, the model, and why it does not import it."""
+    """Findings of simspec in a file, the model, and the reason of a refused import."""
     try:
         meaning = meaning_of(file, ImportOptions(package_path=tuple(folders)), allow_outside=True)
     except SimspecError as error:
@@ -219,7 +219,7 @@ def of_simspec(file: Path, folders: Sequence[str]) -> tuple[Plausibility | None,
 
 
 def missed(data: Mapping[str, Any], found: Plausibility | None, refusal: str) -> Iterator[tuple[str, str, str]]:
-    """What simcheck found and simspec did not: check, the element, and simcheck's words."""
+    """Findings of simcheck without counterpart in simspec: check, element, and message."""
     elements: dict[str, set[str]] = defaultdict(set)
     for finding in found.findings if found is not None else ():
         elements[finding.rule] |= {key(word) for word in finding.element.split(" and ")}

@@ -6,7 +6,7 @@
     python tools/random_worlds.py --write out                each world's spec as YAML
 
 Where an engine has something only approximately, or outside of itself, the spec is made to accept it by the name that the error
-gives; what an engine cannot have at all is a refusal, and is counted with its cause.
+gives; an unsupported feature is a refusal, and is counted with its cause.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def accepted(data: dict[str, Any], engine: str, folder: Path) -> str:
 
 
 def diverges(world: World) -> str:
-    """Why a run may end with a state that is not finite: shapes begin so deep in each other that taking it back throws them
-    apart, or the oracle's own motion, without contact, leaves all bounds; or ""."""
+    """Why a run may end with a state that is not finite: shapes begin so deep in each other that the correction separates them
+    at great speed, or the oracle's own motion, without contact, leaves all bounds; or ""."""
     if (deepest := next(iter(deep_overlaps(world)), None)) is not None and deepest.depth > BURIED:
         return f"{deepest.first} and {deepest.second} overlap by {deepest.depth:.3g} m at the start, taken back at once"
     q, v = initial_state(world)
@@ -87,8 +87,8 @@ def diverges(world: World) -> str:
 def attempt(
     seed: int, names: list[str], levels: set[str], folder: Path | None, warm: WarmProcesses | None = None
 ) -> tuple[list[str], dict[str, str]]:
-    """What went wrong with one seed, a line each, and which engines refused it why. ``warm``: processes that engines are forked
-    from."""
+    """Failures of a seed, a line each, and the engines that refused it, with reasons. ``warm``: processes that engines are
+    forked from."""
     data, files = with_words(seed, spec(seed))
     with scratch_folder("random") as scratch:
         place = folder / f"random-{seed}" if folder is not None else scratch
@@ -141,7 +141,7 @@ def main() -> int:
                 wrong, refused = attempt(seed, names, levels, options.write, warm)
             except SpecError as error:
                 wrong, refused = [f"spec: {problem.path}: {problem.message}" for problem in error.problems], {}
-            except Exception as error:  # whatever it is, it is what this tool looks for
+            except Exception as error:  # the tool searches for any exception
                 wrong, refused = [f"crash: {''.join(traceback.format_exception(error))}"], {}
             causes.update(f"{engine}: {why}" for engine, why in refused.items())
             compared.update(name for name in names if name not in refused)

@@ -4,7 +4,7 @@
 
 Commands of the README work each in a folder of its own; those of docs/guide/sweeps.md one after the other in one
 folder, with the
-spec that stands in the page. What ``--all-engines`` takes must not depend on who fills the page: engines in the user's data
+spec that stands in the page. The engines of ``--all-engines`` must not depend on the user: engines in the user's data
 folder (MJX, MuJoCo Warp) are not seen, and the machine has to have those of ``ENGINES``, no more and no less.
 """
 
@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- (file|output|spec): (.*?) -->\n```\w*\n)(.*?)(```)", re.DOTALL)
 ENGINES = ("dart", "drake", "gazebo", "mujoco", "ode", "physx", "pybullet", "rapier")
-"""The engines that a page has where a command takes all: what ``make setup`` and ``make engines`` install."""
+"""Engines of a page where a command takes all: those that ``make setup`` and ``make engines`` install."""
 ALL = "--all-engines"
 
 
@@ -33,7 +33,7 @@ def environment(empty: Path) -> dict[str, str]:
 
 
 def simspec(words: Iterable[str], place: Path) -> str:
-    """What a command prints that works in ``place``. Ends the program, with what the command said, where that fails."""
+    """The output of a command that works in ``place``. If the command fails, ends the program with its messages."""
     command = ["simspec", *words]
     with tempfile.TemporaryDirectory() as empty:
         done = subprocess.run(
@@ -51,7 +51,7 @@ def simspec(words: Iterable[str], place: Path) -> str:
 
 
 def other_engines(installed: Iterable[str]) -> list[str]:
-    """What is wrong with the engines of a machine, one line each: what the pages need, and what they do not have."""
+    """Differences between the engines of a machine and those of the pages, one line each."""
     here = set(installed)
     missing = [f"{name}: not installed, and the pages show it (make engines)" for name in ENGINES if name not in here]
     return missing + [f"{name}: installed, and the pages are without it" for name in sorted(here - set(ENGINES))]

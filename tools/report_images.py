@@ -33,7 +33,7 @@ COLOURS = 192
 
 
 def study(path: Path) -> None:
-    """The picture of a study's page: what it says first, and its first plots."""
+    """The picture of a study's page: its first sentences and plots."""
     with browser.browsers() as start, browser.opened(start(*browser.SOFTWARE), path, *STUDY_SIZE) as (page, said):
         page.mouse.move(0, 0)
         page.wait_for_timeout(3000)

@@ -4,7 +4,7 @@
     python tools/second_oracle.py --trees 300 --scenarios 100 --steps 200
 
 Each row is a quantity, with the largest difference in each group of worlds, and where it was. Worlds of many equal bodies are
-seen with the first twelve trees. What is compared and by what it is divided says ``tests/dynamics/agreement.py``.
+seen with the first twelve trees. ``tests/dynamics/agreement.py`` defines the quantities and their scales.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ Results = dict[str, dict[str, dict[str, Any]]]
 
 
 def of_world(version: str, verdicts: Sequence[Verdict], seconds: float) -> dict[str, Any]:
-    """What is kept of one world in one engine."""
+    """The stored result of a world in an engine."""
     found = CompleteTest(tuple(verdicts))
     return {
         "version": version,
@@ -145,7 +145,7 @@ def with_table(page: str, results: Results) -> str:
 
 
 def read() -> Results:
-    """What is kept; nothing where nothing is."""
+    """The stored results; empty without a file."""
     kept: Results = json.loads(gzip.decompress(RESULTS.read_bytes())) if RESULTS.exists() else {}
     return kept
 

@@ -85,7 +85,7 @@ def run(into: Path) -> None:
 
 
 def _short(said: Mapping[str, Any], into: Path) -> dict[str, Any]:
-    """What is kept of an answer: verdicts and refusals by engine, or why the file is refused."""
+    """The stored part of an answer: verdicts and refusals by engine, or the reason of a refused file."""
     if "error" in said:
         first = str(said["error"]["message"]).splitlines()[0].replace(f"{into}/packages/", "")
         return {"refused": first}

@@ -30,10 +30,10 @@ def tools(monkeypatch):
     ("change", "found"),
     [
         ({}, []),
-        ({"mass": "0"}, ["what moves has no mass"]),
+        ({"mass": "0"}, ["a moving link has no mass"]),
         ({"mass": "0", "static": "<static>true</static>"}, []),
         ({"mass": "0", "joint": TO_WORLD}, []),
-        ({"mass": "0", "joint": TO_WORLD.replace("fixed", "revolute")}, ["what moves has no mass"]),
+        ({"mass": "0", "joint": TO_WORLD.replace("fixed", "revolute")}, ["a moving link has no mass"]),
         ({"mass": "heavy"}, ["no number"]),
         ({"izz": "2.1"}, ["the triangle inequality"]),
         ({"izz": "2.000001"}, []),
@@ -57,7 +57,7 @@ def test_remarks_on_a_proof_that_fails(tools):
     assert findings.remark("one", "arm.urdf", "L3 mass matrix", False) == ""
     late = "L1 engine one: no result within its deadline of 60 s, at work on 'motion'"
     assert "verdict of time" in findings.remark("one", "arm.urdf", late, False)
-    assert "not asked again" in findings.remark("one", "arm.urdf", "L3 mass matrix", True)
+    assert "not repeated since" in findings.remark("one", "arm.urdf", "L3 mass matrix", True)
     for engine, name in findings.FINDINGS:
         assert findings.FINDINGS[engine, name] in findings.remark(engine, f"folder/{name}", "", False)
         assert findings.remark("none", name, "", False) == ""

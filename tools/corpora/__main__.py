@@ -4,16 +4,16 @@ docs/records/corpora.md.
     python tools/corpora --into DIR --fetch          installs the packages into DIR, never into the project
     python tools/corpora --into DIR --run            what has no result yet; ended at any moment, it goes on there
     python tools/corpora --into DIR --run --stages import --anew
-    python tools/corpora --into DIR --run --failed   once more, what failed with other code than today's
-    python tools/corpora --into DIR --run --open     the same, and what engines refused then or were never asked
+    python tools/corpora --into DIR --run --failed   again, all that failed with other code than today's
+    python tools/corpora --into DIR --run --open     the same, and all that engines refused then or never tried
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
     python tools/corpora --into DIR --write          docs/records/corpora.md and docs/records/corpora.json.gz from DIR/results
 
-Stages: import (no engine), certify (what simspec compiles, in every engine), apart (the same without contact between the
+Stages: import (no engine), certify (the compiled files, in every engine), `apart` (the same without contact between the
 model's own bodies, in the engines that refuse it), audit (the file itself, in every engine). Workers answer one file after the
-other, each file within a deadline. Files are never copied into the project. What DIR/results lacks is taken from
-docs/records/corpora.json.gz, where it is of the same content of the same file.
+other, each file within a deadline. Files are never copied into the project. Results missing in DIR/results are taken from
+docs/records/corpora.json.gz, if they are of the same content of the same file.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main() -> int:
     parser.add_argument("--anew", dest="again", action="store_const", const="anew", default="", help="ask again all")
     parser.add_argument("--failed", dest="again", action="store_const", const="failed", help="ask again what failed")
     parser.add_argument("--open", dest="again", action="store_const", const="open", help="and what engines refused")
-    parser.add_argument("--engines", default="", help="of which engines --open asks, by commas (default: all)")
+    parser.add_argument("--engines", default="", help="engines that --open tries, separated by commas (default: all)")
     parser.add_argument("--only", default="", help="languages, by commas")
     parser.add_argument("--in", dest="within", default="", help="a text that package and name contain")
     parser.add_argument("--workers", type=int, default=2)

@@ -1,4 +1,4 @@
-"""Hard defects of URDF and SDF files, found without simspec: what no importer can make a model of unasked."""
+"""Hard defects of URDF and SDF files, found without simspec: files that no importer can read without repairs."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import numpy as np
 
 RULE = """A URDF has a *hard defect* where it is no model that a body can have: it is not well-formed or is xacro that is not
 expanded; a link, joint or file that it names is not in the package; two links or two joints have one name, links are their own
-parents, or several have none; a number is missing, is no number, or a lower limit is above the upper, or a joint
+parents, or several have none; a number is missing or not finite, or a lower limit is above the upper, or a joint
 that has a range says neither; an inertial has no mass or
 no moments, a mass or a principal moment is below 0, or the largest moment exceeds the sum of the others (by more than 10⁻⁶ of
-it); what a joint moves has no mass or no moments. They are found by a reader of its own (`tools/corpora/defects.py`), which
+it); a link that a joint moves has no mass or no moments. A separate reader finds them (`tools/corpora/defects.py`), which
 shares nothing with the importer."""
 SDF_RULE = """An SDF file has a *hard defect* where it is not well-formed; a file that it names is not in the package; or
 a link of a model that is not static, and that no joint fixes to the world, has a mass or a moment that is not above 0, or
@@ -34,7 +34,7 @@ def defects(path: Path, root: Path) -> list[str]:
     except ElementTree.ParseError as error:
         if "unbound prefix" not in str(error):
             return ["not well-formed"]
-        # a prefix that is not declared: what has one is not URDF's
+        # a prefix that is not declared: elements with it are not URDF's
         robot = ElementTree.fromstring(re.sub(rb"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_])", rb"\1\2_", content))
     for element in robot.iter():
         expression = any("${" in value or "$(arg" in value for value in element.attrib.values())
@@ -60,7 +60,7 @@ def sdf_defects(path: Path, root: Path) -> list[str]:
         text = (address.text or "").strip()
         if text.startswith(("model:", "package:", "file:")):
             found = bool(_named(root, text.rpartition("/")[2]))
-        else:  # beside the file that names it
+        else:  # relative to the file that names it
             found = "://" in text or (path.parent / text).exists()
         if not found:
             kinds.append("a file that is not there")
@@ -81,7 +81,7 @@ def sdf_defects(path: Path, root: Path) -> list[str]:
 
 
 def _sdf_mass(inertial: Any) -> list[str]:
-    """What is wrong with a mass and its moments; SDF has 1 where a number is left out, and 0 off the diagonal."""
+    """Defects of a mass and its moments; the defaults of SDF are 1, and 0 off the diagonal."""
     if inertial is None:
         return []
     tensor = inertial.find("inertia")
@@ -89,7 +89,7 @@ def _sdf_mass(inertial: Any) -> list[str]:
     xx, yy, zz = (moments.get(word, 1.0) for word in ("ixx", "iyy", "izz"))
     xy, xz, yz = (moments.get(word, 0.0) for word in ("ixy", "ixz", "iyz"))
     low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    kinds = ["what moves has no mass"] if float(inertial.findtext("mass", "1")) <= 0.0 else []
+    kinds = ["a moving link has no mass"] if float(inertial.findtext("mass", "1")) <= 0.0 else []
     if low <= 0.0:
         kinds.append("a moment that is not above 0")
     elif high > (low + middle) * (1.0 + SLACK):
@@ -126,7 +126,7 @@ def _link(joint: Any, word: str) -> str:
 def _files(robot: Any, root: Path, folder: Path) -> list[str]:
     for mesh in robot.iter("mesh"):
         text = mesh.get("filename", "")
-        if "://" not in text and "$(find" not in text:  # beside the file that names it
+        if "://" not in text and "$(find" not in text:  # relative to the file that names it
             if not text or not (folder / text.lstrip("/")).is_file():
                 return ["a file that is not there"]
             continue
@@ -205,10 +205,10 @@ def _masses(links: list[Any], joints: list[Any]) -> list[str]:
         moments[group[name]] += abs(high)
     root = next((group[link.get("name")] for link in links if group[link.get("name")] not in moved), "")
     for name, found in by_group.items():
-        if name in moved or total[root]:  # what is fixed to the world needs none
+        if name in moved or total[root]:  # links fixed to the world need none
             kinds += found
-    kinds += ["what a joint moves has no mass" for name in moved if not total[name] and name not in by_group]
-    kinds += ["what a joint moves has no moments" for name in moved if total[name] and not moments[name]]
+    kinds += ["a link that a joint moves has no mass" for name in moved if not total[name] and name not in by_group]
+    kinds += ["a link that a joint moves has no moments" for name in moved if total[name] and not moments[name]]
     return kinds
 
 

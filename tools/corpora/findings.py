@@ -1,4 +1,4 @@
-"""What is known of single proofs that fail: measured by hand, and told beside them on the page."""
+"""Remarks about single proofs that fail: measured by hand, and printed next to them on the page."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ENGINE_TIME = ("no result within its deadline", "without a result", "code 137")
 
 
 def remark(engine: str, name: str, why: str, early: bool) -> str:
-    """What is to be said of a proof that fails, by its engine, file and reason. ``early``: it is of a state of the code that is
-    not known, and has not been asked again."""
+    """Remarks about a failed proof, by its engine, file and reason. ``early``: the proof is of an unknown state of the code,
+    not repeated since."""
     known = FINDINGS.get((engine, name.rpartition("/")[2]))
     remarks = [known] if known else []
     if any(text in why for text in ENGINE_TIME):
         remarks.append("a verdict of time or memory: the engine gave no answer that could be compared")
     if early:
-        remarks.append("of an earlier state of the code, not asked again since")
+        remarks.append("of an earlier state of the code, not repeated since")
     return f" ({'; '.join(remarks)})" if remarks else ""

@@ -16,7 +16,7 @@ from run import STAGES, place, stored
 
 KEPT = Path(__file__).resolve().parents[2] / "docs" / "records" / "corpora.json.gz"
 LONGEST = 240
-"""Characters of a text that are kept: what the page and the list of refusals show of one."""
+"""Stored characters of a text: as many as the page and the list of refusals show."""
 
 
 def keep(models: Sequence[Model], results: Path) -> None:

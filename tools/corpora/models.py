@@ -1,4 +1,4 @@
-"""The files that are asked about: robot files in packages that pip installs, which are never copied into the project."""
+"""The tested files: robot files in packages that pip installs, which are never copied into the project."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ LANGUAGES = {
 PART = re.compile(rb"<(worldbody|link|model|link\s|body|xacro)|PXR-USDC|PhysicsRigidBodyAPI")
 """Without one of these a file is a part of another."""
 ENGINES = ("dart", "drake", "mujoco", "pybullet")
-"""Engines that files are asked of, and that the page is about, where they are installed."""
+"""Engines that the files are tested in, and that the page lists, if they are installed."""
 ENGINE_DEADLINE = 240.0
 """s for one engine and one file: robots of 100 links take 60 on a machine that does much else."""
 SKIPPED = ("random_urdfs/", "dm_control/mjcf/test_assets", "dm_control/mujoco/testing")

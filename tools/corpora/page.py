@@ -1,4 +1,4 @@
-"""docs/records/corpora.md: what became of every file, and how far the aims are met."""
+"""docs/records/corpora.md: the outcome of every file, and the state of the aims."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAME = 1e-9
 """Largest relative deviation of an imported MJCF file's dynamics from the original's."""
 AIMS = {"mujoco": 98.0, "pybullet": 95.0, "dart": 95.0}
 """Per cent of imported URDF files that are to be certified."""
-MARKS = {"certified": "yes", "apart": "without", "fails": "**no**", "refused": "–", "not asked": "·"}
+MARKS = {"certified": "yes", "apart": "without", "fails": "**no**", "refused": "–", "not tried": "·"}
 RESTORED = "restored from docs/records/corpora.md"
 """In place of a state of the code: a verdict from this page, of which no more was kept."""
 NO_SELF_COLLISION = "without contact between its own bodies"
@@ -31,8 +31,8 @@ MOST = 40
 
 @dataclass(frozen=True)
 class File:
-    """A file, and the answer of each stage (None: not asked). ``apart``: without contact between the model's own bodies, in
-    the engines that refuse it otherwise."""
+    """A file, and the answer of each stage (None: not tried). ``no_self_collision``: without contact between the
+    model's own bodies, in the engines that refuse it otherwise."""
 
     model: Model
     imported: dict[str, Any] | None
@@ -52,13 +52,13 @@ class File:
 
     @property
     def proofs(self) -> dict[str, dict[str, Any]]:
-        """What is proven of it, by engine; nothing of a file that is not imported, or no longer."""
+        """Its proofs by engine; empty for a file that is not imported, or no longer."""
         proven = (self.certified or {}).get("proven") if self.is_imported else None
         return {entry["engine"]: entry for entry in proven or ()}
 
     @property
     def proofs_without_self_collision(self) -> dict[str, dict[str, Any]]:
-        """What is proven of it without contact between its own bodies, of engines that refuse it otherwise."""
+        """Its proofs without contact between its own bodies, in engines that refuse it otherwise."""
         proven = (self.no_self_collision or {}).get("proven") or () if self.is_imported else ()
         return {
             entry["engine"]: entry
@@ -67,9 +67,9 @@ class File:
         }
 
     def verdict(self, engine: str) -> str:
-        """What the proof says in an engine: one of ``VERDICTS``."""
+        """The verdict of the proof in an engine: one of ``VERDICTS``."""
         if engine not in self.proofs:
-            return "not asked"
+            return "not tried"
         valid = self.proofs[engine]["valid"]
         if valid is None:
             valid = self.proofs_without_self_collision.get(engine, {"valid": None})["valid"]
@@ -78,7 +78,7 @@ class File:
 
     @property
     def audits(self) -> dict[str, dict[str, Any]]:
-        """What engines make of the file itself."""
+        """Results of the audit by engine."""
         return {answer["engine"]: answer for answer in (self.audited or {}).get("audited") or ()}
 
 
@@ -125,13 +125,13 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield (
         f"{len(files)} files of {len({file.model.package for file in files})} packages that pip installs. Each is imported; "
-        f"what simspec compiles of it is certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
-        f"simspec's other engines are not asked), of which {requested['certified']} "
-        f"of {sum(file.is_imported for file in files)} imported files were asked so far{_left(files)}; and each file itself is "
+        f"its compiled files are certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
+        f"not in simspec's other engines), of which {requested['certified']} "
+        f"of {sum(file.is_imported for file in files)} imported files were tried so far{_left(files)}; and each file itself is "
         f"[audited](../guide/audit.md), of which {requested['audited']} were. "
-        "Files that were asked are spread over packages and languages. "
-        f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
-        "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`). They are kept in "
+        "Tried files are spread over packages and languages. "
+        f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, from several "
+        "days: repairs count only in files that were tried again (`--anew`, `--failed`). The answers are stored in "
         f"[corpora.json.gz](corpora.json.gz){restored}."
     )
     yield ""
@@ -154,7 +154,7 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
 
 
 def _left(files: Sequence[File]) -> str:
-    """Of how many bodies the imported files are that no engine was asked of."""
+    """Numbers of bodies of the imported files that no engine has tried."""
     bodies = [(file.imported or {})["bodies"] for file in files if file.is_imported and file.certified is None]
     return f" (the others have {min(bodies)} to {max(bodies)} bodies)" if bodies else ""
 
@@ -183,11 +183,11 @@ def aims(files: Sequence[File]) -> Iterator[str]:
         counts = collections.Counter(file.verdict(engine) for file in requested)
         excluded = f"{counts['no_self_collision']} of them {NO_SELF_COLLISION}, " if counts["apart"] else ""
         left = sum(file.verdict(engine) == "refused" and file.no_self_collision is None for file in requested)
-        untried = f" ({left} of these not asked yet {NO_SELF_COLLISION})" if left else ""
+        untried = f" ({left} of these not tried yet {NO_SELF_COLLISION})" if left else ""
         reasons = _features(requested, engine)
         more = f"{excluded}{counts['refused']} not supported and so named{untried}{reasons}, {counts['fails']} failed"
         certified = counts["certified"] + counts["apart"]
-        yield _aim(f"of those that were asked, certified in {engine}", wanted, certified, len(requested), more)
+        yield _aim(f"of those that were tried, certified in {engine}", wanted, certified, len(requested), more)
     loaded = [file for file in files if file.model.language == "mjcf" and _loads(file)]
     yield _aim(
         "MJCF that MuJoCo loads, with bodies, without loss of physics",
@@ -210,7 +210,7 @@ def aims(files: Sequence[File]) -> Iterator[str]:
 
 
 def _features(files: Sequence[File], engine: str) -> str:
-    """What an engine lacks of files that it refuses, where that was kept: the first that it names of each."""
+    """Missing features of files that an engine refuses, if stored: the first feature of each file."""
     counts: collections.Counter[str] = collections.Counter()
     for file in files:
         if file.verdict(engine) == "refused":
@@ -236,20 +236,20 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     count = sum(file.no_self_collision is not None for file in files)
     yield (
-        "What an engine does only approximately, or simspec beside it, is accepted here. Of a file that an engine refuses, the "
-        f"same model {NO_SELF_COLLISION} (`contact.self_collision: false`, or `--no-self-collision`) is certified in "
-        f"that engine, where that is what it lacks; so far asked of {count} files. An engine has {ENGINE_DEADLINE:g} s for a "
-        "file, and had 60 in some earlier verdicts."
+        "Features that an engine approximates, or that simspec adds to it, are accepted here. Of a file that an engine refuses "
+        f"the same model {NO_SELF_COLLISION} (`contact.self_collision: false`, or `--no-self-collision`) is certified in "
+        f"that engine, if self-collision is the missing feature; so far tried with {count} files. An engine has "
+        f"{ENGINE_DEADLINE:g} s for a file, and had 60 in some earlier verdicts."
     )
     yield ""
-    yield f"| engine | certified | certified {NO_SELF_COLLISION} | fails its proof | not supported, by name | not asked yet |"
+    yield f"| engine | certified | certified {NO_SELF_COLLISION} | fails its proof | not supported, by name | not tried yet |"
     yield "|---|---|---|---|---|---|"
     for engine in engines:
         counts = collections.Counter(file.verdict(engine) for file in files if file.is_imported)
-        kinds = ("certified", "apart", "fails", "refused", "not asked")
+        kinds = ("certified", "apart", "fails", "refused", "not tried")
         yield f"| {engine} | {' | '.join(str(counts[kind]) for kind in kinds)} |"
     yield ""
-    yield "Every proof that fails, none of them in silence: `simspec verify` tells these reasons, and ends with exit code 1."
+    yield "Every proof that fails, none of them in silence: `simspec verify` prints these reasons, and ends with exit code 1."
     yield ""
     for file in files:
         for requested, answer, among in (
@@ -270,7 +270,7 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
 def _ended(word: str, answer: dict[str, Any]) -> str:
     last = answer["crash"].strip().splitlines()[-1][:120] if word == "crash" else ""
     texts = {"late": "no answer in time", "died": "the process died", "crash": f"an error: {last}"}
-    return texts.get(word, "failed before a repair, not asked again yet")
+    return texts.get(word, "failed before a repair, not repeated yet")
 
 
 def audits(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
@@ -287,7 +287,7 @@ def audits(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
             name for file in files if engine in file.audits for name in file.audits[engine]["silent"] if name != "file"
         )
     yield ""
-    yield "What differs, by the number of files:"
+    yield "Differences, by the number of files:"
     yield ""
     for engine, counter in causes.items():
         listed = ", ".join(f"{name} {number}" for name, number in counter.most_common(12))
@@ -353,9 +353,9 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield (
         "`hard defect`: of URDF and SDF, by the rules above. `certified` and `audit` have one entry for each engine, in the "
         f"order {names}: yes, without ({NO_SELF_COLLISION}), **no**, – (not supported, by name; the engine does not read the "
-        "language), · (not asked yet); "
+        "language), · (not tried yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
-        "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."
+        "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not tried yet."
     )
     yield ""
     yield "| package | file | import | hard defect | certified | audit | s |"

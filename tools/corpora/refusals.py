@@ -26,7 +26,7 @@ def reason(message: str) -> str:
 
 
 def why(answer: dict[str, Any]) -> list[str]:
-    """The reasons of a refused file; what ended without an answer says so."""
+    """The reasons of a refused file, or that it ended without an answer."""
     if "late" in answer:
         return ["no answer in time"]
     if "died" in answer:

@@ -29,12 +29,12 @@ DEADLINES = {"import": 90.0, "certify": 900.0, "apart": 900.0, "audit": 600.0}
 RENEWED = 60
 """Files after which a worker is replaced, which bounds the memory that libraries keep."""
 FIRST = 120.0
-"""s that a worker has beside a deadline for its start."""
+"""s that a worker has for its start in addition to a deadline."""
 
 
 @functools.cache
 def code() -> str:
-    """The hash of simspec's own modules, by which results are told to be of today's code."""
+    """The hash of simspec's own modules, which identifies results of today's code."""
     digest = hashlib.sha256()
     package = HERE.parents[1] / "simspec"
     for path in sorted(package.rglob("*.py")):
@@ -131,9 +131,9 @@ def failed(answer: dict[str, Any]) -> bool:
 
 
 def needed(results: Path, stage: str, model: Model, again: str, among: Sequence[str] = ()) -> bool:
-    """Whether a stage has to be asked for a file. Of those that have a result of other code than today's: where ``again`` is
-    "anew" all, where it is "failed" those that failed, where it is "open" also those that an engine refuses or was never asked.
-    What is not imported is not certified."""
+    """Whether a stage has to be run for a file. Files with a result of other code than today's are run again: all if ``again``
+    is "anew", the failed ones if it is "failed", and if it is "open" also those that an engine refuses or never tried.
+    Files that are not imported are not certified."""
     known = stored(results, stage, model)
     if known is not None and not (
         again and known["code"] != code() and _again(results, stage, model, known, again, among)
@@ -148,15 +148,15 @@ def needed(results: Path, stage: str, model: Model, again: str, among: Sequence[
 def _again(
     results: Path, stage: str, model: Model, known: dict[str, Any], again: str, among: Sequence[str] = ()
 ) -> bool:
-    """Whether a file is asked once more that has an answer of other code."""
+    """Whether a file with an answer of other code is run once more."""
     if again == "open" and known.get("proven"):
         return bool(undecided(results, stage, model, known, among))
     return again == "anew" or failed(known)
 
 
 def undecided(results: Path, stage: str, model: Model, known: dict[str, Any], among: Sequence[str] = ()) -> list[str]:
-    """The engines, of ``among`` (none: of all), that an answer leaves open: whose proof fails, that refuse, or that were
-    never asked."""
+    """The engines, of ``among`` (none: of all), that an answer leaves open: their proof fails, they refuse the file, or
+    they never tried it."""
     if stage not in ("certify", "apart"):
         return []
     verdicts = {entry["engine"]: entry["valid"] for entry in known.get("proven") or ()}
@@ -213,7 +213,7 @@ def run(
     again: str,
     among: Sequence[str] = (),
 ) -> None:
-    """Ask one stage after the other, until all is asked or time is up. ``among``: of which engines what is open is asked."""
+    """Run one stage after the other, until all is done or time is up. ``among``: engines that open files are tried in."""
     ends = time.monotonic() + seconds
     for stage in stages:
         (results / stage).mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
-"""What a file is asked: whether it is imported, whether engines hold what simspec compiles of it, and what they make of the
-file itself. Each stage stands alone, so that any of them goes on where it stopped."""
+"""Stages of a file: its import, the certification of its compiled files in engines, and the audit of the file itself.
+Each stage is independent, so that any of them continues where it stopped."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST = 20
 
 
 class Kept:
-    """What a worker keeps from file to file."""
+    """State that a worker keeps from file to file."""
 
     def __init__(self) -> None:
         self.warm = WarmProcesses()
@@ -128,8 +128,8 @@ def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict
 def certifying(
     file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = (), no_self_collision: bool = False
 ) -> dict[str, Any]:
-    """What the proof says in ``engines`` (none: in every one) of what simspec compiles of a file; nothing of a file that is
-    refused. ``apart``: of the same model without contact between its own bodies."""
+    """Verdicts of the proof in ``engines`` (none: in all) of the compiled files; empty for a refused file.
+    ``no_self_collision``: of the same model without contact between its own bodies."""
     path, options = Path(file), dataclasses.replace(options_of(folders), self_collision=not no_self_collision)
     if not is_foreign(path.name):
         return {"proven": None}
@@ -145,7 +145,7 @@ def certifying(
 
 
 def auditing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = ()) -> dict[str, Any]:
-    """What every engine that reads a file makes of it by itself."""
+    """The audit of a file in every engine that reads it."""
     path, options = Path(file), options_of(folders)
     try:
         language_of(path, content_of(path))

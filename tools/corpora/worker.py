@@ -3,7 +3,7 @@
     python worker.py DESCRIPTOR
 
 It reads a request in each line of its standard input ({"stage", "file", "folders", "engines"}) and writes a line of JSON to the
-descriptor. Who starts it bounds its time, and starts another when it is gone.
+descriptor. The caller bounds its time, and starts another worker when it is gone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def main() -> None:
             wall, used = time.perf_counter(), time.process_time()
             try:
                 answer = STAGES[request["stage"]](request["file"], request["folders"], kept, request["engines"])
-            # whatever it is, it is a result: no file may end an import by anything but an error with a place
+            # any other exception is a result: an import may only end with an error with a place
             except Exception:
                 answer = {"crash": traceback.format_exc()[-2000:]}
             answer["seconds"] = round(time.perf_counter() - wall, 3)

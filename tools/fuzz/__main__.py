@@ -1,4 +1,4 @@
-"""Changed files for every importer: what each makes of them, and what is wrong with that.
+"""Changed files for every importer: the outcome of each, and its defects.
 
     python tools/fuzz --language urdf --minutes 10        as many cases as fit into ten minutes of processor time
     python tools/fuzz --language usd --case 417           that one case: its outcome, and its files in --keep

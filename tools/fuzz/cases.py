@@ -1,4 +1,4 @@
-"""Cases: the same changed files for the same number on every machine, with something beside them to be tempted by."""
+"""Cases: the same changed files for the same number on every machine, with decoy files next to them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from seeds import LARGEST, MESHES, SUFFIX, Seed, companions, seeds
 from warm import Forked
 
 KINDS = {"usd": ("usd", "usd", "usd", "usdc", "usdz"), "meshes": MESHES}
-"""What is fuzzed of a language, where that is more than one kind of file."""
+"""Kinds of files of a language, where it has several."""
 BINARY = ("stl", "glb", "usdc", "usdz", "ply", "msh")
 MESH_SPEC = """simspec: 1
 name: mesh
@@ -30,12 +30,12 @@ WARM = {
     "usd": ("pxr.Usd", "pxr.UsdGeom", "pxr.UsdPhysics", "pxr.Sdf"),
     "meshes": ("trimesh", "collada", "trimesh.exchange.obj", "trimesh.exchange.gltf"),
 }
-"""What readers of a language import."""
+"""Modules that readers of a language import."""
 
 
 @dataclass
 class Finding:
-    """What was wrong with a case."""
+    """The defects of a case."""
 
     case: int
     changes: list[str]
@@ -62,7 +62,7 @@ class Fuzz:
         content, changes = changed(seed.content, chance, others, BYTES if binary else TEXT)
         name = f"changed{SUFFIX[kind]}"
         files = {**companions(), **seed.companions, name: content}
-        if chance.random() < 0.1 and not binary:  # what the file names is changed instead, or too
+        if chance.random() < 0.1 and not binary:  # a file that it names is changed instead, or too
             other = chance.choice(sorted(files))
             files[other], named = changed(files[other], chance, others, BYTES if other.endswith(".stl") else TEXT)
             changes += [f"{other}: {change}" for change in named]
@@ -94,7 +94,7 @@ class Fuzz:
         return project, name, changes
 
     def begin(self) -> None:
-        """Import a file that is right in this process: what is kept once is kept for all cases, which are forked from here."""
+        """Import a valid file in this process: caches are filled once for all cases, which are forked from here."""
         from simspec.language.load import load
 
         here = Path.cwd()

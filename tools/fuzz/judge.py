@@ -59,7 +59,7 @@ class Watch:
 
 
 def judged(project: Path, name: str, watch: Watch) -> tuple[str, list[str]]:
-    """What came of the file ``name`` (``accepted``, ``refused: ...``), and what was wrong with that."""
+    """The outcome of the file ``name`` (``accepted``, ``refused: ...``), and its defects."""
     reader, writer = os.pipe()
     scratch = project.parent / "tmp"
     watch.opened()
@@ -194,7 +194,7 @@ def _written(imported: Any, file: Path) -> Path:
 
 
 def _problem_lines(error: Any) -> list[str]:
-    """What is wrong with an error."""
+    """Defects of an error."""
     wrong = []
     text = str(error)
     if any(problem.location is None for problem in error.problems):

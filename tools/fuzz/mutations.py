@@ -1,4 +1,4 @@
-"""Changes of files, as strangers and accidents make them: bytes, numbers, words, elements, depth, names of other files.
+"""Changes of files, malicious or accidental: bytes, numbers, words, elements, depth, names of other files.
 
 A change takes a text (or bytes), a generator of random numbers, and other files of the same language to take pieces from.
 Nothing is known here of what the files mean.
@@ -125,7 +125,7 @@ def number(text: bytes, chance: random.Random, others: Sequence[bytes]) -> bytes
 
 
 def quoted(text: bytes, chance: random.Random, others: Sequence[bytes]) -> bytes:
-    """A text in quotation marks is another: one of the file's own, or an odd one."""
+    """Replace a text in quotation marks by another of the file, or by an unusual text."""
     found = list(QUOTED.finditer(text))
     new = chance.choice(TEXTS) if chance.random() < 0.6 or not found else chance.choice(found).group()[1:-1]
     return _put(text, _spot(found, chance), b'"' + new + b'"')
@@ -250,7 +250,7 @@ TEXT: Sequence[Change] = (
 def changed(
     text: bytes, chance: random.Random, others: Sequence[bytes], changes: Sequence[Change]
 ) -> tuple[bytes, list[str]]:
-    """A text with one to six changes, and their names. Bounded: what grows beyond 4 MB is cut."""
+    """A text with one to six changes, and their names. Texts beyond 4 MB are cut."""
     names = []
     for _ in range(chance.choice((1, 1, 1, 2, 2, 3, 6))):
         change = chance.choice(changes)

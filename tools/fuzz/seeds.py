@@ -1,6 +1,6 @@
-"""Files to start from: what simspec's exporters make of the library's scenarios, specimens of the tests, small ones of its own.
+"""Files to start from: exports of the library's scenarios, specimens of the tests, and small files written for this purpose.
 
-A seed is a main file and the files beside it, as bytes. Everything is made in the same order on every machine.
+A seed is a main file and its companions, as bytes. Everything is made in the same order on every machine.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SMALL = (
 )
 """Scenarios whose exports are small and differ in what they say."""
 LARGEST = 60_000
-"""Bytes of a seed: the time of a case goes into what is odd, not into how much there is."""
+"""Largest size of a seed in bytes: a case spends its time on defects, not on size."""
 SUFFIX = {
     "urdf": ".urdf",
     "xacro": ".urdf.xacro",
@@ -52,7 +52,7 @@ LANGUAGES = ("xacro", "urdf", "mjcf", "sdf", "usd", "meshes", "simspec")
 
 @dataclass(frozen=True)
 class Seed:
-    """A file, and those beside it."""
+    """A file, and the files next to it."""
 
     content: bytes
     companions: dict[str, bytes] = field(default_factory=dict)
@@ -78,7 +78,7 @@ def _exported(mesh: Any, kind: str) -> bytes:
 
 @functools.cache
 def companions() -> dict[str, bytes]:
-    """What stands beside every changed file, so that names of files mean something."""
+    """Files next to every changed file, so that names of files refer to something."""
     written = {path.name: path.read_bytes() for path in sorted(FILES.glob("part.*"))}
     return {**written, **{f"part.{kind}": box_of(kind) for kind in ("stl", "obj", "dae")}}
 

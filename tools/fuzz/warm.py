@@ -1,5 +1,5 @@
 """Python programs that are forked from this process, in place of being started: the readers that simspec starts for one file
-each take half a second to import what they need, which is here already. What they do and the limits they set are the same."""
+each take half a second to import what they need, which is here already. Their behaviour and their limits are the same."""
 
 from __future__ import annotations
 
