@@ -54,7 +54,7 @@ def threshold(world: World) -> float:
 
 def _single_threshold(world: World) -> Refinement | None:
     found = sorted({law.restitution_threshold for law in meeting_laws(world).values() if law.restitution})
-    several = f"PhysX has one threshold for all that bounces, and the pairs here have {', '.join(f'{x:g}' for x in found)} m/s"
+    several = f"PhysX has one bounce threshold for each scene, and the pairs here have {', '.join(f'{x:g}' for x in found)} m/s"
     return unsupported_if(several if len(found) > 1 else None)
 
 
@@ -66,7 +66,7 @@ class PhysxDialect(WorldDialect):
         **WorldDialect.SUPPORT,
         Feature.RESTITUTION_THRESHOLD: Support(
             WorldDialect.SUPPORT[Feature.RESTITUTION_THRESHOLD].level,
-            "one for all pairs that bounce",
+            "PhysX has one bounce threshold for each scene",
             refine=_single_threshold,
         ),
     }

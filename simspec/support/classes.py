@@ -166,3 +166,35 @@ def file_language(language: str) -> dict[Feature, Support]:
             "simspec writes a free body of 1e5 times the mass of all moving bodies, without its motion"
         ),
     }
+
+
+# Reasons that several engines have in common. Figures stand in docs/engines.
+
+LAW_AT_CONTACTS = exact("simspec sets the contact law of the two materials at every contact")
+"""Of engines whose callback receives a law for each contact."""
+LAYERS = via_api(
+    "simspec copies shapes where one number for each material cannot express every pair, and filters the contacts of the copies"
+)
+ZERO_VELOCITY_MOTOR = "simspec represents dry friction by a motor with target velocity zero and this maximum effort"
+STOPS = exact("DART stops joints inelastically within the step")
+NO_VELOCITY_LIMITS = exact("simspec does not pass velocity limits to DART, which would enforce them")
+CUSTOM_HULLS = via_api(
+    "simspec adds convex hulls to the ODE collision detector as a custom geom class with up to 16 contact points for "
+    "each pair; see docs/engines/ode.md"
+)
+NO_MASSLESS = never("several joints of one body need massless bodies between them, which are not supported")
+IN_TREES_ONLY = never("simspec does not pass constraints outside the joint tree to the engine")
+CIRCUMSCRIBED = "the circumscribed pyramid: up to 1.41 times the friction between its axes"
+CIRCUMSCRIBED_SHORT = "the circumscribed pyramid: between its axes friction is up to 1.41 times that of the cone"
+JAMMED = (
+    "solver iterations end before friction has built up the normal force of a self-locking clamp, so that the clamp may slip; "
+    "see docs/engines",
+    "a self-locking clamp may slip at low friction or low preload",
+)
+"""Of a solver that sweeps over single contacts: how, and in one line."""
+HEAVY_ON_LIGHT = (
+    "heavy bodies sink into light ones and push them aside, and bodies that slide under a load stop short. Raise `iterations` "
+    "to reduce the overlaps; see docs/engines",
+    "heavy bodies sink into light ones and push them aside",
+)
+"""The same of large ratios of masses."""

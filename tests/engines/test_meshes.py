@@ -164,7 +164,7 @@ def test_a_mesh_within_the_margin_is_approximate_on_a_link():
     arm = world.bodies[-1]
     thin = tuple(0.01 * value for value in arm.shapes[0].size)
     arm = dataclasses.replace(arm, shapes=(dataclasses.replace(arm.shapes[0], size=thin),))
-    with pytest.raises(UnsupportedError, match=r"faces of 'arm_0' are felt 0\.67 mm outside"):
+    with pytest.raises(UnsupportedError, match=r"faces of 'arm_0' are 0\.67 mm too far outside"):
         compile_world(dataclasses.replace(world, bodies=(*world.bodies[:-1], arm)), ["pybullet"])
 
 

@@ -238,7 +238,7 @@ REFUSED = {
     ("drake", "dry friction"): (lambda: changed(dry_friction=0.1), "no dry friction in joints"),
     ("pybullet", "dry friction"): (
         lambda: changed(dry_friction=0.1),
-        "one motor a joint, and that of 'wheel' is its dry",
+        "one motor for each joint, and that of 'wheel' is its dry",
     ),
     ("pybullet", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),
     ("dart", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),

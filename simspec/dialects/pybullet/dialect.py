@@ -235,10 +235,12 @@ POSITION_NUMBERS = 128
 """Numbers that PyBullet exchanges of one tree's position, 7 of them for its base, fixed or not; beyond that it gives
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
 
-_SIDECAR = "in the sidecar, set through the engine's API"
-_COPIES = (
-    "massless links on fixed joints carry further materials and copies of shapes; who meets whom is in the sidecar"
+_EXTENSION = exact("simspec writes PyBullet's extension of URDF")
+COPIES = via_api(
+    "simspec writes further materials and copies of shapes on massless fixed links, and filters their contacts"
 )
+NO_BELTS = "PyBullet's surfaces move with their bodies only"
+STIFFNESS_ONLY = "PyBullet's contact stiffness in N/m does not scale with mass. State stiffness and damping"
 
 
 class PybulletDialect(Dialect):
@@ -252,27 +254,27 @@ class PybulletDialect(Dialect):
         "collision_margin": NeededSetting(float),
     }
     SUPPORT: ClassVar[Table] = {
-        **classes.with_sidecar("PyBullet", "in the sidecar, set through the engine's API"),
-        Feature.JOINT_BALL: exact("as type spherical, PyBullet's extension"),
+        **classes.with_sidecar("PyBullet", classes.SIDECAR),
+        Feature.JOINT_BALL: _EXTENSION,
         **exactly(
             Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING, Feature.BALL_DAMPING, Feature.FRICTION
         ),
         **for_each(
-            via_api(_SIDECAR),
-            *(Feature.SPRING, Feature.BALL_SPRING, *features.INITIAL_STATE, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.HARDNESS_NATIVE, *features.PHYSICS),
+            via_api(classes.SIDECAR),
+            *(*features.INITIAL_STATE, Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_NATIVE, *features.PHYSICS),
         ),
+        **for_each(via_api(classes.EFFORTS), Feature.SPRING, Feature.BALL_SPRING),
         Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
         Feature.TREE_SIZE: TREE_SIZE,
         Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", (*KINDS, *EXTRA_GEOMETRIES, "heightfield")),
-        **for_each(exact("PyBullet's extension"), Feature.SHAPE_CAPSULE, Feature.SHAPE_PLANE),
-        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves in addition to URDF"),
+        **for_each(_EXTENSION, Feature.SHAPE_CAPSULE, Feature.SHAPE_PLANE),
+        Feature.SURFACE_VELOCITY: never(NO_BELTS),
         **for_each(
-            via_api(_COPIES),
+            COPIES,
             *(Feature.MATERIALS_PER_BODY, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.HARDNESS_PAIRS),
         ),
-        Feature.HARDNESS_TIME_CONSTANT: never("PyBullet's springs are in N/m, for whatever mass"),
+        Feature.HARDNESS_TIME_CONSTANT: never(STIFFNESS_ONLY),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
     }
 

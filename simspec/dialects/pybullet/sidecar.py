@@ -206,8 +206,9 @@ MOST_LINKS: Final = LARGE_TREE
 NO_LINKS: Final = f"PyBullet supports at most {MOST_LINKS} links besides the base in one tree"
 IN_SIDECAR = Refinement(
     Level.OUTSIDE,
-    f"{NO_LINKS}: of larger ones the bodies that are nothing but frames (fixed to others, without mass and shapes) are held "
-    "beside PyBullet, and where they are is computed from the bodies that carry them",
+    f"{NO_LINKS}. simspec computes bodies that are nothing but frames (fixed, massless and without shapes) from the "
+    f"bodies that "
+    "carry them",
     short="frames of trees of more than 127 bodies are computed from the bodies that carry them",
 )
 

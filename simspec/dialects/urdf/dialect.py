@@ -27,7 +27,6 @@ from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pair
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
 
-_SIDECAR = "in the sidecar, for the engine's own calls"
 _NO_BALL = "URDF has no ball joint"
 
 
@@ -38,17 +37,17 @@ class UrdfDialect(Dialect):
     FORMAT: ClassVar[str] = "urdf"
     SIDECAR: ClassVar[type[Sidecar]] = UrdfSidecar
     SUPPORT: ClassVar[Table] = {
-        **classes.with_sidecar("URDF", "in the sidecar, for the engine's own calls"),
+        **classes.with_sidecar("URDF", classes.SIDECAR),
         **shape_kinds("URDF", LANGUAGE_KINDS),
         **exactly(Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING),
         **for_each(
-            via_api(_SIDECAR),
+            via_api(classes.SIDECAR),
             *(Feature.SPRING, *features.INITIAL_STATE, Feature.SHAPE_CAPSULE, Feature.SHAPE_ELLIPSOID),
             *(Feature.SHAPE_PLANE, Feature.MATERIALS_PER_BODY, *features.FRICTIONS, *features.RESTITUTIONS),
             *(*features.HARDNESSES, Feature.CONE_PYRAMID_INSCRIBED, *features.PHYSICS),
         ),
         **for_each(never("simspec writes no margins in addition to URDF"), *features.MARGINS),
-        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves in addition to URDF"),
+        Feature.SURFACE_VELOCITY: never("simspec writes no surface velocities in addition to URDF"),
         **for_each(
             never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING
         ),

@@ -111,8 +111,30 @@ ALWAYS: Final = 1e9
 SUPERVISOR: Final = "simspec supervisor"
 """The name of the Robot that simspec controls; no body has a blank in its name."""
 
-_SIDECAR = "in the sidecar, given as forces and torques before every step"
-_NO_MOTION = "in the sidecar: no motion depends on it"
+NO_MOTORS = "simspec writes no Webots motors, which control velocity"
+JOINTED = "Webots excludes contact of bodies that a joint joins, and has no other collision filter of bodies"
+LACKING: Final[Table] = {
+    **for_each(never("Webots has no armature, and contact would ignore a computed one"), *features.ARMATURES),
+    Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
+    Feature.BALL_LIMIT: never("Webots' BallJoint limits three angles about axes, not the angle of the whole rotation"),
+    Feature.TREE_DEPTH: never("simspec has not tested whether Webots reads Solids nested this deep"),
+    **for_each(
+        never("simspec does not implement it for Webots"),
+        *(Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+    ),
+    Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
+    **for_each(classes.no_margin("Webots"), *features.MARGINS),
+    Feature.SURFACE_VELOCITY: never("only Webots' Tracks have moving surfaces, and simspec does not write them"),
+    **for_each(never("Webots' contact softness, in s²/kg, does not scale with mass"), *features.COMPLIANCES),
+    Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot pass pyramid axes to Webots"),
+    **for_each(
+        never("Webots has no collision filter of materials or groups"), Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS
+    ),
+    Feature.TOUCHING_PAIRS: never(JOINTED),
+    Feature.CONTROL_NATIVE: never(NO_MOTORS),
+    **for_each(classes.IN_TREES_ONLY, *features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+}
+"""Features that neither Webots nor its files support."""
 
 
 def _whole_milliseconds(world: World) -> Refinement | None:
@@ -129,7 +151,7 @@ def _massless_unsolid(world: World) -> Refinement | None:
         if groups[body.name] != "world" and not lumped_inertial(world, body).mass and solid_shapes(body)
     )
     name = next(names, None)
-    why = f"a Solid without mass of its own has no contacts in Webots, and {name!r} would be one"
+    why = f"Webots ignores contacts of a Solid without mass, and {name!r} has none"
     return unsupported_if(why if name is not None else None)
 
 
@@ -139,7 +161,7 @@ class WebotsDialect(Dialect):
     NAME: ClassVar[str] = "webots"
     FORMAT: ClassVar[str] = "wbt"
     SUPPORT: ClassVar[Table] = {
-        **classes.with_sidecar("Webots", "in the sidecar, given as forces and torques before every step"),
+        **classes.with_sidecar("Webots", classes.EFFORTS),
         **exactly(
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             Feature.EXCLUDED_PAIRS,
@@ -149,34 +171,16 @@ class WebotsDialect(Dialect):
             feature: Support(support.level, support.how, refine=_massless_unsolid)
             for feature, support in classes.LUMPED.items()
         },
-        Feature.GRAVITY: exact("along -z, with a Pose around all Solids that turns other directions there"),
-        Feature.TIMESTEP: exact("whole milliseconds alone", refine=_whole_milliseconds),
-        Feature.LIMIT_POSITION: exact("minStop and maxStop within ±π; others in the sidecar"),
-        **for_each(via_api(_NO_MOTION), *features.LIMIT_RATINGS),
-        **for_each(via_api(_SIDECAR), *features.DAMPERS_AND_SPRINGS),
-        **for_each(never("no node of a .wbt has an armature"), *features.ARMATURES),
-        Feature.JOINT_SEVERAL: never(
-            "between two joints of one body stands one without mass, which Webots' Solids have"
+        Feature.GRAVITY: exact(
+            "Webots' gravity acts along -z; simspec rotates the world by a Pose for other directions"
         ),
-        Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
-        Feature.TREE_DEPTH: never("untested: whether Webots reads Solids nested so deep"),
-        **for_each(
-            never("simspec does not write it for Webots"),
-            *(Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        Feature.TIMESTEP: exact("Webots' timestep is a multiple of 1 ms", refine=_whole_milliseconds),
+        Feature.LIMIT_POSITION: exact(
+            "simspec writes minStop and maxStop within ±π, and other limits into the sidecar"
         ),
-        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
-        **for_each(never("Webots' contact begins where shapes touch"), *features.MARGINS),
-        Feature.SURFACE_VELOCITY: never("of a .wbt only Tracks have surfaces that move, which simspec does not write"),
-        **for_each(never("contacts in a .wbt have a softness in s²/kg, for whatever mass"), *features.COMPLIANCES),
-        Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
-        Feature.PASSING_PAIRS: never("a .wbt has no contact of two materials without contact"),
-        Feature.COLLISION_GROUPS: never("a .wbt has no groups that pass through each other"),
-        Feature.TOUCHING_PAIRS: never("bodies that a joint joins never touch in Webots"),
-        **for_each(
-            never("simspec gives Webots no constraints outside the tree"),
-            *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
-        ),
-        Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
+        **for_each(via_api("simspec stores it in the sidecar; no motion depends on it"), *features.LIMIT_RATINGS),
+        **for_each(classes.explicit("Webots"), *features.DAMPERS_AND_SPRINGS),
+        **LACKING,
     }
     SIDECAR: ClassVar[type[Sidecar]] = WebotsSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {

@@ -40,15 +40,8 @@ from simspec.world.types import World
 
 TINY_FRICTION = 0.001
 """DART treats a friction coefficient of up to this as zero."""
-_HULLS = (
-    "the convex hull, to the last bit, put into DART's detector ode as a class of geoms of simspec's own, whose points of "
-    "contact with everything, up to 16 of a pair, simspec's part in C finds, in place of DART's meshes of triangles"
-)
-_GIVEN = "given as efforts at every step, explicit in time: DART's own are implicit"
-_COPIES = "copies of shapes in layers, of which simspec's filter lets one pair touch"
-_FILTER = "by simspec's filter in place of gz-physics' bit masks"
-_NO_MOMENT = "DART's contacts have three rows, one normal and two tangential: no torque"
-_RIGID = "simspec gives DART's contacts the common law, by numbers that all of them share"
+_NO_TORQUE = "DART's contacts have one normal and two tangential constraints, and transmit no torque"
+_NO_POSITIONS = "gz-physics' dartsim has velocity motors only, which simspec does not use"
 _PREDICTED = (
     "DART multiplies the speed at the end of the step, gravity included: the ratio is e (1 + g dt / v), at 1 m/s"
 )
@@ -64,8 +57,8 @@ _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted
 
 _TINY = Refinement(
     Level.APPROXIMATE,
-    f"a coefficient of up to {TINY_FRICTION} is treated as zero",
-    short=f"friction of up to {TINY_FRICTION} is none",
+    f"DART treats friction coefficients up to {TINY_FRICTION} as zero",
+    short=f"friction coefficients up to {TINY_FRICTION} are treated as zero",
 )
 
 
@@ -91,65 +84,72 @@ class Gazebo(WorldEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.NATIVE_CONTROLLERS: "gz-physics' dartsim follows speeds, and simspec does not drive them",
-        Capability.FOREIGN_FILES: "simspec does not load users' SDF files through it yet",
+        Capability.NATIVE_CONTROLLERS: _NO_POSITIONS,
+        Capability.FOREIGN_FILES: "simspec does not load users' SDF files through gz-physics yet",
     }
     SUPPORT: ClassVar[Table] = {
         **classes.driven("DART"),
         **shape_kinds("Gazebo's DART", ("sphere", "box", "cylinder", "capsule", "plane")),
         Feature.DRY_FRICTION: EXACT,
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
-        Feature.LIMIT_POSITION: exact("limits stop dead within the step"),
-        Feature.LIMIT_VELOCITY: exact("not passed to DART, which would enforce it together with the position limits"),
-        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
+        Feature.LIMIT_POSITION: classes.STOPS,
+        Feature.LIMIT_VELOCITY: classes.NO_VELOCITY_LIMITS,
+        **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
         Feature.ARMATURE: implicit_damping_armature(
-            TITLE, "a joint's armature by DART's damping in SDF, and an effort against it at every step"
+            TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),
-        Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
-        Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
+        Feature.BALL_ARMATURE: never("DART has no armature, and simspec's substitute acts on joints of one axis only"),
+        Feature.BALL_LIMIT: never("DART limits components of the rotation vector, not the angle"),
         Feature.SHAPE_PLANE: exact(
-            "of bodies that cannot move, as the top of gz-physics' box of 2.1 km: beyond that nothing bears",
-            refine=only_static_planes("planes are boxes here, and {name} would move as one"),
+            "gz-physics represents a static plane by the top of a box of 2.1 km, beyond which nothing bears",
+            refine=only_static_planes("gz-physics represents planes by boxes, and {name} would move as a box"),
         ),
         Feature.SHAPE_CYLINDER: exact(
-            "the flat faces touch at the corners of the octagon around the circle", refine=cylinders, cases=CASES
+            "DART represents a flat face by the corners of an octagon around the circle", refine=cylinders, cases=CASES
         ),
         Feature.SHAPE_CAPSULE: exact(refine=capsules),
-        Feature.SHAPE_MESH: via_api(_HULLS),
-        Feature.SURFACE_VELOCITY: never("gz-physics 5 has no velocity of a contact's surface"),
+        Feature.SHAPE_MESH: classes.CUSTOM_HULLS,
+        Feature.SURFACE_VELOCITY: never("gz-physics 5 has no surface velocity of contacts"),
         Feature.FRICTION: exact(
-            "up to 0.001 is accepted by name: DART treats it as zero", refine=_friction, cases=(_TINY, SWEEPS)
+            "DART treats friction coefficients up to 0.001 as zero. Accept `material.friction` for them",
+            refine=_friction,
+            cases=(_TINY, SWEEPS),
         ),
         **COUPLED,
-        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
+        **for_each(classes.LAYERS, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would "
             "leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
-            short="nothing bounces that would leave at less than 0.1 m/s; else e is up to 0.009 too large",
+            short="no bounce at less than 0.1 m/s after the impact; above that e is slightly too large",
         ),
         Feature.RESTITUTION_THRESHOLD: approximate(
-            "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
-            "and all else does, for every requested threshold",
-            short="the threshold is 0.1 m/s after the impact, for every requested one",
+            "DART's restitution threshold is fixed: bodies bounce if and only if they leave at 0.1 m/s or more, "
+            "for any threshold in the spec",
+            short="DART's fixed threshold, 0.1 m/s after the impact, replaces the one in the spec",
         ),
-        Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
-        Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
-        Feature.HARDNESS_COMMON: via_api("DART's error reduction of 0.01, once its largest speed is set to 1e9 m/s"),
-        **for_each(never(_RIGID), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
+        **for_each(never(_NO_TORQUE), *features.MOMENTS),
+        Feature.HARDNESS_COMMON: via_api(
+            "simspec raises the maximum velocity of DART's error reduction, which then removes 0.01 of an overlap in each step"
+        ),
+        **for_each(
+            never("DART's contacts share one set of hardness parameters, which simspec sets to the common law"),
+            *features.COMPLIANCES,
+            Feature.HARDNESS_PAIRS,
+        ),
         Feature.HARDNESS_NATIVE: never(
-            "DART's own takes overlaps back at 0.01 m/s at most, and simspec sets that aside"
+            "simspec replaces DART's default hardness, which removes overlaps at 0.01 m/s at most"
         ),
         Feature.CONE_ELLIPTIC: approximate(
-            "the circumscribed pyramid: up to 1.41 times the friction between its axes",
+            classes.CIRCUMSCRIBED,
             no_friction,
-            "the circumscribed pyramid: between its axes friction is up to 1.41 times that of the cone",
+            classes.CIRCUMSCRIBED_SHORT,
         ),
-        Feature.CONE_PYRAMID_INSCRIBED: never("DART has the circumscribed pyramid only here"),
+        Feature.CONE_PYRAMID_INSCRIBED: never("Gazebo's DART has the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(
-            "Dantzig's solver in passes, bound by the last one's normal forces"
+            "simspec repeats DART's Dantzig solver with friction bounded by the normal forces of the previous pass"
         ),
-        **for_each(via_api(_FILTER), *features.FILTERS),
-        Feature.CONTROL_NATIVE: never("gz-physics' dartsim has no controllers of positions"),
+        **for_each(via_api("simspec's collision filter replaces gz-physics' bit masks"), *features.FILTERS),
+        Feature.CONTROL_NATIVE: never(_NO_POSITIONS),
         **outside_constraints(TITLE),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

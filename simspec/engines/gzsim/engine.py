@@ -40,7 +40,6 @@ from simspec.support.declarations import (
     for_each,
     never,
     unsupported_if,
-    via_api,
 )
 from simspec.support.features import Feature
 from simspec.world import frames
@@ -143,12 +142,10 @@ def _vector(vector: Any) -> Vector3:
     return (vector.x() + 0.0, vector.y() + 0.0, vector.z() + 0.0)
 
 
-_NO_CONTACT = (
-    "simspec gives gz sim no shapes: its Python bindings report no contacts, so that nothing could be compared"
-)
-_GIVEN = "given as efforts at every step, explicit in time: DART's own are implicit"
-_NOT_WRITTEN = "simspec does not write it for gz sim"
-_NO_MATRIX = "gz sim's Python bindings report nothing of its dynamics"
+_NO_CONTACT = "gz sim's Python bindings report no contacts to compare, so that simspec passes no collision shapes"
+_NO_DYNAMICS = "gz sim's Python bindings report no dynamics"
+_EFFORTS_ONLY = "simspec drives gz sim by efforts only"
+_NO_SHAPES = "simspec does not pass visual shapes to gz sim, whose physics ignores them"
 MICROSECOND = 1e-6
 """s: gz sim's bindings tell times in Python's timedelta, which has no shorter ones."""
 
@@ -174,7 +171,7 @@ def _proper_inertias(world: World) -> Refinement | None:
         inertial = inertials.get(body.name, body.inertial)
         if groups[body.name] != "world" and not proper_inertia(inertial.mass, inertial.inertia):
             return unsupported_if(
-                f"SDF has no bodies without mass or a moment of inertia that move, as {body.name!r} does"
+                f"SDF has no moving bodies without mass or moment of inertia, and {body.name!r} moves"
             )
     return None
 
@@ -182,9 +179,7 @@ def _proper_inertias(world: World) -> Refinement | None:
 def _whole_microseconds(world: World) -> Refinement | None:
     steps = world.physics.timestep / MICROSECOND
     whole = steps >= 0.5 and abs(steps - round(steps)) < 1e-9 * steps
-    return unsupported_if(
-        None if whole else "gz sim steps whole nanoseconds, and its bindings tell them in whole microseconds"
-    )
+    return unsupported_if(None if whole else "gz sim's Python bindings report timesteps in whole microseconds only")
 
 
 class GzSim(GivenEngine[Simulation]):
@@ -205,48 +200,47 @@ class GzSim(GivenEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.MASS_MATRIX: f"{_NO_MATRIX}: no mass matrix",
-        Capability.BIAS_FORCE: f"{_NO_MATRIX}: no forces of inertia",
-        Capability.ENERGY: f"{_NO_MATRIX}: no potential energy",
+        Capability.MASS_MATRIX: _NO_DYNAMICS,
+        Capability.BIAS_FORCE: _NO_DYNAMICS,
+        Capability.ENERGY: _NO_DYNAMICS,
         Capability.INVENTORY: "gz sim's physics system does not report its world",
         Capability.PAIR_DETECTION: _NO_CONTACT,
-        Capability.NATIVE_CONTROLLERS: "simspec drives gz sim by efforts",
+        Capability.NATIVE_CONTROLLERS: _EFFORTS_ONLY,
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through gz sim",
     }
     SUPPORT: ClassVar[Table] = {
         **classes.driven("gz sim"),
         Feature.DRY_FRICTION: EXACT,
-        **for_each(exact("of what cannot move", refine=_proper_inertias), Feature.INERTIA_SINGULAR, Feature.MASSLESS),
+        **for_each(
+            exact("SDF supports it for static bodies only", refine=_proper_inertias),
+            Feature.INERTIA_SINGULAR,
+            Feature.MASSLESS,
+        ),
         Feature.JOINT_FREE: approximate(
-            "as DART moves them, which follows the law to round-off (measured there), but late: gz sim updates pose and "
-            "velocity of a link only once it has moved or turned by 1e-6 since the last update",
-            short="pose and velocity of a free body are updated only once it has moved or turned by 1e-6",
+            "gz sim updates the pose and velocity of a link only after it has moved or turned by 1e-6 since the last update; "
+            "see docs/engines/gzsim.md",
+            short="the pose and velocity of a free body are updated only after it has moved or turned by 1e-6",
         ),
         **for_each(
-            never(_NOT_WRITTEN),
+            never("simspec does not implement it for gz sim"),
             *(Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.KINEMATIC),
         ),
-        Feature.JOINT_SEVERAL: never(
-            "SDF has no bodies without mass that move, which stand between two joints of one body"
-        ),
-        Feature.LIMIT_POSITION: exact("limits stop dead within the step, in DART itself"),
-        Feature.LIMIT_VELOCITY: exact("not passed to gz sim, whose DART would enforce it"),
-        **for_each(via_api(_GIVEN), Feature.DAMPING, Feature.SPRING),
+        Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
+        Feature.LIMIT_POSITION: classes.STOPS,
+        Feature.LIMIT_VELOCITY: classes.NO_VELOCITY_LIMITS,
+        **for_each(classes.explicit("DART"), Feature.DAMPING, Feature.SPRING),
         **for_each(never("DART has no armature, and simspec does not compute it for gz sim"), *features.ARMATURES),
-        **{
-            Feature(f"shape.{kind}"): exact("visual, and not passed to gz sim", refine=_only_visual)
-            for kind in SHAPE_KINDS
-        },
-        Feature.SHAPE_VISUAL: exact("not passed to gz sim, whose physics does not know it"),
+        **{Feature(f"shape.{kind}"): exact(_NO_SHAPES, refine=_only_visual) for kind in SHAPE_KINDS},
+        Feature.SHAPE_VISUAL: exact(_NO_SHAPES),
         **for_each(
             dataclasses.replace(never(_NO_CONTACT), refine=_nothing_solid),
             *(*features.MARGINS, Feature.SURFACE_VELOCITY),
             *(*features.CONTACT_LAWS, *features.HARDNESSES, *features.FILTERS),
         ),
-        Feature.TIMESTEP: exact("whole microseconds", refine=_whole_microseconds),
-        Feature.CONTROL_NATIVE: never("simspec drives gz sim by efforts"),
+        Feature.TIMESTEP: exact("gz sim's timestep is a multiple of 1 µs", refine=_whole_microseconds),
+        Feature.CONTROL_NATIVE: never(_EFFORTS_ONLY),
         **for_each(
-            never("simspec gives gz sim no constraints outside the tree"),
+            classes.IN_TREES_ONLY,
             *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
     }

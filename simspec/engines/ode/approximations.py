@@ -11,7 +11,7 @@ from pathlib import Path
 
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import coupled
-from simspec.support.declarations import Level, Refinement, Support, Table
+from simspec.support.declarations import Level, Refinement, Table, exact, for_each
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
@@ -29,6 +29,11 @@ _PASSES = (
 )
 _UNKNOWN = "measured; the cause is not known"
 
+_NOT_CONVERGED = (
+    "With `solver: quick-step`, normal and friction forces do not converge where several bodies are in contact. Use step; see "
+    "docs/engines/ode.md"
+)
+
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
@@ -44,28 +49,16 @@ COUPLED: Table = coupled(
     DEVIATIONS,
     {
         Feature.MASS_RATIO: (
-            "quick-step leaves overlaps where heavy bodies lie on light ones: 0.5 mm at a ratio of 100 (1 ms), and 1000 "
-            "times the mass sinks through within 5 s; step moves stacks sideways by up to 1.4 mm, from 4 ms on. By step under "
-            "the elliptic cone what slides with ten times its mass on it stops 4 % off at 1 ms, with 100 times 34 %",
-            "with quick-step 100 times the mass sinks 0.5 mm in at 1 ms, 1000 times through",
+            "with quick-step heavy bodies sink into light ones. With step, stacks move sideways at large timesteps, and bodies "
+            "that slide under a load stop at a wrong distance; see docs/engines/ode.md",
+            "with quick-step heavy bodies sink into light ones",
         ),
-        Feature.EVEN_PRESSURE: (
-            "by quick-step a box between two fingers on slides turns by 0.4 to 1.6 rad as it slips by 0.1 m; by step it falls "
-            "straight",
-            "by quick-step boxes that slip between fingers turn by up to 1.6 rad in 0.3 s",
-        ),
-        Feature.SELF_LOCKING: (
-            "by quick-step a clamp that jams creeps: by 3 mm in 0.3 s at 1 ms and μ = 0.05, 5 mm where a hundredth of the "
-            "moment of its weight presses it on, 140 mm at 4 ms; by step it stands",
-            "by quick-step a clamp that jams creeps by 3 to 5 mm in 0.3 s at 1 ms",
-        ),
+        Feature.EVEN_PRESSURE: (_NOT_CONVERGED, "with quick-step boxes that slip between fingers turn"),
+        Feature.SELF_LOCKING: (_NOT_CONVERGED, "with quick-step a self-locking clamp creeps"),
     },
 )
 SWEEPS = Refinement(
-    Level.APPROXIMATE,
-    "quick-step, as the settings ask for, ends its sweeps before friction and normal forces fit each other: three balls on "
-    "each other that should stand creep by 0.6 mm in 0.3 s at 1 ms, and below their threshold slip 38 % too little",
-    short="by quick-step piles creep by 0.6 mm, and slip up to 38 % too little",
+    Level.APPROXIMATE, _NOT_CONVERGED, short="with quick-step piles creep, and slip too little where they should slip"
 )
 
 # Shapes with one point of contact along a line or on a face. ODE's cylinders touch cylinders and capsules by libccd's portal
@@ -117,26 +110,20 @@ CASES = (_refinement(APPROXIMATE),)
 # Motion by ODE's own steps, where a spec sets ``engines.ode.settings.native_motion``.
 
 SWITCH = "native_motion"
-FIRST_ORDER = (
-    "by ODE's own steps in the bodies' coordinates, which are of first order and let joints drift: after 2,000 steps of "
-    "1 ms a tumbling body is 2e-4 rad off, two hinges 0.02, a ball and a hinge 0.15, seven hinges 0.65 (L6, measured)"
+FIRST_ORDER = Refinement(
+    Level.APPROXIMATE,
+    "With `native_motion`, ODE integrates in maximal coordinates to first order, in which joints drift; see "
+    "docs/engines/ode.md",
+    short="ODE's native integration is of first order: joints drift, which L6 measures",
 )
-SHORT = {
-    Feature.JOINT_HINGE: "hinges drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
-    Feature.JOINT_SLIDE: "slides drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
-    Feature.JOINT_BALL: "balls drift by ODE's own steps, of first order; L6 measures the distance from the exact motion",
-    Feature.JOINT_FREE: "free bodies turn by ODE's own steps, of first order: L6 says how far from the exact motion",
-}
 
 
-def _by_native_steps(short: str) -> Support:
-    case = Refinement(Level.APPROXIMATE, FIRST_ORDER, short=short)
-
-    def refine(world: World) -> Refinement | None:
-        return case if dict(world.options("ode").settings).get(SWITCH) is True else None
-
-    return Support(Level.EXACT, "bodies are laid on their joints before every step", refine=refine, cases=(case,))
+def _by_native_steps(world: World) -> Refinement | None:
+    return FIRST_ORDER if dict(world.options("ode").settings).get(SWITCH) is True else None
 
 
-JOINTS = {feature: _by_native_steps(short) for feature, short in SHORT.items()}
+JOINTS = for_each(
+    exact("simspec moves bodies onto their joints before every step", refine=_by_native_steps, cases=(FIRST_ORDER,)),
+    *(Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+)
 """Joints: exact, or approximate where a spec selects ODE's own motion."""

@@ -5,6 +5,7 @@ Facts marked *measured*: ODE 0.16.2 in double precision, as Debian builds it (wi
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -50,22 +51,15 @@ from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import World
 
-_HULLS = (
-    "the convex hull, to the last bit, as a class of geoms of simspec's own, whose points of contact with everything, up to 16 "
-    "of a pair, its part in C finds: depth and normal of the least way out, to 1e-14 m (to 1e-12 of the shapes' extent with "
-    "cylinders). ODE's own convex geoms have one point on boxes, cylinders and each other, its meshes of triangles have points "
-    "0.9 m deep with normals sideways where cubes of 1 m overlap by 1 mm (measured)"
-)
-_PASSES = (
-    "each step is solved without friction, then with it in up to 20 passes, each bound by the normal forces of the pass "
-    "before, until they fit within 0.1 %; a run counts the steps that end before"
+_PASSES = exact(
+    "simspec solves each step several times, with friction bounded by the normal forces of the previous pass; see "
+    "docs/engines/ode.md"
 )
 _MOMENTS = (
-    "motors of speed 0 at every point, bound by the normal force of the solution before: ODE's own rows have the world's "
-    "softness, 0, with which those of redundant points have no solution"
+    "simspec adds a motor with target velocity zero at every contact "
+    "point, bounded by the normal force of the previous solution"
 )
-_GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
-_MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
+_MOTORS = "ODE's motors control velocity, and simspec does not use them as controllers"
 
 
 def _settled(world: World) -> Refinement | None:
@@ -93,8 +87,8 @@ def _light_links(world: World) -> Refinement | None:
             if by and (ratio := max(by.values()) / min(by.values())) > LARGEST_MASS_RATIO:
                 light, heavy = min(by, key=by.__getitem__), max(by, key=by.__getitem__)
                 return unsupported_if(
-                    f"ODE loses digits in proportion to the ratio of what joints connect, here {ratio:.1g}: {light!r} has "
-                    f"{by[light]:.3g} {unit}, {heavy!r} {by[heavy]:.3g}; give {light!r} more, or fix it to its parent"
+                    f"ODE loses digits in proportion to the ratio of jointed bodies, here {ratio:.1g}: {light!r} has "
+                    f"{by[light]:.3g} {unit}, {heavy!r} {by[heavy]:.3g}. Increase that of {light!r}, or fix it to its parent"
                 )
     return None
 
@@ -111,7 +105,7 @@ class Ode(WorldEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.NATIVE_CONTROLLERS: "ODE's motors follow a speed, and simspec does not drive them",
+        Capability.NATIVE_CONTROLLERS: _MOTORS,
         Capability.FOREIGN_FILES: "ODE reads no files",
     }
     SUPPORT: ClassVar[Table] = {
@@ -119,43 +113,45 @@ class Ode(WorldEngine[Simulation]):
         **exactly(*features.RESTITUTIONS, Feature.HARDNESS_COMMON, *features.FILTERS),
         **JOINTS,
         Feature.INERTIA: exact(
-            f"of trees whose masses, and moments, differ by less than {LARGEST_MASS_RATIO:g}", refine=_light_links
+            f"ODE is exact for trees whose masses, and moments, differ by a factor below {LARGEST_MASS_RATIO:g}",
+            refine=_light_links,
         ),
         **shape_kinds("ODE", ("sphere", "box", "capsule")),
-        Feature.JOINT_SEVERAL: never("ODE's bodies have mass, and between two joints of one body stands one without"),
-        Feature.LIMIT_POSITION: exact("stops as rows of ODE's own, within the step in which a joint arrives"),
-        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
-        Feature.DRY_FRICTION: exact(_MOTOR),
-        Feature.ARMATURE: exact("a motor with the present speed and softness dt/armature, solved with contact"),
+        Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
+        Feature.LIMIT_POSITION: exact("ODE stops joints within the step in which they reach a limit"),
+        **for_each(
+            via_api("ODE has no springs or dampers in joints; simspec applies explicit efforts before each step"),
+            *features.DAMPERS_AND_SPRINGS,
+        ),
+        Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
+        Feature.ARMATURE: exact(
+            "simspec adds a motor at the present velocity with softness dt/armature, which ODE solves with contact"
+        ),
         **for_each(
             classes.unwritten(TITLE, Attempt.READ_BACK),
             *(Feature.BALL_ARMATURE, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         ),
         Feature.SHAPE_CYLINDER: exact(
-            "by ODE's own code, which overlooks 4 of 100 overlaps with boxes; where one meets cylinders or capsules by libccd, "
-            "in one point along a line, accepted by name",
+            "ODE misses some overlaps of cylinders with boxes. Accept `shape.cylinder` where cylinders may touch cylinders or "
+            "capsules, along a line in one point; see docs/engines/ode.md",
             refine=cylinders,
             cases=CASES,
         ),
         Feature.SHAPE_CAPSULE: exact(refine=capsules),
-        Feature.SHAPE_PLANE: static_planes("ODE's planes cannot move, as {name} does"),
-        Feature.SHAPE_MESH: via_api(_HULLS),
+        Feature.SHAPE_PLANE: static_planes("ODE's planes are static, and {name} moves"),
+        Feature.SHAPE_MESH: classes.CUSTOM_HULLS,
         Feature.SURFACE_VELOCITY: classes.NO_BELTS,
-        Feature.FRICTION: exact(
-            "the law of the two materials at every point of contact", refine=_settled, cases=(SWEEPS,)
-        ),
-        Feature.FRICTION_PAIRS: exact("the law of the two materials at every point of contact"),
+        Feature.FRICTION: dataclasses.replace(classes.LAW_AT_CONTACTS, refine=_settled, cases=(SWEEPS,)),
+        Feature.FRICTION_PAIRS: classes.LAW_AT_CONTACTS,
         **for_each(exact(_MOMENTS), *features.MOMENTS),
         **COUPLED,
-        Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
+        Feature.HARDNESS_TIME_CONSTANT: never("ODE's contact stiffness in N/m does not scale with mass"),
         Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
-        Feature.CONE_PYRAMID_INSCRIBED: exact(f"ODE's pyramid, turned by 45° and smaller by √2; {_PASSES}"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: exact(f"ODE's pyramid, along the world's x; {_PASSES}"),
-        Feature.CONE_ELLIPTIC: exact(f"{_PASSES}; slipping contacts are solved against their slip alone"),
-        Feature.BALL_LIMIT: never("world.json has no limits of balls"),
-        Feature.CONTROL_NATIVE: never("ODE's motors follow a speed, and simspec does not drive them"),
+        **for_each(_PASSES, *features.CONES),
+        Feature.BALL_LIMIT: never("ODE's ball joints have no limit of the angle"),
+        Feature.CONTROL_NATIVE: never(_MOTORS),
         **outside_constraints(TITLE),
-        Feature.SUM_DRY_FRICTION: never("ODE's motors are of single joints, and of no sum of their positions"),
+        Feature.SUM_DRY_FRICTION: never("ODE's motors act on single joints only, not on sums of joint positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "solver": Setting(

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.engines.kit.refinements import approximate_pairs, coupled, met_pairs
-from simspec.support.declarations import Refinement, Table, unsupported_if
+from simspec.engines.kit.refinements import coupled, met_pairs
+from simspec.support import classes
+from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_vertices
@@ -36,17 +37,8 @@ COUPLED: Table = coupled(
     "physx",
     DEVIATIONS,
     {
-        Feature.MASS_RATIO: (
-            "heavy bodies push light ones aside: at a ratio of 1000 by 4 mm in 0.8 s at 1 ms, and they sink through within 5 "
-            "s, at 4 ms within 0.8 s; less with iterations: 255. A body that slides with 100 times its mass on it stops 43 to "
-            "67 % short at 1 ms",
-            "1000 times the mass sinks through within 5 s at 1 ms, within 0.8 s at 4 ms",
-        ),
-        Feature.SELF_LOCKING: (
-            "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its "
-            "weight times its height at μ ≤ 0.2 (1 ms), under a hundredth of that at all frictions to 1",
-            "a clamp that jams falls at μ ≤ 0.2, or where little but friction presses it on",
-        ),
+        Feature.MASS_RATIO: classes.HEAVY_ON_LIGHT,
+        Feature.SELF_LOCKING: classes.JAMMED,
     },
 )
 
@@ -72,7 +64,7 @@ def hull_refusal(world: World) -> Refinement | None:
     for body in world.bodies:
         for shape in solid_shapes(body):
             if shape.kind == "mesh" and (why := left_out(shape.size)):
-                return unsupported_if(f"{why} ({shape.name!r}); `max_vertices` of the mesh reduces it")
+                return unsupported_if(f"{why} ({shape.name!r}). Reduce the hull by `max_vertices` of the mesh")
     return None
 
 
@@ -81,16 +73,16 @@ def left_out(size: tuple[float, ...]) -> str | None:
     """Why PhysX would not hold a hull (flat vertices, m) as it is; None where it does."""
     vertices = mesh_vertices(size)
     if len(vertices) > MOST_CORNERS:
-        return f"PhysX holds hulls of up to {MOST_CORNERS} corners, and this has {len(vertices)}"
+        return f"PhysX supports hulls of up to {MOST_CORNERS} corners, and this has {len(vertices)}"
     if closed_triangles(len(vertices)) > MOST_FACES and (faces := _faces(size)) > MOST_FACES:
-        return f"PhysX holds hulls of up to {MOST_FACES} faces, and this has {faces}"
+        return f"PhysX supports hulls of up to {MOST_FACES} faces, and this has {faces}"
     needed = max(LEAST_OUT, OUT * float(np.ptp(vertices, axis=0).sum()))
     near = [reach for number in range(len(vertices)) if (reach := _reach(vertices, number)) <= needed]
     if not near:
         return None
     return (
-        f"PhysX leaves out corners that reach less than {needed:.2g} m beyond the hull of the others, and "
-        f"{len(near)} of {len(vertices)} corners reach {min(near):.2g} m and more"
+        f"PhysX drops corners that protrude by less than {needed:.2g} m from the hull of the others, and {len(near)} of "
+        f"{len(vertices)} corners do (by {min(near):.2g} m at least)"
     )
 
 
@@ -121,24 +113,29 @@ def _reach(vertices: np.ndarray, number: int) -> float:
 # With ``enable_pcm`` normals of edges are as wrong (0.9 rad), and contacts of earlier steps are kept.
 
 _CROSSED = "a corner in a face is exact, and so is what stands or slides on faces; where two edges cross the normal is"
-_OF_HULLS = _CROSSED + " up to 0.7 rad off, the depth up to {} mm, and one of {} overlaps is missed"
+_EDGES = (
+    "PhysX's normals and depths are inaccurate where edges of a hull cross others, and it misses some of these overlaps"
+)
+_ROUND = "PhysX's depths are inaccurate for some contacts of spheres and capsules with hulls"
 APPROXIMATE: Mapping[tuple[str, str], str] = {
-    ("box", "box"): f"{_CROSSED} 0.27 rad off (median; 1.5 rad at most), the depth up to 2.1 mm",
-    ("box", "mesh"): _OF_HULLS.format(0.22, 90),
-    ("mesh", "mesh"): _OF_HULLS.format(0.12, 120),
-    ("mesh", "sphere"): "depths are up to 0.1 mm off in 3 of 100 overlaps",
-    ("capsule", "mesh"): "depths are up to 0.03 mm off in 2 of 100 overlaps",
+    ("box", "box"): f"box and box: {_CROSSED} 0.27 rad off (median; 1.5 rad at most), the depth up to 2.1 mm",
+    ("box", "mesh"): _EDGES,
+    ("mesh", "mesh"): _EDGES,
+    ("mesh", "sphere"): _ROUND,
+    ("capsule", "mesh"): _ROUND,
 }
 """Of pairs of kinds, what is lost."""
-SHORT = "where edges cross the normal of contact is 0.3 to 1.5 rad off"
-SHORT_HULLS = "where edges of hulls cross the normal of contact is up to 0.7 rad off"
-SHORT_ROUND = "depths of balls and capsules on hulls are up to 0.1 mm off"
+SHORT = "contact normals are inaccurate where edges of boxes cross"
+SHORT_HULLS = "contact normals are inaccurate where edges of hulls cross"
+SHORT_ROUND = "depths of some contacts of spheres and capsules with hulls are inaccurate"
 
 
 def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
+    how = "; ".join(dict.fromkeys(met.values()))
     if ("box", "box") in met:
-        return approximate_pairs(met, SHORT)
-    return approximate_pairs(met, SHORT_HULLS if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND)
+        return Refinement(Level.APPROXIMATE, how, SHORT)
+    short = SHORT_HULLS if _EDGES in met.values() else SHORT_ROUND
+    return Refinement(Level.APPROXIMATE, f"{how}; see docs/engines/physx.md", short)
 
 
 def _of(kind: str) -> Mapping[tuple[str, str], str]:

@@ -37,14 +37,12 @@ from simspec.support.features import Feature
 from simspec.world.contact_pairs import excluded_pairs, solid_shapes
 from simspec.world.types import World
 
-_DRIFT = (
-    "PhysX's articulations step by another law: after 2,000 steps of 1 ms two hinges are 4e-5 off and seven 4e-2 (measured), "
-    "where the round-off of single precision makes 9e-4, and one with a free root 5e-2; they have no balls"
+_DRIFT = "PhysX integrates articulations by a different method, and they have no ball joints; see docs/engines/physx.md"
+_NO_JOINTS = "simspec passes no joints to PhysX"
+_THRESHOLD = (
+    "simspec raises PhysX's bounce threshold, one for each scene, to 2 / (1 − e) times the speed that gravity adds in "
+    "a step, so that resting bodies do not hop; slower contacts do not bounce"
 )
-_COPIES = (
-    "as copies of shapes with materials of their own, where one number for each material does not do: PhysX takes means"
-)
-_COMMON_HARDNESS = "PhysX's contacts are rigid, and SAPIEN gives no access to compliant ones"
 
 
 def _bits_do(world: World) -> Refinement | None:
@@ -82,8 +80,8 @@ class PhysX(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.DRY_FRICTION_OFF: "simspec gives PhysX no joints, which alone have dry friction",
-        Capability.NATIVE_CONTROLLERS: "simspec gives PhysX no joints, which its drives would move",
+        Capability.DRY_FRICTION_OFF: _NO_JOINTS,
+        Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
@@ -91,35 +89,35 @@ class PhysX(WorldEngine[Simulation]):
         **exactly(Feature.FRICTION, Feature.TOUCHING_PAIRS),
         **shape_kinds("PhysX", ("sphere", "box", "capsule")),
         Feature.SHAPE_CYLINDER: never(
-            "PhysX has no cylinder; SAPIEN's is a prism of 32 sides, whose faces lie 0.48 % of the radius inside it (measured)"
+            "PhysX has no cylinder; SAPIEN approximates it by a prism (see docs/engines/physx.md)"
         ),
         Feature.SHAPE_BOX: exact(
-            "those that may meet other boxes are approximate, and accepted by name", refine=boxes, cases=(BOXES,)
+            "PhysX's contact of boxes with boxes is approximate. Accept `shape.box` where boxes may touch each other",
+            refine=boxes,
+            cases=(BOXES,),
         ),
         Feature.JOINT_FIXED: static_or_massless(
-            "PhysX would move the common centre of mass of {name} and what it is fixed to, and coordinates are of one of them"
+            "PhysX integrates the common centre of mass of {name} and the body that it is fixed to, and simspec's coordinates "
+            "are those of one of the two"
         ),
-        Feature.SHAPE_PLANE: static_planes("PhysX's planes are of what cannot move, and {name} does"),
+        Feature.SHAPE_PLANE: static_planes("PhysX's planes are static, and {name} moves"),
         Feature.SHAPE_MESH: exact(
-            "the convex hull, of up to 255 faces, each corner of which reaches further beyond the hull of the others than "
-            "3.6e-4 of the sum of its extents: PhysX leaves others out. With all but planes approximate, and accepted by name",
+            "PhysX supports hulls of up to 255 faces and drops corners that protrude too little; see docs/engines/physx.md. "
+            "Accept `shape.mesh` where hulls may touch more than planes",
             refine=meshes,
             cases=(MESHES,),
         ),
         **COUPLED,
-        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
-        Feature.RESTITUTION: exact(
-            "of bodies that arrive with more than 2 / (1 − e) steps of gravity: slower ones do not bounce"
-        ),
-        Feature.RESTITUTION_THRESHOLD: via_api(
-            "the scene's bounce threshold: one for all pairs that bounce, and at least 2 / (1 − e) steps of gravity, e the "
-            "largest restitution up to 0.8 (0.1 m/s at 1 ms), as what rests would hop by PhysX's rule"
-        ),
+        **for_each(classes.LAYERS, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
+        Feature.RESTITUTION: exact(_THRESHOLD),
+        Feature.RESTITUTION_THRESHOLD: via_api(_THRESHOLD),
         Feature.HARDNESS_COMMON: via_api(
-            "before each step every body's largest speed of depenetration is set to β depth/dt of its deepest contact"
+            "simspec sets each body's maximum depenetration velocity to β depth/dt of its deepest contact before each step"
         ),
-        **for_each(never(_COMMON_HARDNESS), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
-        **for_each(never("PhysX's friction is bound by a circle"), *features.PYRAMIDS),
+        **for_each(
+            never("SAPIEN gives no access to PhysX's compliant contacts"), *features.COMPLIANCES, Feature.HARDNESS_PAIRS
+        ),
+        **for_each(never("PhysX bounds friction by a circular cone"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
             "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
             "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
@@ -130,7 +128,7 @@ class PhysX(WorldEngine[Simulation]):
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
         ),
         **for_each(
-            exact("by collision groups", refine=_bits_do),
+            exact("simspec sets SAPIEN's collision groups", refine=_bits_do),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
         ),
     }

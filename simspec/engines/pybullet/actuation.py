@@ -19,9 +19,8 @@ from simspec.world.rotations import from_xyzw_of, logarithm_of
 from simspec.world.types import World
 
 NATIVE = (
-    "POSITION_CONTROL with positionGain kp dt/(kd + dt kp) and velocityGain 1, a motor for velocity that makes "
-    "v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the limit: errors vanish with the time constant kd/kp "
-    "whatever the inertia, and do not sag under gravity; kp and kd count by their ratio alone"
+    "PyBullet's POSITION_CONTROL drives a velocity motor of limited effort: errors decay with the time constant kd/kp for any "
+    "inertia and without sag under gravity, and only the ratio of kp and kd counts. See docs/engines/pybullet.md"
 )
 
 
@@ -30,7 +29,7 @@ def no_dry_friction(world: World) -> Refinement | None:
     rough = [body.name for body in world.bodies if body.joint.dry_friction]
     served = [name for name in natively_driven(world.bodies, world) if name in rough]
     return (
-        unsupported_if(f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction")
+        unsupported_if(f"PyBullet has one motor for each joint, and that of {served[0]!r} is its dry friction")
         if served
         else None
     )

@@ -45,8 +45,8 @@ def same_error_reduction(world: World) -> Refinement | None:
     if limited is None:
         return None
     return unsupported_if(
-        "PyBullet has one error reduction for loops and for position limits, and a loop's is 1: the joint of "
-        f"{limited!r} would rebound from its limits at the speed of its arrival"
+        "PyBullet has one error reduction for loops, which need 1, and position limits: the joint of "
+        f"{limited!r} would rebound from its limits at its speed of arrival"
     )
 
 
@@ -68,7 +68,7 @@ def _fixed_below_a_ball(world: World) -> Refinement | None:
                 above = by_name[above.joint.parent]
             if joint.kind == "fixed" and above.joint.kind == "ball" and above.joint.parent is None:
                 return unsupported_if(
-                    f"PyBullet does not feel the loop {constraint.name!r}: {name!r} is fixed to {above.name!r}, the root of "
+                    f"PyBullet ignores the loop {constraint.name!r}: {name!r} is fixed to {above.name!r}, the root of "
                     "its tree, which is on a ball joint to the world"
                 )
     return None
@@ -81,8 +81,8 @@ def in_same_tree(world: World) -> Refinement | None:
     for constraint in world.constraints:
         if isinstance(constraint, Follow) and tree[constraint.joint] != tree[constraint.leader]:
             return unsupported_if(
-                f"PyBullet's gears take the leader's position from the follower's own tree, and {constraint.leader!r} "
-                f"is in another than {constraint.joint!r}"
+                f"PyBullet's gears read the leader's position from the follower's tree, and {constraint.leader!r} and "
+                f"{constraint.joint!r} are in different trees"
             )
     return None
 

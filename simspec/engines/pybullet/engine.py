@@ -21,6 +21,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.reference import Servos
+from simspec.dialects.pybullet.dialect import COPIES, NO_BELTS, STIFFNESS_ONLY
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
@@ -41,8 +42,8 @@ from simspec.engines.pybullet.contact import (
     COUPLED,
     DEVIATIONS,
     LOOP_ITERATIONS,
-    POINTS,
     SETTINGS,
+    SOFT,
     only_balls_and_boxes_are_soft,
     rows_act_on_each_other,
 )
@@ -82,9 +83,6 @@ from simspec.world.constraints import anchors
 from simspec.world.kinematics import members
 from simspec.world.types import Body, EngineValue, PairContact, ReadBack, Vector3, World
 
-_COPIES = "further materials, and copies of shapes, on massless links of their own"
-_COMPUTED = "a torque computed from PyBullet's own state before every step"
-
 
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where a computed torque is not exact."""
@@ -96,7 +94,7 @@ def _not_felt(constrained: Container[str], armed: str, bodies: Sequence[Body]) -
     if named := next(
         (body.name for body in bodies if body.name in constrained or body.joint.name in constrained), None
     ):
-        return f"the tree of {armed!r} is held at {named!r} by a constraint, whose impulses would ignore the armature"
+        return f"a constraint holds the tree of {armed!r} at {named!r}, and its impulses would ignore the armature"
     if not {body.joint.kind for body in bodies} <= {"fixed", *SCALAR_JOINTS}:
         return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
     if any(body.joint.dry_friction for body in bodies):
@@ -132,74 +130,78 @@ class PyBullet(SimulatedEngine[Simulation]):
             "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature",
             short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
         ),
-        Feature.DRY_FRICTION: via_api("a velocity motor with target 0 and the friction as its largest force"),
+        Feature.DRY_FRICTION: via_api(classes.ZERO_VELOCITY_MOTOR),
         Feature.ARMATURE: outside(
-            f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h",
+            "simspec applies the effort τ − A v̇, with (M + A) v̇ = τ − D v − h, from PyBullet's state before each step",
             _armature_covered,
-            "a joint's armature by a torque before every step",
+            "simspec replaces armature by an effort before each step",
         ),
-        **for_each(via_api(_COMPUTED), Feature.SPRING, Feature.BALL_SPRING, Feature.SUM),
-        **for_each(via_api("reset of base and joint states"), *features.INITIAL_STATE),
+        **for_each(via_api(classes.EFFORTS), Feature.SPRING, Feature.BALL_SPRING, Feature.SUM),
+        **for_each(via_api(classes.SIDECAR), *features.INITIAL_STATE),
         Feature.TREE_SIZE: TREE_SIZE,
         Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),
         Feature.SHAPE_BOX: exact(
-            "with PyBullet's margin within it: on a link that is no base 1 mm, so that none is thinner than 2 mm there",
+            "PyBullet keeps a margin of 1 mm within boxes of links other than the base. Accept `shape.box` for boxes thinner "
+            "than 2 mm there",
             refine=lambda world: thick_enough(PyBullet, "box", world),
             cases=(THICK["box"],),
         ),
         Feature.SHAPE_CYLINDER: exact(
-            "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R off the axis, as it "
-            "should",
+            "PyBullet's cylinders are implicit surfaces, with collision margin 0 on the base",
             refine=lambda world: thick_enough(PyBullet, "cylinder", world),
             cases=(THICK["cylinder"], DULL["cylinder"]),
         ),
-        Feature.SHAPE_PLANE: exact("boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"),
+        Feature.SHAPE_PLANE: exact("boxes tumble when they bounce on PyBullet's plane. Use a large box as the ground"),
         Feature.SHAPE_MESH: exact(
-            f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
-            "trees written 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
+            "simspec writes the convex hull, 1 mm smaller on links other than the base, where PyBullet adds a margin: "
+            "faces are exact, edges rounded. See docs/engines/pybullet.md",
             refine=lambda world: meshes_supported(PyBullet, world),
             cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),
         Feature.SHAPE_HEIGHTFIELD: exact(GROUND, refine=_ground_supported),
-        Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
-        Feature.SURFACE_VELOCITY: never("PyBullet's surfaces move with their bodies alone"),
-        Feature.SHAPE_MARGIN: never(
-            "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
+        Feature.BALL_ARMATURE: never(
+            "PyBullet has no armature, and simspec's substitute acts on joints of one axis only"
         ),
+        Feature.SURFACE_VELOCITY: never(NO_BELTS),
         **for_each(
-            via_api(_COPIES),
+            COPIES,
             *(Feature.MATERIALS_PER_BODY, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.HARDNESS_PAIRS),
         ),
-        Feature.FRICTION: exact("numbers, up to 10 for a pair"),
+        Feature.FRICTION: exact("PyBullet limits the friction coefficient of a pair to 10"),
         **COUPLED,
         Feature.RESTITUTION: exact(
-            "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
+            "PyBullet's error reduction adds slightly to the restitution ratio; see docs/engines/pybullet.md"
         ),
-        Feature.RESTITUTION_THRESHOLD: via_api("restitutionVelocityThreshold: one for all pairs that bounce"),
-        Feature.TORSIONAL_FRICTION: exact("spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
-        Feature.ROLLING_FRICTION: exact("rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
-        Feature.HARDNESS_COMMON: via_api("contactERP, contactSlop, no speculative contact"),
-        Feature.HARDNESS_TIME_CONSTANT: never(
-            "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
+        Feature.RESTITUTION_THRESHOLD: via_api(
+            "PyBullet has one restitutionVelocityThreshold for all pairs that bounce"
         ),
+        **for_each(
+            exact("PyBullet combines spinning and rolling friction as s₁ μ₂ + s₂ μ₁, which requires sliding friction"),
+            *features.MOMENTS,
+        ),
+        Feature.HARDNESS_COMMON: via_api(
+            "simspec sets contactERP and contactSlop, and switches speculative contact off"
+        ),
+        Feature.HARDNESS_TIME_CONSTANT: never(STIFFNESS_ONLY),
         Feature.HARDNESS_STIFFNESS: approximate(
-            f"a spring and a damper at each point of contact, implicit in time; exact for balls and boxes. {POINTS}",
+            f"{SOFT}. It is exact for spheres and boxes; capsules and cylinders have a different number of points; see "
+            "docs/engines/pybullet.md",
             only_balls_and_boxes_are_soft,
-            "capsules and cylinders have two or three points, so that they lie up to a third too high or deep",
+            "capsules and cylinders have two or three points, and lie too high or too deep",
         ),
-        Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
-        **for_each(via_api("setCollisionFilterGroupMask"), Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS),
+        Feature.HARDNESS_NATIVE: via_api("simspec keeps PyBullet's contactERP and contactSlop, for all pairs or none"),
+        **for_each(via_api(classes.SIDECAR), Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS),
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide("enableConeFriction=1"), CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(classes.SIDECAR),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
-        Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
-        Feature.TOUCHING_PAIRS: via_api("URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
-        Feature.GRAVITY: via_api("setGravity"),
-        Feature.TIMESTEP: via_api("setTimeStep"),
-        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_supported),
-        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", in_same_tree),
+        Feature.EXCLUDED_PAIRS: via_api(classes.SIDECAR),
+        Feature.TOUCHING_PAIRS: via_api(classes.SIDECAR),
+        Feature.GRAVITY: via_api(classes.SIDECAR),
+        Feature.TIMESTEP: via_api(classes.SIDECAR),
+        Feature.CONSTRAINT_LOOP: via_api(classes.SIDECAR, loops_supported),
+        Feature.CONSTRAINT_COUPLING: via_api(classes.SIDECAR, in_same_tree),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

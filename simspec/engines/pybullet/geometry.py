@@ -233,16 +233,16 @@ ROUND = ("sphere", "ellipsoid")
 """Kinds of shapes that touch a hull in one point."""
 LANDING = Refinement(
     Level.APPROXIMATE,
-    f"the convex hull to {KEPT:g} of its extent; while a mesh is on another link than the base of its tree, of the contacts of "
-    "each one new point in a step: at rest all are there, but a hull that lands on a face is stopped at one point first, and "
-    "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; top-heavy bodies fall over; measured: boxes do not)",
+    "PyBullet adds one contact point in each step to a hull of a link other than the base, so that a hull that lands on a face "
+    "tumbles; see docs/engines/pybullet.md",
     short="a hull that lands on a face is stopped at one point first, and tumbles",
 )
 THICK = {
     kind: Refinement(
         Level.APPROXIMATE,
-        "on a link that is no base PyBullet's margin is 1 mm, so that no box, cylinder or mesh is thinner than 2 mm there",
-        short=f"a {kind} thinner than 2 mm, on a link that is no base, is felt as thick as 2 mm",
+        "PyBullet keeps a margin of 1 mm on links other than the base, so that boxes, cylinders and meshes are at least 2 mm "
+        "thick there",
+        short=f"a {kind} thinner than 2 mm, on a link other than the base, is 2 mm thick in contact",
     )
     for kind in ("mesh", *HALVES)
 }
@@ -250,13 +250,13 @@ THICK = {
 DULL = {
     "cylinder": Refinement(
         Level.APPROXIMATE,
-        f"the curved side of a cylinder of 1 to 30 mm length is felt up to {1e3 * BLUNT:g} mm inside of where it is (measured)",
-        short=f"the side of a short cylinder is felt up to {1e3 * BLUNT:g} mm inside of where it is",
+        "PyBullet's contact is slightly inside the curved side of cylinders of 1 to 30 mm length; see docs/engines/pybullet.md",
+        short="the curved side of a short cylinder is slightly further inside in contact",
     ),
     "mesh": Refinement(
         Level.APPROXIMATE,
-        f"faces of a hull with edges shorter than 1 cm are felt up to {1e3 * BLUNT:g} mm inside of where they are (measured)",
-        short=f"faces of a fine hull are felt up to {1e3 * BLUNT:g} mm inside of where they are",
+        "PyBullet's contact is slightly inside the faces of hulls with edges shorter than 1 cm; see docs/engines/pybullet.md",
+        short="faces of a hull with short edges are slightly further inside in contact",
     ),
 }
 """By the kind of shape."""
@@ -295,7 +295,7 @@ def _blunt(kind: str, world: World) -> Refinement | None:
     if not found:
         return None
     dull = DULL[kind]
-    return Refinement(Level.APPROXIMATE, f"{dull.how}: {found[0].name!r}", short=dull.short)
+    return Refinement(Level.APPROXIMATE, f"{dull.how} ({found[0].name!r})", short=dull.short)
 
 
 def _together(*parts: Refinement | None) -> Refinement | None:
@@ -340,15 +340,15 @@ def _short(shape: Shape, margins: set[float]) -> float:
 def _thick(kind: str, found: Mapping[str, float]) -> Refinement:
     name = max(found, key=lambda name: found[name])
     thick = THICK[kind]
-    how = f"{thick.how}: faces of {name!r} are felt {1e3 * found[name]:.2g} mm outside of where they are, of no {kind} more"
+    how = f"{thick.how}: faces of {name!r} are {1e3 * found[name]:.2g} mm too far outside, the most of any {kind}"
     return Refinement(Level.APPROXIMATE, how, short=thick.short)
 
 
 # Limits of PyBullet's contact with height fields, world by world.
 
 HOW: Final = (
-    "a closed surface of triangles, in single precision; PyBullet collides with inner edges: a body that slides without "
-    "friction over flat ground of 20 cm cells loses 1 % of 1 m/s in 2 m, and drifts 5 mm aside (measured)"
+    "simspec writes a closed surface of triangles, in single precision. PyBullet collides with its inner edges, which "
+    "brake and deflect sliding bodies; see docs/engines/pybullet.md"
 )
 
 
@@ -359,7 +359,8 @@ def ground_supported(world: World, plan: ContactPlan, base_margin: float) -> Ref
         if any(margins):
             shape = next(shape.name for shape in body.shapes if shape.kind == "heightfield")
             return unsupported_if(
-                f"PyBullet keeps {max(margins):g} m around the height field {shape!r}: it keeps none where the body is a root "
-                "without mass, with one material, and collision_margin is 0"
+                f"PyBullet keeps {max(margins):g} m around the height field {shape!r}. Use a massless root body with "
+                f"one material, "
+                "and collision_margin 0"
             )
     return None

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.engines.kit.refinements import approximate_pairs, coupled, met_pairs
+from simspec.engines.kit.refinements import coupled, met_pairs
+from simspec.support import classes
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
@@ -26,10 +27,9 @@ LEAST = 1e-4
 """The smallest radius (m) of balls that never jammed."""
 SMALL = Refinement(
     Level.APPROXIMATE,
-    "balls of less than 0.1 mm have normals of round-off: on a plane or box any, once they are in it as deep as their radius "
-    "(of bodies on four of 10 µm that slide at 1 m/s one in fifteen jams at once and is thrown up at 0.3 m/s), on hulls off "
-    "by 5e-7 m of the radius",
-    "balls of less than 0.1 mm of radius may jam as they slide",
+    "Rapier's contact normals of spheres with a radius below 0.1 mm are dominated by round-off, and sliding spheres may jam; "
+    "see docs/engines/rapier.md",
+    "sliding spheres with a radius below 0.1 mm may jam",
 )
 
 
@@ -60,18 +60,8 @@ COUPLED: Table = coupled(
     "rapier",
     DEVIATIONS,
     {
-        Feature.MASS_RATIO: (
-            "heavy bodies sink into light ones, and push them aside: laid on each other at rest by 0.2 and 0.8 mm at a ratio "
-            "of 1000 and 1 ms, with iterations of 500 by a tenth of it; a falling body moves farther (5 kg fallen 5 cm onto "
-            "0.1 kg: 4.3 mm). A body under a sliding body of 1000 times its mass moves along (1 ms); one that slides with "
-            "100 times its mass on it stops 16 % short at 4 ms",
-            "1000 times the mass, laid on at rest, sinks 0.2 mm in and moves 0.8 mm aside at 1 ms",
-        ),
-        Feature.SELF_LOCKING: (
-            "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its "
-            "weight times its height at μ = 0.05 (1 ms), under a hundredth of that at μ ≤ 0.3",
-            "a clamp that jams falls at small friction, or where little but friction presses it on",
-        ),
+        Feature.MASS_RATIO: classes.HEAVY_ON_LIGHT,
+        Feature.SELF_LOCKING: classes.JAMMED,
     },
 )
 
@@ -85,29 +75,33 @@ COUPLED: Table = coupled(
 # hulls        3, up to 18 µm      as boxes           as boxes
 # planes, balls: exact to 3e-7 m and 4e-6 rad. Flat on flat: exact
 
-_FLAT = "flat on flat is exact; at an angle "
 APPROXIMATE: Mapping[tuple[str, str], str] = {
-    ("box", "cylinder"): f"{_FLAT}one of 360 overlaps is missed (by 22 µm), the normal is 0.008 rad off in 1 of 100",
-    (
-        "capsule",
-        "cylinder",
-    ): "4 of 100 overlaps are missed (by up to 38 µm), depths are up to 84 µm off, normals 0.024 rad",
-    (
-        "cylinder",
-        "cylinder",
-    ): f"{_FLAT}one of 720 overlaps is missed, the normal is 0.01 rad off in 1 of 100 (0.9 rad once)",
-    ("cylinder", "mesh"): f"{_FLAT}one of 240 overlaps is missed (by 18 µm), the normal is 0.008 rad off in 1 of 100",
+    ("box", "cylinder"): "boxes",
+    ("capsule", "cylinder"): "capsules",
+    ("cylinder", "cylinder"): "cylinders",
+    ("cylinder", "mesh"): "meshes",
 }
-"""Of pairs of kinds, what is lost."""
-SHORT = "oblique normals of cylinders are 0.01 rad off, and 0.1 to 4 % of overlaps of 10 to 40 µm are missed"
-CYLINDERS = approximate_pairs(APPROXIMATE, SHORT)
+"""Pairs of kinds, by the name of what a cylinder touches."""
+
+
+def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
+    return Refinement(
+        Level.APPROXIMATE,
+        f"Rapier misses some shallow overlaps of cylinders with {', '.join(met.values())}, and its normals are "
+        f"inaccurate unless "
+        "flat faces touch; see docs/engines/rapier.md",
+        "oblique contacts of cylinders have inaccurate normals, and shallow ones may be missed",
+    )
+
+
+CYLINDERS = _refinement(APPROXIMATE)
 """Where all of these pairs may meet, for tables."""
 
 
 def cylinders(world: World) -> Refinement | None:
     """Cylinders that may meet more than planes and balls."""
     met = met_pairs(world, APPROXIMATE)
-    return approximate_pairs(met, SHORT) if met else None
+    return _refinement(met) if met else None
 
 
 # Hulls. Rapier keeps every vertex, but computes contact by faces: it merges neighbouring faces whose normals are within
@@ -125,14 +119,9 @@ DIRECTIONS = 4000
 """Spread over the sphere, 3° between neighbours, in which planes are tried as well as those that three faces look at alike."""
 KEPT = 256
 """Hulls of which the faces are remembered."""
-MERGED_SHORT = "faces of a hull that meet at less than 1.5° are felt as one plane"
-STACKS = (
-    "hulls stand on each other less still than boxes: a stack of five cubes falls over in 0.5 s, and of 60 stacks of three one "
-    "shifts by 5.8 mm (boxes by 0.2 mm at most; one hull rests on another to 2e-7 m)"
-)
-STACKED = Refinement(
-    Level.APPROXIMATE, f"the convex hull; {STACKS}", "stacks of three hulls shift by mm, and of five fall over"
-)
+MERGED_SHORT = "faces of a hull that meet at less than 1.5° are merged into one plane"
+STACKS = "Rapier's stacks of convex hulls are less stable than stacks of boxes; see docs/engines/rapier.md"
+STACKED = Refinement(Level.APPROXIMATE, STACKS, "stacks of convex hulls shift or fall over")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,24 +152,25 @@ def hull_support(world: World) -> Refinement | None:
     found = [STACKS] if stacked else []
     if size:
         found.append(
-            f"of faces that meet at less than 1.5° Rapier makes one, so that {other!r} may feel {name!r} up to "
-            f"{1e3 * size:.2g} mm off, and no hull is further off"
+            f"Rapier merges faces that meet at less than 1.5°: {other!r} may touch {name!r} up to {1e3 * size:.2g} mm from its "
+            "surface, the largest error of all hulls here"
         )
     short = STACKED.short if stacked else MERGED_SHORT
-    return Refinement(Level.APPROXIMATE, f"the convex hull; {'; '.join(found)}", short) if found else None
+    return Refinement(Level.APPROXIMATE, "; ".join(found), short) if found else None
 
 
 def _refused(faces: Faces, kind: str) -> str | None:
     """Why Rapier does not support contact of a hull with a kind of shape."""
     if faces.corners > MOST_CORNERS:
         return (
-            f"Rapier uses {MOST_CORNERS} corners of a face, and a face has {faces.corners} here; faces that meet at less than "
-            "1.5° count as one: a prism of 8 sides falls over"
+            f"Rapier uses {MOST_CORNERS} corners of a face, and a face has {faces.corners} here; it merges faces that "
+            f"meet at less "
+            "than 1.5°"
         )
     if kind == "plane" and faces.unfelt:
         return (
-            "of a hull on a plane Rapier feels the corners of the face alone that looks at the plane most, and here others may "
-            f"be {1e3 * faces.unfelt:.2g} mm deep; a box in place of the plane feels all"
+            "Rapier tests a plane against the corners of a hull's lowest face only, and other corners may penetrate it by "
+            f"{1e3 * faces.unfelt:.2g} mm here. Use a box in place of the plane"
         )
     return None
 

@@ -30,15 +30,12 @@ from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
 
-_DRIFT = (
-    "Rapier's chains of joints step by another law: two hinges are 1e-6 off after 20 steps of 1 ms and 0.24 after 2,000, seven "
-    "2.0 (measured), where the round-off of single precision makes 1e-4"
-)
+_DRIFT = "Rapier integrates articulated bodies by a different first-order method; see docs/engines/rapier.md"
+_NO_JOINTS = "simspec passes no joints to Rapier"
 _ASIDE = "friction is along K⁻¹ v, K the mobility of the contact: an oblong body is braked up to 1.1° aside of its slip"
-_LAW = "the law of the two materials, written into every pair that touches before it is solved"
 _BOUNCE = (
-    "in the sweeps of all contacts, as an overlap that error reduction undoes at e times the speed of approach: Rapier's own, "
-    "added in one sweep after them, makes energy where one body hits two at once (12.5 % at e = 1)"
+    "simspec adds an overlap that Rapier's error reduction removes at e times the approach speed. Rapier's own restitution "
+    "adds energy where one body hits two; see docs/engines/rapier.md"
 )
 
 
@@ -55,42 +52,43 @@ class Rapier(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = False
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.DRY_FRICTION_OFF: "simspec gives Rapier no joints, which alone have dry friction",
-        Capability.NATIVE_CONTROLLERS: "simspec gives Rapier no joints, which its motors would move",
+        Capability.DRY_FRICTION_OFF: _NO_JOINTS,
+        Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
         **classes.free_bodies_only("Rapier", _DRIFT),
         **exactly(Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
-        Feature.SHAPE_SPHERE: exact("balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),
+        Feature.SHAPE_SPHERE: exact(
+            "Rapier is exact for spheres with a radius of at least 0.1 mm", refine=balls, cases=(SMALL,)
+        ),
         Feature.SHAPE_CYLINDER: exact(
-            "those that may meet more than planes and balls are approximate, and accepted by name",
+            "Rapier's cylinders are exact on planes and spheres. Accept `shape.cylinder` where they may touch other shapes",
             refine=cylinders,
             cases=(CYLINDERS,),
         ),
         Feature.JOINT_FIXED: static_or_massless(
-            "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
-            "one of them: 1e-4 of difference after 2 s"
+            "Rapier integrates the common centre of mass of {name} and the body that it is fixed to, and simspec's coordinates "
+            "are those of one of the two; see docs/engines/rapier.md"
         ),
-        Feature.SHAPE_PLANE: static_planes("simspec gives Rapier planes of static bodies only, and {name} moves"),
+        Feature.SHAPE_PLANE: static_planes("simspec passes only static planes to Rapier, and {name} moves"),
         Feature.SHAPE_MESH: exact(
-            "the convex hull, where no two faces meet at less than 1.5°, none has more than four corners, and on planes the "
-            "deepest corner is always one of the face that looks down; hulls that touch balls alone may have any faces. Hulls "
-            "that may touch each other are approximate, and accepted by name",
+            "Rapier resolves hulls whose faces have up to four corners and meet at 1.5° or more; see docs/engines/rapier.md. "
+            "Accept `shape.mesh` where hulls may touch each other",
             refine=hull_support,
             cases=(STACKED,),
         ),
-        **for_each(exact(_LAW), Feature.FRICTION, Feature.FRICTION_PAIRS),
+        **for_each(classes.LAW_AT_CONTACTS, Feature.FRICTION, Feature.FRICTION_PAIRS),
         **COUPLED,
         **for_each(exact(_BOUNCE), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-        Feature.RESTITUTION_THRESHOLD: exact("points that approach slower do not bounce"),
+        Feature.RESTITUTION_THRESHOLD: exact("contact points that approach more slowly do not bounce"),
         **for_each(
-            never("Rapier has one softness for all that moves, and one for what meets the still"),
+            never("Rapier has one contact softness for dynamic bodies, and one for their contact with static bodies"),
             *features.COMPLIANCES,
             Feature.HARDNESS_PAIRS,
         ),
-        **for_each(never("Rapier's friction is bound by a circle"), *features.PYRAMIDS),
+        **for_each(never("Rapier bounds friction by a circular cone"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
             "friction model SIMPLIFIED, which takes the points of a pair together, and acts along K⁻¹ v, K the mobility of the "
             "contact: exact for balls; an oblong body is braked up to 1.1° aside of its slip, and a tripod that slides and "
@@ -98,7 +96,7 @@ class Rapier(WorldEngine[Simulation]):
             "body stops late: by 7 % where four stand under the corners of a cube of even density, by 25 % where it has half "
             "its inertia and its centre of mass near the floor. The other model, COULOMB, is a pyramid",
             only_balls_slide("friction model SIMPLIFIED"),
-            "a body that slides on several shapes stops late (7 % on a cube's corners, 25 % at half its inertia)",
+            "bodies that slide on several shapes stop late",
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

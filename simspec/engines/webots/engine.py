@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
+from simspec.dialects.webots.dialect import JOINTED, LACKING, NO_MOTORS
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
@@ -28,16 +29,13 @@ from simspec.support import classes, features
 from simspec.support.declarations import (
     Level,
     Refinement,
-    Support,
     Table,
     approximate,
     exact,
     exactly,
     for_each,
-    never,
     shape_kinds,
     unsupported_if,
-    via_api,
 )
 from simspec.support.features import Feature
 from simspec.world import frames
@@ -126,35 +124,32 @@ def only_joined(world: World) -> Refinement | None:
     for name, other in world.contact.excluded_bodies:
         pair = frozenset((groups[name], groups[other]))
         if len(pair) > 1 and {name, other} <= solid and pair not in joined:
-            return unsupported_if(f"Webots has no filter of bodies, and would let {name!r} touch {other!r}")
-    return Refinement(Level.EXACT, "of bodies that a joint joins")
+            return unsupported_if(f"Webots has no collision filter of bodies, and {name!r} would touch {other!r}")
+    return Refinement(Level.EXACT, JOINTED)
 
 
-_NOT_WRITTEN = "simspec does not write it for Webots"
-_GIVEN = "given as torques and forces before every step, explicit in time: Webots' own are implicit"
-_RIGID = "Webots' contacts have a softness in s²/kg, for whatever mass"
-_FIRST_ORDER = (
-    "by the steps of Webots' copy of ODE in the bodies' coordinates, which are of first order and let joints separate: in "
-    "ODE itself, after 2,000 steps of 1 ms, a tumbling body is 2e-4 rad off, two hinges 0.02, seven 0.65 (measured there)"
-)
-_PASSED = "; bodies that a joint joins never touch, and bodies joined to the ground never touch any of it"
 _STOPS = (
-    "a joint goes past a limit within the step in which it arrives, and comes back by the joints' error reduction; limits that "
-    "do not hold zero between them, and of hinges beyond ±π, are not passed to Webots, and nothing stops there"
+    "joints pass a limit within a step and return by error reduction. simspec does not pass limits that exclude zero, "
+    "nor those of hinges beyond ±π, and nothing stops there"
 )
-_MOMENTS = "a row for each point, with the softness of the world: never measured, nor what several points of one pair sum up to"
+_MOMENTS = approximate(
+    "Webots adds a constraint with the world's softness at each contact point; neither one point nor several have been "
+    "measured. See docs/engines/webots.md",
+    short="a torque for each contact point, never measured",
+)
 
 
-def _joint(noun: str) -> Support:
-    def refine(world: World) -> Refinement | None:
-        passed = touches_less(world)
-        return Refinement(note=passed) if passed else None
+def _jointed(world: World) -> Refinement | None:
+    passed = touches_less(world)
+    return Refinement(note=passed) if passed else None
 
-    return approximate(
-        _FIRST_ORDER + _PASSED,
-        refine,
-        f"{noun} by ODE's own steps, of first order, separate; joined bodies never touch",
-    )
+
+_JOINT = approximate(
+    "Webots' copy of ODE integrates in maximal coordinates to first order, in which joints separate. Bodies that a joint joins "
+    "never touch, nor do bodies jointed to the ground touch static ones; see docs/engines/webots.md",
+    _jointed,
+    "joints separate (ODE's integration is of first order), and jointed bodies never touch",
+)
 
 
 class Webots(GivenEngine[Simulation]):
@@ -173,13 +168,13 @@ class Webots(GivenEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.MASS_MATRIX: "Webots solves in the bodies' coordinates and forms no mass matrix",
-        Capability.BIAS_FORCE: "Webots gives no forces of inertia",
-        Capability.ENERGY: "Webots gives no energies",
-        Capability.CONTACTS: "Webots reports where a Solid is touched, but neither the other body, the direction nor the force",
-        Capability.INVENTORY: "all fields of Webots' nodes are compared as those of the file are, and it reports nothing else",
-        Capability.PAIR_DETECTION: "Webots reports the contacts of a completed step, and of no state",
-        Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
+        Capability.MASS_MATRIX: "Webots solves in maximal coordinates and has no mass matrix",
+        Capability.BIAS_FORCE: "Webots reports no bias forces",
+        Capability.ENERGY: "Webots reports no energies",
+        Capability.CONTACTS: "Webots reports contact points of a Solid, but neither the other body, the normal nor the force",
+        Capability.INVENTORY: "Webots reports the fields of its nodes only, which simspec compares like those of the file",
+        Capability.PAIR_DETECTION: "Webots reports contacts of completed steps only",
+        Capability.NATIVE_CONTROLLERS: NO_MOTORS,
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
     }
     SUPPORT: ClassVar[Table] = {
@@ -189,62 +184,33 @@ class Webots(GivenEngine[Simulation]):
             *(Feature.EVEN_PRESSURE, Feature.MASS_RATIO),
         ),
         **shape_kinds("Webots", ("sphere", "box", "capsule")),
-        Feature.JOINT_HINGE: _joint("hinges"),
-        Feature.JOINT_SLIDE: _joint("slides"),
-        Feature.JOINT_BALL: _joint("balls"),
+        **LACKING,
+        **for_each(_JOINT, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL),
         Feature.JOINT_FREE: approximate(
-            "by the steps of Webots' copy of ODE, which turn bodies to first order: in ODE itself a tumbling body is 2e-4 rad "
-            "off after 2,000 steps of 1 ms (measured there)",
-            short="free bodies turn by ODE's own steps, of first order: 2e-4 rad after 2 s at 1 ms in ODE itself",
+            "Webots' copy of ODE integrates rotations to first order; see docs/engines/webots.md",
+            short="Webots integrates the rotation of free bodies to first order",
         ),
-        Feature.JOINT_SEVERAL: never("Webots' bodies have mass, and between two joints of one body stands one without"),
         Feature.LIMIT_POSITION: approximate(
             _STOPS, short="a joint goes past a limit for some steps; hinges beyond ±π have no stops"
         ),
-        Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
-        Feature.DRY_FRICTION: exact("staticFriction, a motor of speed 0 with this largest effort"),
-        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
-        **for_each(never("Webots has no armature, and contact would ignore a computed one"), *features.ARMATURES),
-        Feature.TREE_DEPTH: never("untested: whether Webots reads Solids nested so deep"),
+        Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
+        **for_each(classes.explicit("Webots"), *features.DAMPERS_AND_SPRINGS),
         Feature.SHAPE_CYLINDER: approximate(
-            "by Webots' copy of ODE, whose cylinders overlook 4 of 100 overlaps with boxes in ODE itself, and meet each other "
-            "and capsules along a line in one point (measured there)",
-            short="cylinders by ODE's own code, which overlooks some overlaps and has one point along a line",
+            "Webots has a copy of ODE, which misses some overlaps of cylinders with boxes, and has one contact point where "
+            "cylinders touch cylinders or capsules along a line; see docs/engines/webots.md",
+            short="ODE misses some overlaps of cylinders with boxes, and has one contact point along a line",
         ),
-        Feature.SHAPE_PLANE: static_planes("a Plane cannot be of a Solid that moves, as {name} does"),
-        **for_each(never("Webots' contact begins where shapes touch"), *features.MARGINS),
-        Feature.SURFACE_VELOCITY: never("in Webots only Tracks have surfaces that move, which simspec does not write"),
-        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
-        Feature.TORSIONAL_FRICTION: approximate(
-            _MOMENTS, short="torque about a normal, point by point: never measured"
-        ),
-        Feature.ROLLING_FRICTION: approximate(
-            f"{_MOMENTS}; in ODE itself 0.7 of it between the axes of its pyramid (measured there)",
-            short="torque across a normal, point by point: never measured; 0.7 of it between the axes in ODE",
-        ),
-        Feature.HARDNESS_COMMON: exact("softERP 0.01, with which ODE itself has the common law (measured there)"),
-        **for_each(never(_RIGID), *features.COMPLIANCES),
-        **for_each(never(_NOT_WRITTEN), Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-        Feature.CONE_ELLIPTIC: approximate(
-            "the circumscribed pyramid on ODE's own axes: up to 1.41 times the friction between them",
-            no_friction,
-            "a pyramid: between its axes friction is up to 1.41 times that of the cone",
-        ),
+        Feature.SHAPE_PLANE: static_planes("Webots' Planes are static, and {name} moves"),
+        **for_each(_MOMENTS, *features.MOMENTS),
+        Feature.HARDNESS_COMMON: exact("simspec sets softERP to 0.01, with which ODE itself has the common law"),
+        Feature.CONE_ELLIPTIC: approximate(classes.CIRCUMSCRIBED, no_friction, classes.CIRCUMSCRIBED_SHORT),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate(
-            "on ODE's own axes: along the world's x and across it where the normal is within 45° of z, along z elsewhere",
+            "Webots uses ODE's pyramid axes: the world's x and its perpendicular where the normal is within 45° of z, "
+            "the world's z elsewhere",
             no_friction,
             "a pyramid whose axes are the world's x and y on the ground, and others on walls",
         ),
-        Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
-        Feature.PASSING_PAIRS: never("Webots has no contact of two materials without contact"),
-        Feature.COLLISION_GROUPS: never("Webots has no groups that pass through each other"),
-        Feature.EXCLUDED_PAIRS: exact("of bodies that a joint joins", refine=only_joined),
-        Feature.TOUCHING_PAIRS: never("bodies that a joint joins never touch in Webots"),
-        Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
-        **for_each(
-            never("simspec gives Webots no constraints outside the tree"),
-            *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
-        ),
+        Feature.EXCLUDED_PAIRS: exact(JOINTED, refine=only_joined),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "softness": Setting(

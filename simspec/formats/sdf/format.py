@@ -31,7 +31,9 @@ from simspec.world.types import Inertial, Pose
 CLASSIC: Final = "1.6"
 """The newest version that older readers know."""
 OLDER: Final[Mapping[Feature, Support]] = {
-    Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid; SDF 1.6 has no capsules"),
+    Feature.SHAPE_CAPSULE: approximate(
+        "simspec writes the same solid as a cylinder and two spheres, since SDF 1.6 has no capsules"
+    ),
     Feature.SHAPE_ELLIPSOID: never("SDF 1.6 has no ellipsoids"),
     Feature.CONSTRAINT_COUPLING: never("SDF 1.6 has no joints that follow others"),
     Feature.CONSTRAINT_LOOP: never("older readers of SDF expect trees"),

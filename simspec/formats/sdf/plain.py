@@ -46,7 +46,7 @@ def couplings_in_trees(world: World) -> Refinement | None:
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     across = [constraint.name for constraint in _follows(world) if root[constraint.joint] != root[constraint.leader]]
     return (
-        unsupported_if(f"{across[0]!r} couples joints of two models, which do not know each other's")
+        unsupported_if(f"{across[0]!r} couples joints of two models, and SDF couples joints of one model only")
         if across
         else None
     )
@@ -57,10 +57,10 @@ def loops_in_trees(world: World) -> Refinement | None:
     root = {body.name: root for root, bodies in trees(world).items() for body in bodies}
     for loop in _loops(world):
         if root[loop.first] != root[loop.second]:
-            return unsupported_if(f"{loop.name!r} holds bodies of two models, which do not know each other's")
+            return unsupported_if(f"{loop.name!r} joins bodies of two models, and SDF joins links of one model only")
         if loop.name not in _closed(world):
             return unsupported_if(
-                f"{loop.name!r} is open where all joints are at zero, and the file says where it is closed there"
+                f"{loop.name!r} is open where all joints are at zero, and SDF defines a loop by that position"
             )
     return None
 
@@ -139,7 +139,7 @@ SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: the language demands a positive one."""
 SMALLEST_MOMENT: Final = 1e-12
 """kg m², for the same reason."""
-_SOLVER: Final = "SDF's numbers for it are those of one solver"
+_SOLVER: Final = "SDF defines it by parameters of one solver only"
 
 
 def _by_self_collide(world: World) -> Refinement | None:
@@ -148,9 +148,7 @@ def _by_self_collide(world: World) -> Refinement | None:
         not CollisionFilter(world).may_touch(first.name, second.name) for first, second in _between_trees(world)
     )
     if between or any(self_collide(world, bodies) is None for bodies in trees(world).values()):
-        return Refinement(
-            Level.APPROXIMATE, "self_collide says it of whole links only, and nothing of links of two models"
-        )
+        return Refinement(Level.APPROXIMATE, "self_collide applies to whole links, and not to links of two models")
     return None
 
 
@@ -160,7 +158,7 @@ def on_or_off(world: World) -> Refinement | None:
     return (
         None
         if other is None
-        else unsupported_if(f"SDF has the weight of a link or none of it: {other!r} has another part")
+        else unsupported_if(f"SDF switches the gravity of a link on or off, and {other!r} has another scale")
     )
 
 
@@ -172,40 +170,38 @@ SUPPORT: Final[Table] = {
     ),
     **shape_kinds("SDF", KINDS),
     **for_each(never("simspec writes no margins into SDF"), *features.MARGINS),
-    Feature.SURFACE_VELOCITY: never("SDF says it by plug-ins of a simulator, which simspec does not write"),
-    Feature.FLUID: never("simspec writes no drag into SDF, whose worlds have a wind and leave what it does to plugins"),
+    Feature.SURFACE_VELOCITY: never("SDF defines it by plugins of a simulator, which simspec does not write"),
+    Feature.FLUID: never("SDF leaves the effect of wind to plugins, and simspec writes no drag"),
     Feature.GRAVITY_SCALE: exact("<gravity> of a link, on or off", refine=on_or_off),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into SDF"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into SDF"),
     Feature.INERTIA_FULL: exact("the full tensor"),
-    Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),
+    Feature.INERTIA_SINGULAR: approximate("SDF requires positive moments: simspec writes 1e-12 kg m² in place of zero"),
     Feature.JOINT_SEVERAL: approximate(
-        "bodies without mass stand between the joints, of 1e-9 kg: SDF demands a positive mass"
+        "simspec inserts bodies of 1e-9 kg between the joints, since SDF requires a positive mass"
     ),
-    Feature.MASSLESS: approximate("SDF demands a positive mass: 1e-9 kg"),
+    Feature.MASSLESS: approximate("SDF requires a positive mass: simspec writes 1e-9 kg"),
     Feature.LIMIT_VELOCITY: exact("as <velocity>, which some readers enforce"),
     Feature.LIMIT_EFFORT: exact("as <effort>, which some readers enforce"),
     Feature.BALL_DAMPING: never("SDF has damping along axes only"),
     Feature.BALL_SPRING: never("SDF has springs along axes only"),
-    Feature.INITIAL_POSITION: never("every joint of an SDF file is at zero"),
-    Feature.INITIAL_VELOCITY: never("everything in an SDF file is at rest"),
-    Feature.TORSIONAL_FRICTION: exact("as a coefficient with the radius of the patch"),
+    Feature.INITIAL_POSITION: never("SDF has no initial joint positions"),
+    Feature.INITIAL_VELOCITY: never("SDF has no initial velocities"),
+    Feature.TORSIONAL_FRICTION: exact("simspec writes a coefficient with the radius of the patch"),
     Feature.ROLLING_FRICTION: never("SDF has no rolling friction as a length"),
     **for_each(
-        approximate("each shape has its own material's number; readers take the smaller"),
+        approximate("SDF has one number for each shape, and readers take the smaller one"),
         Feature.FRICTION_PAIRS,
         Feature.RESTITUTION_PAIRS,
     ),
     **for_each(
         never(_SOLVER), *features.HARDNESSES, Feature.IMPACT_FRICTION, *features.COUPLED_CONTACT, *features.CONES
     ),
-    Feature.PASSING_PAIRS: never("SDF does not say it of pairs of surfaces"),
+    Feature.PASSING_PAIRS: never("SDF has no contact filter of pairs of materials"),
     **for_each(exact("as self_collide", refine=_by_self_collide), Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
     Feature.FORCES: never("simspec writes no forces into SDF"),
-    Feature.TOUCHING_PAIRS: never("links that a joint joins do not touch each other in SDF"),
-    **for_each(
-        never("SDF has no gains of controllers: those are parameters of plugins of one simulator"), *features.CONTROLS
-    ),
+    Feature.TOUCHING_PAIRS: never("SDF excludes contact of links that a joint joins"),
+    **for_each(never("SDF leaves controllers to plugins of a simulator"), *features.CONTROLS),
     Feature.CONSTRAINT_LOOP: exact(
         "as a further joint of a link, which many readers do not support", refine=loops_in_trees
     ),

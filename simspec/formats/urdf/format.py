@@ -74,7 +74,7 @@ def within_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which stands in another file."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     across = [coupling.name for coupling in _follows(world) if root[coupling.joint] != root[coupling.leader]]
-    return unsupported_if(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
+    return unsupported_if(f"{across[0]!r} couples joints of two trees, which are separate files") if across else None
 
 
 def _follows(world: World) -> Iterator[Follow]:
@@ -86,26 +86,26 @@ SUPPORT: Final[Table] = {
     **exactly(
         Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING, Feature.DRY_FRICTION
     ),
-    Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
+    Feature.JOINT_FREE: via_api(f"simspec writes a tree without a joint to the world, and its pose {_IN_PLACEMENT}"),
     **for_each(via_api(_IN_PLACEMENT), *features.INITIAL_STATE),
     Feature.JOINT_BALL: approximate(
-        "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
+        "simspec writes three hinges about x, y and z with two massless links, which are singular with the second at 90°"
     ),
-    Feature.BALL_DAMPING: approximate("the same damping at each of three hinges"),
+    Feature.BALL_DAMPING: approximate("simspec writes the same damping at each of three hinges"),
     **shape_kinds("URDF", KINDS),
-    Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
-    Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
+    Feature.SHAPE_CAPSULE: approximate("simspec writes the same solid as a cylinder and two spheres"),
+    Feature.SHAPE_PLANE: approximate("simspec writes a box of 200 x 200 x 1 m below the plane"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: exact("mimic of a joint", refine=within_trees),
     Feature.BALL_LIMIT: never("URDF has no ball joints"),
     Feature.FRAME: exact("a link without mass on a fixed joint, NAME_joint"),
-    Feature.FLUID: never("URDF has nothing around a robot"),
+    Feature.FLUID: never("URDF has no fluid"),
     Feature.FREE_ARMATURE: never("URDF has no armature of free bodies"),
     **for_each(never("URDF has no springs"), Feature.SPRING, Feature.BALL_SPRING),
     **for_each(never(_NO_CONTACT), Feature.MATERIALS_PER_BODY, *features.CONTACT_LAWS, *features.HARDNESSES),
-    **for_each(never("URDF does not say what touches what"), *features.FILTERS),
+    **for_each(never("URDF has no collision filter"), *features.FILTERS),
     **for_each(
-        never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
+        never("URDF has no gains; <transmission> and <ros2_control> name interfaces of drivers"),
         *features.CONTROLS,
     ),
     Feature.GRAVITY: never("URDF has no gravity"),
