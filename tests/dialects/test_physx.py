@@ -49,6 +49,6 @@ def test_several_thresholds_are_refused_by_name():
     pairs[0] = dataclasses.replace(pairs[0], restitution_threshold=0.25)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=tuple(pairs)))
     with pytest.raises(
-        UnsupportedError, match=r"one threshold for all that bounces, and the pairs here have 0, 0\.25 m/s"
+        UnsupportedError, match=r"one bounce threshold for each scene, and the pairs here have 0, 0\.25 m/s"
     ):
         compile_world(world, ["physx"])

@@ -250,13 +250,13 @@ THICK = {
 DULL = {
     "cylinder": Refinement(
         Level.APPROXIMATE,
-        "PyBullet's contact is slightly inside the curved side of cylinders of 1 to 30 mm length; see docs/engines/pybullet.md",
-        short="the curved side of a short cylinder is slightly further inside in contact",
+        f"PyBullet's contact is up to {1e3 * BLUNT:g} mm inside the curved side of cylinders of 1 to 30 mm length",
+        short="contact is slightly inside the curved side of a short cylinder",
     ),
     "mesh": Refinement(
         Level.APPROXIMATE,
-        "PyBullet's contact is slightly inside the faces of hulls with edges shorter than 1 cm; see docs/engines/pybullet.md",
-        short="faces of a hull with short edges are slightly further inside in contact",
+        f"PyBullet's contact is up to {1e3 * BLUNT:g} mm inside the faces of hulls with edges shorter than 1 cm",
+        short="contact is slightly inside the faces of a hull with short edges",
     ),
 }
 """By the kind of shape."""

@@ -37,7 +37,7 @@ def tree(dt, *kinds):
 
 def test_it_is_accepted_by_name():
     world = tree(1e-3, "hinge")
-    with pytest.raises(UnsupportedError, match=r"joint\.hinge only approximately: .*of first order"):
+    with pytest.raises(UnsupportedError, match=r"joint\.hinge only approximately: .*to first order"):
         compile_world(natively(world, ()), ["ode"])
     plain = compile_world(world, ["ode"])["ode"].files
     assert not any("native_motion" in text for text in plain.values())  # files that do not ask for it say nothing

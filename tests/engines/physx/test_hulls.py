@@ -62,7 +62,7 @@ def test_vertices_that_physx_leaves_out_are_predicted():
     [
         (prism(130), r"hulls of up to 255 corners, and this has 260"),
         (random_hull(2, 140), r"hulls of up to 255 faces, and this has 276"),
-        (dented(1e-4), r"1 of 9 corners reach 0\.0001 m and more"),
+        (dented(1e-4), r"1 of 9 corners do \(by 0\.0001 m at least\)"),
     ],
     ids=["corners", "faces", "near"],
 )

@@ -99,7 +99,7 @@ def test_short_cylinders_and_fine_hulls_are_accepted_by_name_with_the_size(kind,
     if not blunt:
         assert compile_world(world, ["pybullet"])
         return
-    with pytest.raises(UnsupportedError, match=r"felt up to 0\.25 mm inside of where") as error:
+    with pytest.raises(UnsupportedError, match=r"is up to 0\.25 mm inside the") as error:
         compile_world(world, ["pybullet"])
     assert f"shape.{kind}" in str(error.value)
 

@@ -78,7 +78,7 @@ def test_tiny_balls_jam_as_is_declared(load):
 
 def test_tiny_balls_are_accepted_by_name():
     world = table(0.99e-4)
-    with pytest.raises(UnsupportedError, match=r"normals of round-off"):
+    with pytest.raises(UnsupportedError, match=r"dominated by round-off"):
         compile_world(with_options(world, "rapier", accept=("contact.cone.elliptic",)), ["rapier"])
     assert compile_world(accepting(world, "rapier"), ["rapier"])
     assert "shape.sphere" not in accepting(table(1e-4), "rapier").options("rapier").accept
