@@ -39,14 +39,14 @@ def on_a_slide(kind: str, size: tuple[float, ...], accept: tuple[str, ...] = ())
 
 @pytest.mark.parametrize(("kind", "size"), [*THIN, ("mesh", PLATE)])
 def test_shapes_thinner_than_the_margin_are_approximate_on_a_link(kind, size):
-    with pytest.raises(UnsupportedError, match=r"no box, cylinder or mesh is thinner than 2 mm there"):
+    with pytest.raises(UnsupportedError, match=r"boxes, cylinders and meshes are at least 2 mm thick there"):
         compile_world(on_a_slide(kind, size), ["pybullet"])
     decisions = compile_world(on_a_slide(kind, size, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
     (said,) = (decision.how for decision in decisions if decision.feature.value == f"shape.{kind}")
-    assert "mm outside of where they are" in said
+    assert "mm too far outside" in said
     thick = tuple(20.0 * value for value in size)
     said = compile_world(on_a_slide(kind, thick, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
-    assert not any("mm outside of where they are" in name.how for name in said)
+    assert not any("mm too far outside" in name.how for name in said)
 
 
 @pytest.mark.parametrize(("kind", "size"), [THIN[1], ("mesh", PLATE)])
