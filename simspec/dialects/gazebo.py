@@ -10,8 +10,11 @@ from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, Addition, Inert, table
 from simspec.dialects.kit.world import WorldDialect
 from simspec.support import classes
-from simspec.support.declarations import Table
+from simspec.support.declarations import Table, exact
 from simspec.support.features import Feature
+
+STOPS = exact("DART stops joints inelastically within the step")
+NO_VELOCITY_LIMITS = exact("simspec does not pass velocity limits to DART, which would enforce them")
 
 
 class GazeboDialect(WorldDialect):

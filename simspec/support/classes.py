@@ -176,11 +176,9 @@ LAYERS = via_api(
     "simspec copies shapes where one number for each material cannot express every pair, and filters the contacts of the copies"
 )
 ZERO_VELOCITY_MOTOR = "simspec represents dry friction by a motor with target velocity zero and this maximum effort"
-STOPS = exact("DART stops joints inelastically within the step")
-NO_VELOCITY_LIMITS = exact("simspec does not pass velocity limits to DART, which would enforce them")
 CUSTOM_HULLS = via_api(
-    "simspec adds convex hulls to the ODE collision detector as a custom geom class with up to 16 contact points for "
-    "each pair; see docs/engines/ode.md"
+    "simspec adds convex hulls to the collision detector as a custom geom class with up to 16 contact points for each "
+    "pair; see docs/engines"
 )
 NO_MASSLESS = never("several joints of one body need massless bodies between them, which are not supported")
 IN_TREES_ONLY = never("simspec does not pass constraints outside the joint tree to the engine")

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
+from simspec.dialects.gazebo import NO_VELOCITY_LIMITS, STOPS
 from simspec.engines.gazebo import building
 from simspec.engines.gazebo.approximations import CASES, COUPLED, DEVIATIONS, SWEEPS, capsules, cylinders
 from simspec.engines.gazebo.readback import expected, inventory, neutral, read_back
@@ -92,8 +93,8 @@ class Gazebo(WorldEngine[Simulation]):
         **shape_kinds("Gazebo's DART", ("sphere", "box", "cylinder", "capsule", "plane")),
         Feature.DRY_FRICTION: EXACT,
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
-        Feature.LIMIT_POSITION: classes.STOPS,
-        Feature.LIMIT_VELOCITY: classes.NO_VELOCITY_LIMITS,
+        Feature.LIMIT_POSITION: STOPS,
+        Feature.LIMIT_VELOCITY: NO_VELOCITY_LIMITS,
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"

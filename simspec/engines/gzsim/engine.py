@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
+from simspec.dialects.gazebo import NO_VELOCITY_LIMITS, STOPS
 from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.bindings import NAME
@@ -226,8 +227,8 @@ class GzSim(GivenEngine[Simulation]):
             *(Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.KINEMATIC),
         ),
         Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
-        Feature.LIMIT_POSITION: classes.STOPS,
-        Feature.LIMIT_VELOCITY: classes.NO_VELOCITY_LIMITS,
+        Feature.LIMIT_POSITION: STOPS,
+        Feature.LIMIT_VELOCITY: NO_VELOCITY_LIMITS,
         **for_each(classes.explicit("DART"), Feature.DAMPING, Feature.SPRING),
         **for_each(never("DART has no armature, and simspec does not compute it for gz sim"), *features.ARMATURES),
         **{Feature(f"shape.{kind}"): exact(_NO_SHAPES, refine=_only_visual) for kind in SHAPE_KINDS},
