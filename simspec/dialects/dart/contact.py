@@ -122,7 +122,7 @@ _ROUNDED = "edges and corners are rounded by a tenth of the smallest half-size"
 (measured to 1e-11 m, ``tests/engines/dart/test_contact.py``)."""
 _NO_CAPSULE = "capsules are taken for spheres of 0.1 m"
 _HULL = "hulls come to rest up to"
-_TWO_HULLS = "an overlap of 1 mm of two meshes is told as 69 mm or none, and a stack of three collapses"
+_TWO_HULLS = "an overlap of 1 mm of two meshes is reported as 69 mm or none, and a stack of three collapses"
 
 UNSOUND: Mapping[str, Pairs] = {
     "dart": {

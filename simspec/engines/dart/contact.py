@@ -107,27 +107,25 @@ COUPLED: Table = coupled(
 SETTINGS: Mapping[str, Setting] = {
     "contact_solver": Setting(
         "auto",
-        "auto: nsgs where something has friction; dantzig under the circumscribed pyramid where nothing has, and for free "
-        "balls without friction (216 take 0.86 of the time, measured). dantzig bounds friction by the normal forces that "
-        "would be without it, and by a pyramid: a rod that leans on a smooth wall at 30° falls at 2.2 times the friction that "
-        "it needs, and a clamp that holds itself by its own weight falls freely (measured). Where something has friction it "
-        "must be accepted, by the name of the cone; it stacks best and is four times faster.",
+        "auto: nsgs where something has friction; dantzig under the circumscribed pyramid where nothing has, "
+        "and for free balls without friction. dantzig bounds friction by the normal forces of the frictionless "
+        "problem, and by a pyramid: where something has friction, the spec must accept it by the name of the "
+        "cone. It stacks best and is faster (see docs/engines/dart.md).",
         ("auto", "nsgs", "dantzig"),
         group=Group.SOLVER,
     ),
     "collision_detector": Setting(
         "auto",
-        "auto: the first of dart, ode, fcl that gets the fewest pairs of shapes wrong that may touch in this world: "
-        "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet has at most four "
-        "points a pair where ode has eight to twelve, which makes stacks of cylinders a quarter cheaper, and rounds edges.",
+        "auto: the first of dart, ode, fcl with the fewest inexact pairs of shapes that may touch in this "
+        "world: dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet "
+        "has at most four points for each pair where ode has eight to twelve, and rounds edges.",
         ("auto", "dart", "ode", "bullet", "fcl"),
         group=Group.DETECTOR,
     ),
     "iterations": Setting(
         300,
-        "Most sweeps of the NSGS solver in a step. Seven cylinders on one another (detector ode, up to 12 contacts for "
-        "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300. The solver stops as soon as it "
-        "converges.",
+        "Maximum number of sweeps of the NSGS solver in a step; it stops as soon as it converges. DART's "
+        "default of 100 is too few for stacks of cylinders (see docs/engines/dart.md).",
         minimum=1,
         needs=("contact_solver", ("auto", "nsgs")),
         group=Group.ACCURACY,
@@ -135,9 +133,8 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "tolerance": Setting(
         1e-6,
-        "The NSGS solver stops below this residual. With DART's default of 1e-5 a pile of balls that must stand creeps by "
-        "1.2 mm in 0.6 s (μ = 0.2, 1 ms; 2 µm with 1e-6), and a box between fingers falls at 4 ms (μ = 0.1). Towers and "
-        "houses of cards take 1.05 to 1.4 times as long as with 1e-5, and up to seven times with 1e-7.",
+        "The NSGS solver stops below this residual. With DART's default of 1e-5 piles creep; smaller values "
+        "cost time (see docs/engines/dart.md).",
         minimum=0.0,
         maximum=1.0,
         needs=("contact_solver", ("auto", "nsgs")),
@@ -146,8 +143,8 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "dry_friction_tolerance": Setting(
         1e-8,
-        "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
-        "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
+        "As tolerance (m/s, rad/s), in worlds with dry friction in joints: a friction that changes the "
+        "velocity by less than this in a step is ignored.",
         minimum=0.0,
         maximum=0.01,
         needs=("contact_solver", ("auto", "nsgs")),
@@ -156,23 +153,23 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_overflow": Setting(
         "error",
-        "Action when a step has more than 1000 contacts, DART's limit, which dartpy cannot raise. "
-        "simspec checks it after each recorded stretch of steps. log: go on, and say so in the run's log.",
+        "Action when a step has more than 1000 contacts, DART's limit, which dartpy cannot raise. simspec "
+        "checks it after each recorded stretch of steps. log: continue, and report it in the run's log.",
         ("error", "log"),
         group=Group.BOUNDS,
     ),
     "sleeping": Setting(
         False,
-        "Deactivate resting bodies until a disturbance wakes them: bodies slower than 0.01 m/s (less the step's fall) "
-        "and 0.05 rad/s for 0.5 s. Bodies on freely moving bodies, and the bodies that bear them, stay awake "
-        "(measured).",
+        "Deactivate bodies at rest until a disturbance wakes them: bodies slower than 0.01 m/s (less the "
+        "step's fall) and 0.05 rad/s for 0.5 s. Bodies on freely moving bodies, and the bodies that bear them, "
+        "stay awake.",
         only_with="sleeping",
         group=Group.SLEEPING,
     ),
     "exact_rotation": Setting(
         "auto",
-        "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "
-        "where no moving body has a collision shape; elsewhere it would cost more time than it is worth.",
+        "Replace DART's Taylor expansion of small rotations (off by up to 1.7e-10 rad in a step) by the exact "
+        "form. auto: where no moving body has a collision shape; elsewhere the cost exceeds the benefit.",
         ("auto", "always", "never"),
         group=Group.ROTATION,
     ),

@@ -230,20 +230,18 @@ class Drake(WorldEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
             "auto",
-            "auto: tamsi where something that meets has friction, no joint has limits or a controller of Drake's own, no "
-            "kinematic body carries joints, no mesh that touches moves, and one "
-            f"body with collision shapes moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms "
-            "over their number; else sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 "
-            "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes and where edges of boxes cross: where "
-            "they may, sap is taken above 2 ms. SAP has the common law's error reduction and stops joints at their limits; its "
-            "friction lifts what slides.",
+            "auto: tamsi where colliding bodies have friction, no joint has limits or a Drake controller, no "
+            "kinematic body carries joints, no colliding mesh moves, and one body with collision shapes moves, "
+            f"or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms over their number; "
+            "else sap. Where edges of boxes may cross, sap is used above 2 ms. TAMSI's friction is exact, but "
+            "its equations are dense, and fail to converge in some stacks. SAP has the common law's error "
+            "reduction and stops joints at their limits; its friction lifts sliding bodies.",
             ("auto", "sap", "tamsi"),
             group=Group.SOLVER,
         ),
         "stiffness": Setting(
             1e8,
-            "Of every shape (N/m); two in contact have half. With 1e12 SAP fails in its line search; with 1e8 what weighs "
-            "10 kg rests 2 µm deep.",
+            "Stiffness of every shape (N/m); two shapes in contact have half. At 1e12 SAP's line search fails.",
             minimum=1.0,
             maximum=1e11,
             at_least=under_weight,
@@ -252,8 +250,7 @@ class Drake(WorldEngine[Simulation]):
         ),
         "dissipation": Setting(
             1000.0,
-            "Of Hunt and Crossley's law (s/m): TAMSI takes overlaps back at 1/dissipation at most. 100 makes that 10 mm/s and "
-            "e is 0.01; with 10000 a ball dropped at 8 ms rests 1.3 mm deep.",
+            "Dissipation of the Hunt-Crossley law (s/m): TAMSI removes overlaps at 1/dissipation at most.",
             minimum=0.0,
             maximum=1e8,
             needs=("contact_approximation", ("auto", "tamsi")),
@@ -261,18 +258,17 @@ class Drake(WorldEngine[Simulation]):
         ),
         "hydroelastic_faces": Setting(
             False,
-            "Boxes touch boxes and planes by hydroelastic contact: by the pressure over the surface where they meet, in place "
-            "of points at balls in their corners. Boxes that move are compliant, what cannot move is rigid. Other pairs touch "
-            "at points all the same; cylinders too, whose mesh is a prism, on which they roll 10 % short of their way. The "
-            "contact law is as with corners (by TAMSI pushes to 0.01 % from 1 to 8 ms, stops at 1 ms). A step takes twice the "
-            "time, and TAMSI then holds towers of six boxes at 4 ms.",
+            "Compute contact of boxes with boxes and planes by hydroelastic pressure fields, instead of points "
+            "at their corners. Moving boxes are compliant, static bodies rigid; other pairs have point "
+            "contact. A step takes twice the time (see docs/engines/drake.md).",
             only_with="hydroelastic_faces",
             group=Group.GEOMETRY,
         ),
         "hydroelastic_modulus": Setting(
             1e8,
-            "Of every box that moves (Pa). A box rests m g h/(2 A modulus) deep, h its smallest edge: a cube of 0.1 m and "
-            "10 kg 5 µm. It has no part in how an overlap is taken back: the common law's β by SAP, 1/dissipation by TAMSI.",
+            "Hydroelastic modulus of every moving box (Pa). A box rests m g h/(2 A modulus) deep, where h is "
+            "its smallest edge. It does not affect error reduction: the common law's β with SAP, 1/dissipation "
+            "with TAMSI.",
             minimum=1.0,
             only_with="hydroelastic_faces",
             needs=("hydroelastic_faces", (True,)),
@@ -280,8 +276,8 @@ class Drake(WorldEngine[Simulation]):
         ),
         "stiction_tolerance": Setting(
             1e-6,
-            "Slip (m/s) below which TAMSI's friction is less than μ N: bodies below the friction limit creep more slowly "
-            "(6e-7 m/s measured).",
+            "Slip (m/s) below which TAMSI's friction is less than μ N: bodies below the friction limit creep "
+            "more slowly than this.",
             minimum=1e-12,
             maximum=0.01,
             needs=("contact_approximation", ("auto", "tamsi")),
