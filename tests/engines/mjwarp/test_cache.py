@@ -17,7 +17,7 @@ installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Six sets of functions of two versions, the first made first."""
-    monkeypatch.setattr(cache, "_held", [])
+    monkeypatch.setattr(cache, "_locks", [])
     place = tmp_path / "mjwarp"
     for index in range(6):
         entry = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
@@ -25,7 +25,7 @@ def folder(tmp_path, monkeypatch):
         (entry / "functions.o").write_bytes(b"code")
         os.utime(entry, (1000 + index, 1000 + index))
     yield place
-    for lock in cache._held:
+    for lock in cache._locks:
         os.close(lock)
 
 
@@ -36,7 +36,7 @@ def there(folder) -> list[str]:
 def test_those_made_last_stay(folder):
     cache.hold_folder(folder, programs.MADE, 6)
     assert len(there(folder)) == 6
-    os.close(cache._held.pop())
+    os.close(cache._locks.pop())
     cache.hold_folder(folder, programs.MADE, 3)
     assert there(folder) == ["wp_3", "wp_4", "wp_5"]
 
@@ -59,8 +59,8 @@ def test_nothing_is_removed_while_another_uses_it(folder):
     cache.hold_folder(folder, programs.MADE, 6)
     cache.hold_folder(folder, programs.MADE, 3)  # flock is of an open file: in one process as in two
     assert len(there(folder)) == 6
-    while cache._held:
-        os.close(cache._held.pop())
+    while cache._locks:
+        os.close(cache._locks.pop())
     cache.hold_folder(folder, programs.MADE, 3)
     assert len(there(folder)) == 3
 
@@ -70,7 +70,7 @@ def test_it_is_used_as_long_as_the_process_lives(folder):
     lock = os.open(folder / cache.LOCK_FILLED, os.O_RDWR)
     with pytest.raises(BlockingIOError):
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    os.close(cache._held.pop())
+    os.close(cache._locks.pop())
     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(lock)
 
@@ -83,10 +83,10 @@ def test_an_unwritable_cache_is_reported_and_not_used(tmp_path, monkeypatch):
     assert place.is_dir()
     assert not place.is_relative_to(tmp_path / "simspec")
     (line,) = said
-    assert line.startswith("what Warp compiles is not kept: ")
+    assert line.startswith("programs that Warp compiles are not kept: ")
 
 
 @installed
 def test_an_engine_at_work_says_so():
     programs.begin([])
-    assert cache._held
+    assert cache._locks
