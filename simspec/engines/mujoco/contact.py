@@ -264,7 +264,7 @@ HEIGHT_FIELDS: Final = Support(
 
 
 _PAIRS = exact("simspec writes explicit pairs of shapes")
-_ONE_CONE = (
+_COMMON_CONE = (
     "MuJoCo bounds sliding, spinning and rolling friction by one cone, (f/μ)² + (τ/c)² ≤ N²: where they occur "
     "together, each reduces the others"
 )
@@ -296,11 +296,11 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         short="there is no threshold: bodies bounce on after slow impacts",
     ),
     Feature.TORSIONAL_FRICTION: approximate(
-        _ONE_CONE,
+        _COMMON_CONE,
         short="slides with spin have 0.55 of μ and 0.74 of c at worst measured",
     ),
     Feature.ROLLING_FRICTION: approximate(
-        _ONE_CONE,
+        _COMMON_CONE,
         short="rolling is braked too little where c is large: by 1.3 % at c = 0.4 μ r, 17 % at c = μ r",
     ),
     Feature.HARDNESS_COMMON: exact(

@@ -42,7 +42,7 @@ WITHOUT_COULOMB: Mapping[Feature, str] = {
     "where a is the acceleration of the carrier there, at any timestep",
     Feature.SELF_LOCKING: "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses it on",
 }
-"""What MuJoCo's native friction lacks of each feature for which MuJoCo's declaration names ``friction: coulomb``."""
+"""The deviation of MuJoCo's native friction in each feature for which MuJoCo's declaration names ``friction: coulomb``."""
 
 
 def support(title: str, pyramid: str) -> dict[Feature, Support]:

@@ -405,7 +405,7 @@ def _events(bodies: tuple[MjcfBody, ...]) -> Iterator[tuple[str, MjcfBody | None
         raise ValueError(f"the body {bodies[0].name!r} is the first and stands in another")
     for body, after in zip(bodies, following, strict=True):
         if not 0 <= after <= body.depth + 1:
-            raise ValueError(f"the bodies after {body.name!r} stand in {after} bodies, of which one is missing")
+            raise ValueError(f"a body after the body {body.name!r} stands in {after} bodies, of which one is missing")
         yield indents[min(body.depth, DEEPEST_INDENT - 1)], body
         for level in range(body.depth, after - 1, -1):
             yield indents[min(level, DEEPEST_INDENT - 1)], None
