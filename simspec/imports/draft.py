@@ -157,6 +157,16 @@ class Draft:
             raise SpecError(sorted(self.problems, key=order))
 
 
+def follow(joint: str, leader: str, ratio: float, offset: float, turns: bool = False) -> dict[str, Any]:
+    """The words of a joint that follows another; ``turns``: its position is an angle, whose unit is said."""
+    words: dict[str, Any] = {"joint": joint, "leader": leader}
+    if ratio != 1.0:
+        words["ratio"] = plain(ratio)
+    if offset:
+        words["offset"] = angle(offset) if turns else plain(offset)
+    return {"follow": words}
+
+
 MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
 
 

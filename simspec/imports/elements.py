@@ -7,9 +7,9 @@ that it took are carried, those that it set aside have the fate and the reason t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
@@ -253,6 +253,16 @@ class Element:
         """Say that an attribute, or (None) this element, has no effect in the spec."""
         self.set_aside(name, UNUSED, reason, severity)
 
+    def set_aside_whole(self, fate: Fate, reason: str, severity: Severity) -> None:
+        """Say what becomes of this element and of each of its attributes."""
+        for name in (None, *self.attributes):
+            self.set_aside(name, fate, reason, severity)
+
+    def lose_children(self, tags: str, reason: str, severity: Severity = PHYSICS, hint: str = "") -> None:
+        """Say that no child of these tags (a text of words) is in the spec."""
+        for child in self.look(*tags.split()):
+            child.lose(None, reason, severity, hint)
+
     def lose_child(self, tag: str, reason: str, severity: Severity = PHYSICS) -> None:
         """Say that the first child of a tag, if any, is not in the spec."""
         for child in self.look(tag)[:1]:
@@ -437,3 +447,15 @@ def renamed(element: Element, name: str, given: str) -> None:
     """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
     if element.attributes.get(name, "").strip() != given:
         element.set_aside(name, CARRIED, f"called {given} in the spec", INFORMATION)
+
+
+Node = TypeVar("Node")
+
+
+def outwards(tops: Iterable[Node], below: Callable[[Node], Sequence[Node]]) -> list[Node]:
+    """The nodes of trees, each before all that is below it, and these before the next."""
+    order, waiting = list[Node](), [*tops][::-1]
+    while waiting:
+        order.append(waiting.pop())
+        waiting.extend(reversed(below(order[-1])))
+    return order

@@ -166,11 +166,9 @@ def _carried(element: Element, features: MjcfFeatures) -> None:
             element.lose(name, softness.reason, softness.severity, softness.hint)
         else:
             element.word(name)
-    for part in element.look():
-        if part.tag in PARTS:
-            part.take()
-            for name in part.attributes:
-                part.word(name)
+    for part in element.children(*PARTS):
+        for name in part.attributes:
+            part.word(name)
 
 
 def _shown(word: str) -> str:

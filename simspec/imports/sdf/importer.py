@@ -244,9 +244,7 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
         if not world.models:
             raise worlds[0].error("this world has no models")
         return list(world.models.values()), world
-    for tag in ("light", "actor"):
-        for child in root.look(tag):
-            child.lose(None, "simspec has no lights and no actors", APPEARANCE)
+    root.lose_children("light actor", "simspec has no lights and no actors", APPEARANCE)
     models = root.look("model")
     if not models and not root.look("include"):
         raise root.error("this file has no model and no world")

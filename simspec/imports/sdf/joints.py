@@ -341,8 +341,8 @@ def _axis(
             data["spring"] = {"stiffness": stiffness}
         if stiffness and rest:
             data["spring"]["rest"] = angle(rest) if turns else rest
-    for child_element in axis.look("initial_position"):
-        child_element.lose(None, "where a joint begins is not read", PHYSICS, "`positions` of the placed model")
+    hint = "`positions` of the placed model"
+    axis.lose_children("initial_position", "where a joint begins is not read", PHYSICS, hint)
     mimics = axis.look("mimic")
     if len(mimics) > 1:
         raise mimics[1].error("a joint follows one other at most")
@@ -408,10 +408,8 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
         if 0.0 < value < UNLIMITED:
             data[tag] = value
         elif value == 0.0:
-            for child in limit.look(tag):
-                child.lose(None, NO_RATING, INFORMATION)
-    for child in limit.look("stiffness", "dissipation"):
-        child.lose(None, HARD_STOP, INFORMATION)
+            limit.lose_children(tag, NO_RATING, INFORMATION)
+    limit.lose_children("stiffness dissipation", HARD_STOP, INFORMATION)
     return data
 
 

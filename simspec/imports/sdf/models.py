@@ -190,9 +190,8 @@ class SdfMeshes:
         how = kind.word("optimization", "") or ""
         if how not in OPTIMIZATIONS:
             raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
-        for child in kind.look(DECOMPOSED):
-            reason = "how many pieces there are, and how they are found, is not in the language"
-            child.lose(None, reason, INFORMATION)
+        reason = "how many pieces there are, and how they are found, is not in the language"
+        kind.lose_children(DECOMPOSED, reason, INFORMATION)
         return how == DECOMPOSED and shape.tag == "collision"
 
     def _called(self, mesh: NamedMesh) -> NamedMesh:
@@ -404,9 +403,8 @@ class ModelReader:
         for child in element.look("plugin"):
             severity, reason = plugin_loss(child)
             child.lose(None, reason, severity)
-        for child in element.look(PARAMETERS):
-            reason = "changes of the included model by parameters are not applied"
-            child.lose(None, reason, hint="change a copy of the model")
+        reason = "changes of the included model by parameters are not applied"
+        element.lose_children(PARAMETERS, reason, hint="change a copy of the model")
         return scope
 
     def _known(self, element: Element, name: str) -> Element | None:

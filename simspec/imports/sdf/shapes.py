@@ -125,8 +125,8 @@ def _torsional(torsion: Element) -> float:
     if use_patch:
         torsion.ignore_child("surface_radius", "the file gives the radius of the patch")
     else:
-        for child in torsion.look("surface_radius", "coefficient"):
-            child.lose(None, "a torsional friction that grows with the depth of contact")
+        reason = "a torsional friction that grows with the depth of contact"
+        torsion.lose_children("surface_radius coefficient", reason)
         return 0.0
     return coefficient * 3.0 * math.pi / 16.0 * patch
 
@@ -404,9 +404,8 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
     material = shape.child("material")
     if material is None:
         return None
-    for tag in ("ambient", "specular", "emissive", "shininess", "lighting", "script", "shader", "pbr", "double_sided"):
-        for child in material.look(tag):
-            child.lose(None, "a shape has one colour", APPEARANCE)
+    drawn = "ambient specular emissive shininess lighting script shader pbr double_sided"
+    material.lose_children(drawn, "a shape has one colour", APPEARANCE)
     material.lose_child("render_order", "a shape has one colour", APPEARANCE)
     material.lose("name", "a colour has no name", INFORMATION)
     diffuse = material.look("diffuse") or material.look("ambient")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.imports import draft
-from simspec.imports.elements import Element
+from simspec.imports.elements import Element, outwards
 from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, Link, SdfJointRead, key_of, read_joint
 from simspec.imports.sdf.loops import GEARBOX, closed, couple, refused, spanning
 from simspec.imports.sdf.models import Scope, SdfMeshes
@@ -319,14 +319,10 @@ def _join_static(bodies: list[SdfBodyRead]) -> None:
 
 
 def _parents_first(bodies: list[SdfBodyRead]) -> list[SdfBodyRead]:
-    order: list[SdfBodyRead] = []
     below: dict[int, list[SdfBodyRead]] = {}
-    for body in reversed(bodies):
+    for body in bodies:
         below.setdefault(id(body.parent), []).append(body)
-    waiting = below.get(id(None), [])
-    while waiting:
-        order.append(waiting.pop())
-        waiting.extend(below.get(id(order[-1]), []))
+    order = outwards(below.get(id(None), []), lambda body: below.get(id(body), []))
     placed = {id(body) for body in order}
     for body in bodies:
         if id(body) not in placed:
@@ -413,10 +409,8 @@ def constraints(read: SdfModelRead) -> dict[str, dict[str, Any]]:
                 message = "this axis has no position to be followed"
                 problems.append(mimic.element.problem(message, found=mimic.leader[1][:80]))
                 continue
-            follow: dict[str, Any] = {"joint": _axis_name(body, word), "leader": driven}
-            follow.update({"ratio": mimic.ratio} if mimic.ratio != 1.0 else {})
-            follow.update({"offset": mimic.offset} if mimic.offset else {})
-            said[names.give(follow["joint"])] = {"follow": follow}
+            follower = _axis_name(body, word)
+            said[names.give(follower)] = draft.follow(follower, driven, mimic.ratio, mimic.offset)
     for loop in read.closing:
         for constraint in _closed(loop):
             said[names.give(loop.name)] = constraint

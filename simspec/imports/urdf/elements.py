@@ -365,13 +365,6 @@ def settle(root: Element) -> None:
                 waiting.append(child)
 
 
-def attributes_unused(element: Element, reason: str) -> None:
-    """Say of an element, with all in it, that URDF gives it no meaning here."""
-    element.ignore(None, reason)
-    for name in element.attributes:
-        element.ignore(name, reason)
-
-
 def rows() -> Iterator[ElementRow]:
     """All rows, those of Gazebo's extension last."""
     yield from TABLE

@@ -23,60 +23,13 @@ from simspec.imports.elements import (
 )
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
-from simspec.imports.urdf import SUFFIXES
+from simspec.imports.urdf import SUFFIXES, joints, links, masses, shapes
 from simspec.imports.urdf.elements import RULES as NUMERAL_RULES
 from simspec.imports.urdf.elements import mend, rows, set_aside, settle
-from simspec.imports.urdf.joints import (
-    MIMIC_RULES,
-    UrdfJointRead,
-    constraints,
-    lock,
-    names_of,
-    names_of_joints,
-    read_joint,
-    reflect,
-)
-from simspec.imports.urdf.joints import RULES as JOINT_RULES
-from simspec.imports.urdf.links import (
-    TREE_RULES,
-    WORLD,
-    JointChain,
-    UrdfTree,
-    add_materials,
-    chain_joints,
-    chains,
-    excluded,
-    leave_out_between,
-    missing_rule,
-    tree_of,
-    weightless,
-)
-from simspec.imports.urdf.masses import RULES as MASS_RULES
-from simspec.imports.urdf.masses import (
-    UNIT_RULES,
-    LinkSize,
-    UrdfMass,
-    check_mass,
-    give_mass,
-    large_meshes,
-    leave_out_mass,
-    not_positive,
-    reach,
-    read_mass,
-    scale_file,
-    scale_moments,
-    total,
-)
-from simspec.imports.urdf.shapes import RULES as SHAPE_RULES
-from simspec.imports.urdf.shapes import (
-    UrdfShapeRead,
-    colours,
-    judge_meshes,
-    merged,
-    name_shapes,
-    read_shapes,
-    without_planes,
-)
+from simspec.imports.urdf.joints import UrdfJointRead
+from simspec.imports.urdf.links import WORLD, JointChain, UrdfTree
+from simspec.imports.urdf.masses import UrdfMass
+from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
@@ -87,13 +40,13 @@ from simspec.world.types import Pose
 
 MASSLESS: Final = "massless"
 RULES: Final[Mapping[str, str]] = {
-    **MASS_RULES,
+    **masses.RULES,
     MASSLESS: "the joint above links that have no mass becomes fixed",
-    **JOINT_RULES,
-    **MIMIC_RULES,
-    **SHAPE_RULES,
-    **TREE_RULES,
-    **UNIT_RULES,
+    **joints.RULES,
+    **joints.MIMIC_RULES,
+    **shapes.RULES,
+    **links.TREE_RULES,
+    **masses.UNIT_RULES,
     **NUMERAL_RULES,
 }
 """Every rule of repair, with what it does."""
@@ -153,22 +106,24 @@ class RobotReader:
             raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
         set_aside(self.root)
         mend(self.root, self.draft)
-        scale_file(self.root, self.draft)
+        masses.scale_file(self.root, self.draft)
         self._read()
         elements = {name: link.element for name, link in self.links.items()}
         # where a joint could not be read, its child looks like a root
-        tree = tree_of(self.root, elements, self.joints, self.draft) if self.all_read else None
+        tree = links.tree_of(self.root, elements, self.joints, self.draft) if self.all_read else None
         data: dict[str, Any] = {}
         if tree is not None:
             self._check_masses(tree)
             kept = {name: (self.links[name].element, self.links[name].shapes) for name in tree.order}
-            self.materials = add_materials(self.root, kept, self.draft)
-            self.weightless = weightless(self.root, [name for name in tree.order if self.links[name].mass is not None])
+            self.materials = links.add_materials(self.root, kept, self.draft)
+            self.weightless = links.weightless(
+                self.root, [name for name in tree.order if self.links[name].mass is not None]
+            )
             data = self._written(tree)
         else:
             for link in self.links.values():
                 if link.mass is not None:
-                    check_mass(link.mass, bool(link.shapes), self.draft, link.path)
+                    masses.check_mass(link.mass, bool(link.shapes), self.draft, link.path)
         self.draft.finish()
         settle(self.root)
         imported = self.draft.imported(data, list(self.root.accounts()))
@@ -176,21 +131,21 @@ class RobotReader:
         return imported
 
     def _read(self) -> None:
-        known = colours(self.root)
+        known = shapes.colours(self.root)
         elements = self.root.children("link")
         if len(elements) > MOST_BODIES:
             found = f"{len(elements):,}"
             raise elements[MOST_BODIES].error("too many links", found, f"{MOST_BODIES:,}", SPLIT)
-        for element, given in zip(elements, names_of(elements, WORLD), strict=True):
+        for element, given in zip(elements, joints.names_of(elements, WORLD), strict=True):
             with self.draft.collecting():
                 self._link(element, known, given)
         seen: dict[str, UrdfJointRead] = {}
         bodies = {name: link.name for name, link in self.links.items()}
         elements = self.root.children("joint")
-        called, parts = names_of_joints(elements)
+        called, parts = joints.names_of_joints(elements)
         for index, element in enumerate(elements):
             with self.draft.collecting():
-                joint = read_joint(element, called[index], parts.get(index, ()), bodies, self.draft)
+                joint = joints.read_joint(element, called[index], parts.get(index, ()), bodies, self.draft)
                 name = element.attributes["name"].strip()
                 if name in seen:
                     first = seen[name].element.location
@@ -198,10 +153,10 @@ class RobotReader:
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
         with self.draft.collecting():
-            reflect(self.root, self.joints)
-        lock(self.joints)
+            joints.reflect(self.root, self.joints)
+        joints.lock(self.joints)
         self._judge_meshes()
-        name_shapes([shape for link in self.links.values() for shape in link.shapes])
+        shapes.name_shapes([shape for link in self.links.values() for shape in link.shapes])
         self.all_read = len(self.joints) == len(elements)
         self._declare_missing()
         if not self.links and not self.draft.problems:
@@ -211,24 +166,24 @@ class RobotReader:
         """Add the links that joints lead from, and that the file does not have, where the rule is requested."""
         children = {joint.child for joint in self.joints}
         for joint in self.joints:
-            name, rule = joint.parent, missing_rule(joint.parent)
+            name, rule = joint.parent, links.missing_rule(joint.parent)
             if name in self.links or name in children or not self.draft.repairing(rule):
                 continue
             element = Element("link", {"name": name}, joint.element.location, "", self.root)
-            (given,) = names_of([element], WORLD, *(link.name for link in self.links.values()))
+            (given,) = joints.names_of([element], WORLD, *(link.name for link in self.links.values()))
             self.links[name] = UrdfLinkRead(element, given)
             what = "the joint leads from the world" if name == WORLD else f"the link {name[:80]} is added, without mass"
             self.draft.repaired(rule, joint.element, what, ("model", "bodies"))
 
     def _judge_meshes(self) -> None:
         """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""
-        usable = judge_meshes([shape for link in self.links.values() for shape in link.shapes], self.draft)
-        large = large_meshes(usable, self.joints, self.draft)
+        usable = shapes.judge_meshes([shape for link in self.links.values() for shape in link.shapes], self.draft)
+        large = masses.large_meshes(usable, self.joints, self.draft)
         again = {id(shape) for shape in large}
-        usable = [shape for shape in usable if id(shape) not in again] + judge_meshes(large, self.draft)
+        usable = [shape for shape in usable if id(shape) not in again] + shapes.judge_meshes(large, self.draft)
         kept = {id(shape) for shape in usable}
         for link in self.links.values():
-            link.shapes = merged([shape for shape in link.shapes if id(shape) in kept])
+            link.shapes = shapes.merged([shape for shape in link.shapes if id(shape) in kept])
 
     def _link(self, element: Element, known: Mapping[str, Any], given: str) -> None:
         name = element.need("name")
@@ -238,8 +193,8 @@ class RobotReader:
         link = self.links[name] = UrdfLinkRead(element, given)
         renamed(element, "name", link.name)
         with self.draft.collecting():
-            link.mass = read_mass(element)
-        link.shapes = read_shapes(element, known, self.draft)
+            link.mass = masses.read_mass(element)
+        link.shapes = shapes.read_shapes(element, known, self.draft)
 
     def _check_masses(self, tree: UrdfTree) -> None:
         top = tree.groups()
@@ -247,7 +202,7 @@ class RobotReader:
         for name in tree.order:
             members.setdefault(top[name], []).append(name)
         self.fixed = self._root_is_fixed(tree, members[tree.root])
-        self.chains = chains(tree, members, lambda name: self.links[name].is_empty)
+        self.chains = links.chains(tree, members, lambda name: self.links[name].is_empty)
         self.between = {name for chain in self.chains.values() for name in chain.between}
         self._compare_moments(tree, top)
         for head, group in members.items():
@@ -262,23 +217,23 @@ class RobotReader:
     def _give_masses(self, head: str, group: list[str]) -> None:
         """The rule that gives masses by a density: to links whose mass is missing or below 0, and where nothing that moves as
         one has a mass, to each of it that has a shape with a volume."""
-        links = [self.links[name] for name in group]
-        weigh = any(link.mass is not None and link.mass.mass > 0.0 for link in links)
+        rigid = [self.links[name] for name in group]
+        weigh = any(link.mass is not None and link.mass.mass > 0.0 for link in rigid)
         has_none = head not in self.between and not weigh
-        for link in links:
+        for link in rigid:
             solids = solids_of(link.shapes)
             if solids and (has_none or (link.mass is not None and link.mass.lacks_mass)):
                 link.mass = link.mass or UrdfMass(link.element, 0.0)
-                give_mass(link.mass, solids, self.density, self.draft, link.path)
+                masses.give_mass(link.mass, solids, self.density, self.draft, link.path)
 
     def _compare_moments(self, tree: UrdfTree, top: Mapping[str, str]) -> None:
-        moving: list[LinkSize] = []
+        moving: list[masses.LinkSize] = []
         for name in tree.order:
             link = self.links[name]
             if link.mass is not None and not (top[name] == tree.root and self.fixed):
-                size = reach(link.shapes, link.mass, tree.below[name])
-                moving.append(LinkSize(link.path, link.mass, size))
-        scale_moments(moving, self.draft)
+                size = masses.reach(link.shapes, link.mass, tree.below[name])
+                moving.append(masses.LinkSize(link.path, link.mass, size))
+        masses.scale_moments(moving, self.draft)
 
     def _root_is_fixed(self, tree: UrdfTree, group: list[str]) -> bool:
         """Whether the root does not move: it is the world, or nothing in it has a mass, and what moves freely has one."""
@@ -290,43 +245,43 @@ class RobotReader:
         if mass is None or mass.density:
             return
         if not static:
-            check_mass(mass, bool(link.shapes), self.draft, link.path)
+            masses.check_mass(mass, bool(link.shapes), self.draft, link.path)
         elif mass.missing or mass.mass < 0.0 or mass.is_impossible:
-            leave_out_mass(mass)
+            masses.leave_out_mass(mass)
             link.mass = None
 
     def _check_group(self, tree: UrdfTree, head: str, group: list[str]) -> None:
         """Links that move as one need a mass and moments of inertia, whichever of them has these."""
-        masses = {name: mass for name in group if (mass := self.links[name].mass) is not None}
-        if any(mass.missing or mass.mass < 0.0 or mass.is_impossible or mass.density for mass in masses.values()):
+        inertials = {name: mass for name in group if (mass := self.links[name].mass) is not None}
+        if any(mass.missing or mass.mass < 0.0 or mass.is_impossible or mass.density for mass in inertials.values()):
             return  # reported, or given
-        if not any(mass.mass for mass in masses.values()):
+        if not any(mass.mass for mass in inertials.values()):
             if head not in self.between:  # else a joint of the body that moves with the last of the chain
                 self._massless(tree, head, group)
             return
-        if any(mass.from_shapes for mass in masses.values()):
+        if any(mass.from_shapes for mass in inertials.values()):
             return
         poses = {head: Pose()}
         for name in group:
             if name != head:
                 joint = tree.above[name]
                 poses[name] = frames.compose(poses[joint.parent], joint.origin)
-        moments = principal_moments(total((mass, poses[name]) for name, mass in masses.items()).inertia)
+        moments = principal_moments(masses.total((mass, poses[name]) for name, mass in inertials.items()).inertia)
         if min(moments) <= 0.0:
-            name, mass = max(masses.items(), key=lambda item: item[1].mass)
+            name, mass = max(inertials.items(), key=lambda item: item[1].mass)
             link = self.links[name]
             why = f"the principal moments of what moves must be above 0: {shown(moments)} kg m²"
-            not_positive(mass, bool(link.shapes), why, self.draft, link.path)
+            masses.not_positive(mass, bool(link.shapes), why, self.draft, link.path)
 
     def _massless(self, tree: UrdfTree, head: str, group: list[str]) -> None:
         joint = tree.above[head]
         link = self.links[head]
-        links = (", ".join(group[:6]) + (", ..." if len(group) > 6 else ""))[:300]
+        listed = (", ".join(group[:6]) + (", ..." if len(group) > 6 else ""))[:300]
         if not self.draft.repairing(MASSLESS):
             rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
-            self.draft.defect(joint.element, "this joint moves no mass", rule, links)
+            self.draft.defect(joint.element, "this joint moves no mass", rule, listed)
             return
-        what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {links}"
+        what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {listed}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
         joint.data = {} if kept is None else {"origin": kept}
         self.draft.take_back((*link.path, "joint"))
@@ -335,14 +290,14 @@ class RobotReader:
     def _written(self, tree: UrdfTree) -> dict[str, Any]:
         order, root = tree.order, tree.root
         first = self.links[root]
-        joints = tree.below[root]
+        below = tree.below[root]
         bodies: dict[str, Any] = {}
-        is_world = first.is_empty and len(joints) == 1 and (root == WORLD or joints[0].kind == "free")
+        is_world = first.is_empty and len(below) == 1 and (root == WORLD or below[0].kind == "free")
         if is_world:
             order = order[1:]
-            child = self.links[joints[0].child]
-            if joints[0].child not in self.between:
-                bodies[child.name] = self._world_child(joints[0], child)
+            child = self.links[below[0].child]
+            if below[0].child not in self.between:
+                bodies[child.name] = self._world_child(below[0], child)
         for name in order:
             if name in self.between:
                 continue
@@ -372,12 +327,12 @@ class RobotReader:
         if given:
             renamed(self.root, "name", name)
         self.draft.place((), self.root)
-        coupled = constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
+        coupled = joints.constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
         more = {"constraints": coupled} if coupled else {}
         said: dict[str, Any] = {"materials": self.materials} if self.materials else {}
         with self.draft.collecting():
             moving = {name: self.links[name].name for name in order if name not in self.between}
-            if pairs := excluded(self.root, self.links, moving):
+            if pairs := links.excluded(self.root, self.links, moving):
                 said["exclude"] = pairs
         contact = {"contact": said} if said else {}
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
@@ -388,11 +343,11 @@ class RobotReader:
         owners = [joint for joint in chain.joints for _ in joint.listed()]
         for index, joint in enumerate(owners):
             self.draft.place((*link.path, "joints", index), joint.element)
-        body["joints"] = chain_joints(chain)
+        body["joints"] = links.chain_joints(chain)
         elements = {name: self.links[name].element for name in chain.between}
-        leave_out_between(elements, chain, link.name)
-        links = ", ".join(chain.between)
-        self.draft.note((*link.path, "joints"), f"without mass between them in the file: {links}"[:300])
+        links.leave_out_between(elements, chain, link.name)
+        listed = ", ".join(chain.between)
+        self.draft.note((*link.path, "joints"), f"without mass between them in the file: {listed}"[:300])
 
     def _world_child(self, joint: UrdfJointRead, child: UrdfLinkRead) -> dict[str, Any]:
         """The words of the body that hangs on the link `world`: there is no such body, since it is the world itself."""
@@ -428,7 +383,7 @@ class RobotReader:
                 body["gravity_scale"] = 0.0
         body |= joined
         if not (body.get("fixed") or joined.get("joint", {}).get("type") == "fixed"):
-            link.shapes = without_planes(link.shapes)
+            link.shapes = shapes.without_planes(link.shapes)
         if link.mass is not None and (link.mass.from_shapes or link.mass.density):
             for shape in solids_of(link.shapes):
                 shape.fill()

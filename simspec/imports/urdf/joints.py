@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, angle, numbers, plain, pose
+from simspec.imports.draft import Draft, angle, follow, numbers, plain, pose
 from simspec.imports.elements import (
     CARRIED,
     INFORMATION,
@@ -20,8 +20,6 @@ from simspec.imports.elements import (
     names,
     renamed,
 )
-from simspec.imports.urdf.elements import attributes_unused
-from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
@@ -61,16 +59,11 @@ def set_aside(element: Element, names: Sequence[str]) -> None:
     Raises SpecError for damping or friction that is not finite."""
     element.set_aside("name", CARRIED, f"called {', '.join(names)} in the spec", INFORMATION)
     for part in element.look("limit"):
-        _aside(part, LOST, INFORMATION)
+        part.set_aside_whole(LOST, SENSELESS, INFORMATION)
     for part in element.look("dynamics"):
         acts = [part.number(name) for name in ("damping", "friction")]
-        _aside(part, *((LOST, PHYSICS) if any(acts) else (UNUSED, INFORMATION)))
-
-
-def _aside(element: Element, fate: Fate, severity: Severity) -> None:
-    element.set_aside(None, fate, SENSELESS, severity)
-    for name in element.attributes:
-        element.set_aside(name, fate, SENSELESS, severity)
+        fate, severity = (LOST, PHYSICS) if any(acts) else (UNUSED, INFORMATION)
+        part.set_aside_whole(fate, SENSELESS, severity)
 
 
 TYPES: Final = {
@@ -153,7 +146,7 @@ def read_joint(
         set_aside(element, parts)
     else:
         for other in element.look("axis", "limit", "dynamics"):
-            attributes_unused(other, f"a {word} joint has none")
+            other.set_aside_whole(UNUSED, f"a {word} joint has none", INFORMATION)
         if joint.kind == "ball":
             _dynamics(joint)
     return joint
@@ -326,7 +319,7 @@ def constraints(joints: Sequence[UrdfJointRead], draft: Draft) -> dict[str, Any]
     """The constraints of all joints that follow others, by the name of the joint that follows."""
     by_name = {joint.element.attributes["name"].strip(): joint for joint in joints}
     follows = {joint.name: _follow(joint, by_name, draft) for joint in joints}
-    return {name: {"follow": follow} for name, follow in follows.items() if follow is not None}
+    return {name: words for name, words in follows.items() if words is not None}
 
 
 def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: Draft) -> dict[str, Any] | None:
@@ -336,7 +329,7 @@ def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: D
         return None
     mimic = found[0]
     if joint.kind not in SCALAR_JOINTS:
-        attributes_unused(mimic, f"a {joint.kind} joint has no position to follow with")
+        mimic.set_aside_whole(UNUSED, f"a {joint.kind} joint has no position to follow with", INFORMATION)
         return None
     with draft.collecting():
         name = mimic.need("joint")
@@ -356,10 +349,7 @@ def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: D
         else:
             mimic.take()
             draft.place(("model", "constraints", joint.name), mimic)
-            data: dict[str, Any] = {"joint": joint.name, "leader": leader.name}
-            data.update({"ratio": plain(ratio)} if ratio != 1.0 else {})
-            data.update({"offset": plain(offset)} if offset else {})
-            return data
+            return follow(joint.name, leader.name, ratio, offset)
         if why:
             mimic.lose(None, why, PHYSICS, "make the joint fixed" if ratio == 0.0 else "")
             for attribute in mimic.attributes:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from simspec.imports.draft import CONTACT_OF_LINK, Draft, LinkSurface, Materials, plain
-from simspec.imports.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, Element
+from simspec.imports.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, Element, outwards
 from simspec.imports.urdf.joints import UrdfJointRead
 from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.language.foreign import Fate, Severity
@@ -68,7 +68,7 @@ def tree_of(
     if broken or not links:
         return None
     roots = [name for name in links if name not in above]
-    trees = [list(_outwards(name, below)) for name in roots]
+    trees = [outwards([name], lambda name: [joint.child for joint in below[name]]) for name in roots]
     reached = {name for tree in trees for name in tree}
     if looping := [name for name in links if name not in reached]:
         _report_loops(looping, above, draft)
@@ -81,14 +81,6 @@ def tree_of(
 def missing_rule(name: str) -> str:
     """The rule that adds a link that joints lead from."""
     return UNDECLARED if name == WORLD else PARENTS
-
-
-def _outwards(start: str, below: Mapping[str, Sequence[UrdfJointRead]]) -> Iterator[str]:
-    waiting = [start]
-    while waiting:
-        name = waiting.pop()
-        yield name
-        waiting.extend(joint.child for joint in reversed(below[name]))
 
 
 def _report_loops(names: Sequence[str], above: Mapping[str, UrdfJointRead], draft: Draft) -> None:
@@ -123,18 +115,12 @@ def _of_several(
         return None
     left_out = [name for tree in others for name in tree]
     for name in left_out:
-        _leave_out(links[name])
-        if name in above:
-            _leave_out(above[name].element)
+        for element in (links[name], *([above[name].element] if name in above else [])):
+            for part in element.within():
+                part.set_aside_whole(LOST, f"left out by the rule {ROOTS}", PHYSICS)
     what = f"{len(left_out)} links outside the tree of {kept[0]} are left out: {', '.join(left_out)}"
     draft.repaired(ROOTS, root, what[:300], ("model", "bodies"))
     return UrdfTree(kept[0], kept, above, below)
-
-
-def _leave_out(element: Element) -> None:
-    for part in element.within():
-        for name in (None, *part.attributes):
-            part.lose(name, f"left out by the rule {ROOTS}")
 
 
 # Links without mass between joints: several joints of the body behind them.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from simspec.errors import SpecError
-from simspec.imports.draft import Draft, numbers, plain
+from simspec.imports.draft import Draft, follow, numbers, plain
 from simspec.imports.elements import names
 from simspec.imports.usd.bodies import (
     OF_FILLING,
@@ -23,7 +23,6 @@ from simspec.imports.usd.bodies import (
     trees,
 )
 from simspec.imports.usd.contact import UsdMaterials, bind, contact_data, physics_data, tidy
-from simspec.imports.usd.engine_schemas import follow_words
 from simspec.imports.usd.joints import (
     STACKED,
     TYPES,
@@ -287,7 +286,7 @@ class UsdAssembly:
                 reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
                 joint.prim.lose("newton:mimicJoint", reason)
                 continue
-            words = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
+            words = follow(joint.name, leader.name, said.ratio, said.offset, joint.freedoms[0].kind == "hinge")
             constrain(self.data, model, joint.name, words)
 
     def _drives(self, every: list[UsdBodyRead]) -> None:

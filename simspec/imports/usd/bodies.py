@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.imports.draft import NOT_POSITIVE, Draft, nearest, numbers, plain, shown, tensor_words
-from simspec.imports.elements import INFORMATION, names
+from simspec.imports.elements import INFORMATION, names, outwards
 from simspec.imports.usd.joints import Freedom, UsdJointRead
 from simspec.imports.usd.shapes import SAME, PrimPlaces, UsdShapeRead, pose_data, quaternion
 from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, StageRead, agree
@@ -116,12 +116,7 @@ def trees(
 
 def in_order(top: UsdLinkRead) -> list[UsdLinkRead]:
     """A tree's links, parents first, each with all below it before the next."""
-    links, waiting = [], [top]
-    while waiting:
-        link = waiting.pop()
-        links.append(link)
-        waiting.extend(reversed(link.children))
-    return links
+    return outwards([top], lambda link: link.children)
 
 
 def frame_in_body(joint: UsdJointRead) -> Pose:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-from simspec.imports.draft import angle, plain
+from simspec.imports.draft import plain
 from simspec.imports.elements import INFORMATION
 from simspec.imports.usd.stage import PrimRead
 
@@ -161,16 +161,6 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
         if targets and gearing:
             return UsdMimic(targets[0], -gearing, -offset * units.position)
     return None
-
-
-def follow_words(joint: str, leader: str, said: UsdMimic, turns: bool) -> dict[str, Any]:
-    """The words of ``follow``; ``turns``: whether the follower's position is an angle."""
-    words: dict[str, Any] = {"joint": joint, "leader": leader}
-    if said.ratio != 1.0:
-        words["ratio"] = plain(said.ratio)
-    if said.offset:
-        words["offset"] = angle(said.offset) if turns else plain(said.offset)
-    return {"follow": words}
 
 
 def velocity(prim: PrimRead, instance: str, units: Units) -> float:
