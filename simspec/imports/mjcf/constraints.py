@@ -66,9 +66,7 @@ def range_of(model: CompiledMjcf, number: int, summed: Terms) -> tuple[float, fl
 
 def reference_of(model: CompiledMjcf, summed: Terms) -> float:
     """The length of a fixed tendon at the reference configuration."""
-    return sum(
-        coefficient * float(model["qpos0"][int(model["jnt_qposadr"][joint])]) for joint, coefficient in summed.items()
-    )
+    return sum(part * float(model["qpos0"][int(model["jnt_qposadr"][joint])]) for joint, part in summed.items())
 
 
 def add_tendons(bodies: MjcfBodies, actual: Mapping[int, float], constraints: dict[str, Any]) -> None:
@@ -121,9 +119,7 @@ def _sum(bodies: MjcfBodies, number: int, summed: Terms, acting: list[str], limi
                 made["rest"] = slack
     if limited:
         lower, upper = range_of(model, number, summed)
-        begins = sum(
-            coefficient * bodies.joint_data(joint).get("position", 0.0) for joint, coefficient in summed.items()
-        )
+        begins = sum(part * bodies.joint_data(joint).get("position", 0.0) for joint, part in summed.items())
         if not lower <= begins <= upper or lower == upper:
             return None
         made["limits"] = {"position": [lower, upper]}

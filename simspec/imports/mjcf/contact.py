@@ -106,9 +106,7 @@ class MjcfSurfaces:
                 for number in range(model.numbers["ngeom"])
             }
             # most geoms that touch nothing have no bits: they are not held against each other
-            solid = {
-                surface for surface in surfaces.values() if surface.owner or surface.contype or surface.conaffinity
-            }
+            solid = {entry for entry in surfaces.values() if entry.owner or entry.contype or entry.conaffinity}
             if len(solid) > MOST_SURFACES:
                 found, allowed = f"{len(solid):,}", f"{MOST_SURFACES:,}"
                 hint = "give geoms that touch alike the same friction, condim, contype, conaffinity and priority"
@@ -147,9 +145,7 @@ class MjcfSurfaces:
             if weld[index] == weld[two] == 0:
                 continue  # neither moves
             both = (min(index, two), max(index, two))
-            sliding, other, torsional, rolling, rolling_other = (
-                float(value) for value in model["pair_friction"][number]
-            )
+            sliding, other, torsional, rolling, rolling_other = map(float, model["pair_friction"][number])
             even = sliding == other and rolling == rolling_other
             if weld[index] == weld[two] or not even:
                 self.features.add("contact.pair" if even else "contact.uneven", part.element)

@@ -76,9 +76,9 @@ def give_masses(models: Sequence[SdfModelRead], draft: Draft, density: float) ->
     for model in models:
         for group in _moving(model):
             # a free root without mass is fixed by another rule
-            has_none = group[0].joint is not None and not any(
-                _mass(body) > 0.0 or any("density" in shape.data for shape in body.content.shapes) for body in group
-            )
+            dense = any("density" in shape.data for body in group for shape in body.content.shapes)
+            weigh = dense or any(_mass(body) > 0.0 for body in group)
+            has_none = group[0].joint is not None and not weigh
             for body in group:
                 if _mass(body) < 0.0 or (has_none and (body is group[0] or solids_of(body.content.shapes))):
                     _give_mass(body, draft, density)

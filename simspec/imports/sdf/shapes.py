@@ -263,13 +263,9 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
     kind = kinds[0]
     if kind.tag in GEOMETRY:
         kind.take()
-        size = [
-            value
-            for name, default in GEOMETRY[kind.tag].items()
-            for value in (
-                vector_of(kind, name, (default,) * 3) if kind.tag in SIZES else (finite_of(kind, name, default),)
-            )
-        ]
+        size = list[float]()
+        for name, default in GEOMETRY[kind.tag].items():
+            size += vector_of(kind, name, (default,) * 3) if kind.tag in SIZES else [finite_of(kind, name, default)]
         volume = SHAPES[kind.tag].volume(size) if min(size) > 0.0 else 0.0
         return _Geometry(shape_data(kind.tag, size), volume=volume)
     if kind.tag == "mesh":
@@ -285,9 +281,8 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         kind.take()
         return None
     if kind.tag not in NOT_CARRIED:
-        raise kind.error(
-            "not a shape of SDF", found=kind.tag[:60], allowed=", ".join((*GEOMETRY, *OTHERS, *NOT_CARRIED))
-        )
+        allowed = ", ".join((*GEOMETRY, *OTHERS, *NOT_CARRIED))
+        raise kind.error("not a shape of SDF", found=kind.tag[:60], allowed=allowed)
     if shape.tag == "collision":
         raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)))
     kind.lose(None, NOT_CARRIED[kind.tag], APPEARANCE)

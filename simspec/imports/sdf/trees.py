@@ -77,9 +77,8 @@ def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *
         return SdfLinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
     if static:
         return SdfLinkRead({}, shapes)
-    return SdfLinkRead(
-        {**weight, "mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL
-    )
+    mass = {**weight, "mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}
+    return SdfLinkRead(mass, shapes, NO_INERTIAL)
 
 
 def _computed(link: Element) -> float | None:

@@ -266,12 +266,10 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
     """The shapes without those meshes that cannot be read; of the others it is noted whether they enclose a volume."""
     named = [shape for shape in shapes if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in named if shape.mesh is not None])
-    large = [
-        index for index, shape in enumerate(named) if shape.collides and isinstance(made[index], ManyVerticesError)
-    ]
-    fewer = read_meshes([mesh for index in large if (mesh := named[index].mesh) is not None], FEWER)
-    for index, result in zip(large, fewer, strict=True):
-        made[index] = result
+    large = [at for at, shape in enumerate(named) if shape.collides and isinstance(made[at], ManyVerticesError)]
+    fewer = read_meshes([mesh for at in large if (mesh := named[at].mesh) is not None], FEWER)
+    for at, result in zip(large, fewer, strict=True):
+        made[at] = result
     unusable = measure_meshes(
         named, made, lambda error: EMPTY if isinstance(error, FlatMeshError) else MISSING, draft, BODIES
     )

@@ -153,12 +153,9 @@ class UsdAssembly:
         """The prim that a shape of the world is fixed on: the prim around it, unless that is around bodies or other such
         prims."""
         above = prim.above
-        if (
-            above is None
-            or above is self.stage.root
-            or above.where == self.stage.default
-            or above.tag not in ("Xform", "prim")
-        ):
+        if above is None or above is self.stage.root or above.where == self.stage.default:
+            return prim
+        if above.tag not in ("Xform", "prim"):
             return prim
         inside = [other for other in above.look() if isinstance(other, PrimRead)]
         return above if all(other.tag in GEOMETRY for other in inside) else prim
@@ -170,8 +167,8 @@ class UsdAssembly:
             for joint in link.joints:
                 start_words(joint)
             if link.joint.gap > LARGEST_GAP:
-                text = f"{link.joint.gap:.3g} m or rad from each other where the bodies are"
-                reason = f"the joint's frames are {text}: the joint places {link.prim.name}"
+                away = f"{link.joint.gap:.3g} m or rad from each other where the bodies are"
+                reason = f"the joint's frames are {away}: the joint places {link.prim.name}"
                 link.prim.lose("xformOp:translate", reason)
                 link.joint.prim.lose("physics:body1", reason)
         self.bodies[id(link.prim)] = body
@@ -179,11 +176,11 @@ class UsdAssembly:
 
     def _static_bodies(self, shapes: dict[str, list[UsdShapeRead]]) -> list[UsdBodyRead]:
         bodies = []
-        for path, shape_reads in shapes.items():
+        for path, found in shapes.items():
             prim = self.stage.prims[path]
-            body = UsdBodyRead(prim, UsdLinkRead(prim), shape_reads, fixed=True)
+            body = UsdBodyRead(prim, UsdLinkRead(prim), found, fixed=True)
             back = frames.inverse(self.places.world(prim).pose)
-            for shape in shape_reads:
+            for shape in found:
                 if shape.prim is not prim and shape.prim.tag in ("Cube", "Sphere", "Mesh"):
                     shape.pose = self.places.within(shape.prim, prim).pose
                 else:

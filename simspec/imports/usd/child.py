@@ -150,9 +150,8 @@ def unpacked(path: str) -> str:
         raise StageRefusedError("this is no package of USD, or it is damaged", name) from None
     layers = [entry.filename for entry in entries if entry.filename.lower().endswith((".usd", ".usda", ".usdc"))]
     if not entries or entries[0].filename not in layers:
-        raise StageRefusedError(
-            "a package begins with a file of USD", entries[0].filename[:LONGEST_TEXT] if entries else name
-        )
+        found = entries[0].filename[:LONGEST_TEXT] if entries else name
+        raise StageRefusedError("a package begins with a file of USD", found)
     return os.path.join(UNPACKED, layers[0])
 
 
@@ -218,9 +217,7 @@ class _Layers:
         if (
             len(text) > LONGEST_PATH
             or text.startswith("`")
-            or "[" in text
-            or "://" in text
-            or ":SDF_FORMAT_ARGS:" in text
+            or any(m in text for m in ("[", "://", ":SDF_FORMAT_ARGS:"))
         ):
             raise StageRefusedError("simspec does not read this kind of path", text[:LONGEST_TEXT])
         target = os.path.realpath(os.path.join(os.path.dirname(alongside), text))
@@ -316,9 +313,8 @@ class _StageReader:
                 record["reset"] = bool(xform.GetResetXformStack())
                 record["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
             except (Tf.ErrorException, RuntimeError):
-                raise StageRefusedError(
-                    "the transformation of a prim cannot be read", record["path"][:LONGEST_TEXT]
-                ) from None
+                message = "the transformation of a prim cannot be read"
+                raise StageRefusedError(message, record["path"][:LONGEST_TEXT]) from None
         if record["used"] and (image := UsdGeom.Imageable(prim)):
             record["purpose"] = str(image.ComputePurpose())
             record["visible"] = str(image.ComputeVisibility()) != "invisible"

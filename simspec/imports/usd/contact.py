@@ -10,6 +10,7 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.elements import names
 from simspec.imports.usd.bodies import UsdBodyRead, holder_of
+from simspec.imports.usd.engine_schemas import first_of
 from simspec.imports.usd.joints import UsdJointRead
 from simspec.imports.usd.shapes import UPRIGHT, UsdShapeRead
 from simspec.imports.usd.stage import PrimRead, StageRead
@@ -63,9 +64,8 @@ class UsdMaterials:
         called = names([self.stage.prims[path].called() for path in paths])
         for path, name in zip(paths, called, strict=True):
             self.names[path] = name
-            self.data[name] = self._material(
-                self.stage.prims[path], [shape for shape in solid if shape.material == path]
-            )
+            using = [shape for shape in solid if shape.material == path]
+            self.data[name] = self._material(self.stage.prims[path], using)
         if (paths or not alone) and any(not shape.material for shape in solid):
             (self.names[""],) = names([UNBOUND], called)
             self.data[self.names[""]] = {"friction": FRICTION}
@@ -95,16 +95,15 @@ class UsdMaterials:
             (4.0, "torsional_friction", ("newton:torsionalFriction", "mjc:torsionalfriction")),
             (6.0, "rolling_friction", ("newton:rollingFriction", "mjc:rollingfriction")),
         ):
-            said = [prim.real(name, 0.0) * self.stage.metres for name in attributes if prim.has(name)]
+            friction = first_of(prim, dict.fromkeys(attributes, self.stage.metres))
             acting = {number >= least for number in directions}
-            if True not in acting:
-                for name in attributes:
+            for name in attributes:
+                if True not in acting:
                     prim.ignore(name, f"no shape has {CONDIM} of {least:g}")
-            elif len(acting) > 1:
-                for name in attributes:
+                elif len(acting) > 1:
                     prim.lose(name, f"shapes of one material differ in {CONDIM}")
-            elif said and said[0]:
-                data[word] = plain(said[0])
+            if acting == {True} and friction:
+                data[word] = plain(friction)
         for shape in shapes:
             if shape.prim.has(CONDIM) and shape.prim.real(CONDIM, 3.0) < 3.0:
                 shape.prim.lose(CONDIM, "two such shapes touch without friction")
@@ -123,8 +122,8 @@ def filtered(stage: StageRead, body_of: Mapping[str, PrimRead]) -> list[tuple[Pr
                 prim.lose("physics:filteredPairs", "names what is no body, or a part of none")
             elif first is not second:
                 pairs.append((first, second))
-                for prim_read, path in ((first, prim.where), (second, target)):
-                    if prim_read.where != path and len(_solid(stage, prim_read, body_of)) > 1:
+                for body, path in ((first, prim.where), (second, target)):
+                    if body.where != path and len(_solid(stage, body, body_of)) > 1:
                         prim.lose("physics:filteredPairs", "pairs are of whole bodies: all their shapes do not touch")
     return pairs
 
@@ -171,9 +170,8 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
             of_body |= dict.fromkeys((body,), *only) if only else {}
             continue
         for path in said:
-            stage.prims[path].lose(
-                "apiSchemas:PhysicsCollisionAPI", "shapes of one body are in several collision groups"
-            )
+            reason = "shapes of one body are in several collision groups"
+            stage.prims[path].lose("apiSchemas:PhysicsCollisionAPI", reason)
     ignores = {name: sorted(ignored & actual) for name, ignored in table.items() if name in actual}
     words = {name: {"ignores": ignored} for name, ignored in ignores.items() if ignored}
     named = words.keys() | {name for entry in table.values() for name in entry}
@@ -252,9 +250,9 @@ def contact_data(
             body_of[body.prim.where] = body.prim
             body_of |= {shape.prim.where: body.prim for shape in body.shapes}
     pairs = {
-        tuple(sorted((full[id(prim_read)], full[id(two)])))
-        for prim_read, two in filtered(stage, body_of)
-        if id(prim_read) in full and id(two) in full
+        tuple(sorted((full[id(first)], full[id(second)])))
+        for first, second in filtered(stage, body_of)
+        if id(first) in full and id(second) in full
     }
     if "model" in data and _excludes_self_collision(stage):
         contact["self_collision"] = False

@@ -270,9 +270,8 @@ class XacroImporter:
             _check_whole(root, shown)
         files.looks_above = True
         imported = RobotReader(root, files).imported()
-        imported.accounts += [
-            Account(place, "xacro", UNUSED, INFORMATION, f"xacro warns: {text}") for place, text in expanded.warnings
-        ]
+        for place, text in expanded.warnings:
+            imported.accounts.append(Account(place, "xacro", UNUSED, INFORMATION, f"xacro warns: {text}"))
         imported.read.update(files.read)
         return imported
 
