@@ -9,22 +9,9 @@ from typing import Any, Final
 
 from simspec.imports.draft import angle
 from simspec.imports.elements import INFORMATION, NO_RATING, PHYSICS, SOLVER, Element
+from simspec.imports.sdf import values
 from simspec.imports.sdf.models import SEPARATOR, Scope
-from simspec.imports.sdf.values import (
-    EXPRESSED_SINCE,
-    IN_JOINT,
-    JOINT_FRAME_SINCE,
-    Placement,
-    SdfPose,
-    finite_of,
-    flag_of,
-    number,
-    number_of,
-    pose_of,
-    set_aside,
-    text_of,
-    vector,
-)
+from simspec.imports.sdf.values import Placement, SdfPose
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Vector3
@@ -112,7 +99,7 @@ class FrameGraph:
         if name == WORLD or (name == MODEL and scope.is_world):
             return None
         if name in scope.joints:
-            return self.link(scope, text_of(scope.joints[name], "child", ""), scope.joints[name])
+            return self.link(scope, values.text_of(scope.joints[name], "child", ""), scope.joints[name])
         if name in scope.frames:
             frame = scope.frames[name]
             return self.link(scope, frame.word("attached_to") or MODEL, frame)
@@ -185,12 +172,12 @@ class FrameGraph:
             return scope.models[name].placed, scope.models[name].element
         table, default = scope.links, MODEL
         if name in scope.joints:
-            table, default = scope.joints, text_of(scope.joints[name], "child", "")
+            table, default = scope.joints, values.text_of(scope.joints[name], "child", "")
         elif name in scope.frames:
             table, default = scope.frames, scope.frames[name].word("attached_to") or MODEL
         key = (id(scope), name)
         if key not in self._placed:
-            pose = pose_of(table[name])
+            pose = values.pose_of(table[name])
             self._placed[key] = SdfPose(pose.placement, pose.relative_to or default, pose.element)
         return self._placed[key], table[name]
 
@@ -290,7 +277,7 @@ def read_joint(graph: FrameGraph, scope: Scope, name: str) -> SdfJointRead:
         element.look(FIRST_AXIS)[0].ignore(None, f"a {word} joint has no axis")
     if kind != "universal":
         element.ignore_child(SECOND_AXIS, f"a {word} joint has one axis at most")
-    set_aside(element, IN_JOINT)
+    values.set_aside(element, values.IN_JOINT)
     solver_of(element)
     _rotor(element, read.data)
     return read
@@ -333,10 +320,10 @@ def _axis(
         data["limits"] = limits
     if (dynamics := axis.child("dynamics")) is not None:
         for tag, key in (("damping", "damping"), ("friction", "dry_friction")):
-            if value := finite_of(dynamics, tag, 0.0):
+            if value := values.finite_of(dynamics, tag, 0.0):
                 data[key] = value
-        stiffness = finite_of(dynamics, "spring_stiffness", 0.0)
-        rest = finite_of(dynamics, "spring_reference", 0.0)
+        stiffness = values.finite_of(dynamics, "spring_stiffness", 0.0)
+        rest = values.finite_of(dynamics, "spring_reference", 0.0)
         if stiffness:
             data["spring"] = {"stiffness": stiffness}
         if stiffness and rest:
@@ -362,8 +349,8 @@ def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> SdfMimicRead | 
         raise element.error("not a joint", found=element.attributes["joint"][:80])
     if axis not in (FIRST_AXIS, SECOND_AXIS):
         raise element.error("not an axis of a joint", found=axis[:80], allowed=f"{FIRST_AXIS}, {SECOND_AXIS}")
-    ratio, offset = finite_of(element, "multiplier", 1.0), finite_of(element, "offset", 0.0)
-    reference = finite_of(element, "reference", 0.0)
+    ratio, offset = values.finite_of(element, "multiplier", 1.0), values.finite_of(element, "offset", 0.0)
+    reference = values.finite_of(element, "reference", 0.0)
     if ratio == 0.0:
         reason = "with a multiplier of 0 the joint follows nothing: it moves on its own"
         element.lose(None, reason, hint="make the joint fixed")
@@ -375,11 +362,12 @@ def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: 
     """An axis of a joint in the axes of its child link. Raises SpecError for one without length."""
     element = scope.joints[name]
     xyz = axis.child("xyz")
-    direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else vector(xyz)
+    direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else values.vector(xyz)
     if not any(direction):
         raise axis.error("the axis of a joint has no length")
-    by_flag = JOINT_FRAME_SINCE <= scope.version < EXPRESSED_SINCE
-    of_model = flag_of(axis, "use_parent_model_frame", False) if by_flag else scope.version < JOINT_FRAME_SINCE
+    by_frame = scope.version >= values.JOINT_FRAME_SINCE
+    by_flag = by_frame and scope.version < values.EXPRESSED_SINCE
+    of_model = values.flag_of(axis, "use_parent_model_frame", False) if by_flag else not by_frame
     frame = MODEL if of_model else name
     if xyz is not None:
         frame = xyz.word("expressed_in") or frame
@@ -393,7 +381,7 @@ def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: 
 
 def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
     data: dict[str, Any] = {}
-    lower, upper = number_of(limit, "lower", -math.inf), number_of(limit, "upper", math.inf)
+    lower, upper = values.number_of(limit, "lower", -math.inf), values.number_of(limit, "upper", math.inf)
     if not limited:
         for child in limit.look("lower", "upper"):
             child.ignore(None, "a continuous joint has no limits")
@@ -404,7 +392,7 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
             raise limit.error("a limit that nothing reaches", found=f"{lower:g} to {upper:g}")
         data["position"] = [angle(value) if turns else value for value in (lower, upper)]
     for tag in ("velocity", "effort"):
-        value = number_of(limit, tag, -1.0)
+        value = values.number_of(limit, tag, -1.0)
         if 0.0 < value < UNLIMITED:
             data[tag] = value
         elif value == 0.0:
@@ -419,7 +407,7 @@ def solver_of(element: Element) -> None:
         waiting = [physics]
         while waiting:
             child = waiting.pop()
-            if child.tag in ACTING and number(child):
+            if child.tag in ACTING and values.number(child):
                 child.lose(None, ACTING[child.tag])
                 for around in (physics, child.parent):
                     around.take() if around is not None else None

@@ -25,24 +25,8 @@ from simspec.imports.elements import (
     plugin_loss,
 )
 from simspec.imports.files import CONFIGURATIONS, LIBRARY, PACKAGE, SCHEME, Files, MissingFileError
-from simspec.imports.sdf.values import (
-    FLAT_BEFORE,
-    NEWEST,
-    NO_ACTOR,
-    OLDEST,
-    UNIQUE_SINCE,
-    SdfPose,
-    Version,
-    check_outermost,
-    flag,
-    flag_of,
-    modernise,
-    parsed,
-    pose_of,
-    text_of,
-    vector_of,
-    version_of,
-)
+from simspec.imports.sdf import values
+from simspec.imports.sdf.values import SdfPose, Version
 from simspec.language.foreign import suffixes
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.language.shapes import PIECES
@@ -112,8 +96,8 @@ def _file(files: Files, text: str, uri: Element, folder: Path) -> Path:
     shown = files.options.shown(configuration)
     choices: list[tuple[Version, str]] = []
     for child in parse(files.bytes_of(configuration, uri), shown).look("sdf"):
-        version = parsed(child.attributes.get("version", "1.4"))
-        if version is not None and OLDEST <= version <= NEWEST and child.text:
+        version = values.parsed(child.attributes.get("version", "1.4"))
+        if version is not None and values.OLDEST <= version <= values.NEWEST and child.text:
             choices.append((version, child.text))
     if not choices:
         raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1))])
@@ -158,7 +142,7 @@ class SdfMeshes:
         uri = kind.child("uri")
         if uri is None or not uri.text:
             raise kind.error("<mesh> has no <uri>")
-        scale = vector_of(kind, "scale", (1.0, 1.0, 1.0))
+        scale = values.vector_of(kind, "scale", (1.0, 1.0, 1.0))
         as_pieces = self._pieces(shape, kind)
         try:
             for part in kind.look("submesh"):
@@ -288,19 +272,19 @@ class ModelReader:
             element = parse(content, shown)
             self._read[path] = element
             self.roots.append(element)
-            check_outermost(element)
-            modernise(element)
+            values.check_outermost(element)
+            values.modernise(element)
         return self._read[path]
 
     def model(self, element: Element, around: SdfContext) -> Scope:
         """A ``<model>`` with what is in it. Raises SpecError."""
         version, parent = around.version, around.parent
-        scope = Scope(_named(element, version), element, version, parent, pose_of(element))
+        scope = Scope(_named(element, version), element, version, parent, values.pose_of(element))
         scope.folder = around.folder
         scope.placement_frame = element.word("placement_frame") or ""
         scope.canonical = element.word("canonical_link") or ""
-        scope.static = flag_of(element, "static", False) or (parent is not None and parent.static)
-        scope.self_collide = flag_of(element, "self_collide", False)
+        scope.static = values.flag_of(element, "static", False) or (parent is not None and parent.static)
+        scope.self_collide = values.flag_of(element, "self_collide", False)
         self.fill(scope, around)
         return scope
 
@@ -314,7 +298,7 @@ class ModelReader:
         tables = {"link": scope.links, "joint": scope.joints, "frame": scope.frames}
         taken: set[str] = set()
         often: dict[str, int] = {}
-        strict = scope.version >= UNIQUE_SINCE
+        strict = scope.version >= values.UNIQUE_SINCE
         for child in scope.element.look("link", "joint", "frame", "model", "include"):
             if not strict and child.tag == "link" and child.attributes.get("name") == "world" and not child.look():
                 child.ignore(None, "an empty link of this name is the world itself")
@@ -362,7 +346,7 @@ class ModelReader:
         self._includes += 1
         if self._includes > MOST_INCLUDES:
             raise element.error(f"more than {MOST_INCLUDES:,} includes")
-        merges = flag(element, element.word("merge") or "false")
+        merges = values.flag(element, element.word("merge") or "false")
         if merges and (around.parent is None or around.parent.is_world):
             hint = "include the model as it is"
             raise element.error("an include that merges a model into a world is not supported", hint=hint)
@@ -385,19 +369,20 @@ class ModelReader:
         models = root.look("model", "include")
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
-        scope = self.read(models[0], SdfContext(version_of(root), path.parent, (*around.chain, path), around.parent))
+        context = SdfContext(values.version_of(root), path.parent, (*around.chain, path), around.parent)
+        scope = self.read(models[0], context)
         if scope is None:
             return None
         scope.note = GROUND_NOTE if known else ""
-        scope.name, scope.merged = text_of(element, "name", scope.name), merges
-        placed = pose_of(element)
+        scope.name, scope.merged = values.text_of(element, "name", scope.name), merges
+        placed = values.pose_of(element)
         if placed.element is not None:
             if scope.placed.element is not None:
                 scope.placed.element.ignore(None, "an include says another pose")
             scope.placed = placed
-        scope.placement_frame = text_of(element, "placement_frame", scope.placement_frame)
+        scope.placement_frame = values.text_of(element, "placement_frame", scope.placement_frame)
         if element.look("static"):
-            static = flag_of(element, "static", False)
+            static = values.flag_of(element, "static", False)
             for inner in scope.within():
                 inner.static = static
         for child in element.look("plugin"):
@@ -422,7 +407,7 @@ def _without_bodies(element: Element, root: Element) -> bool:
     if root.look("model", "world") or not root.look("light", "actor"):
         return False
     moving = root.look("actor")
-    reason, severity = (NO_ACTOR, PHYSICS) if moving else (SUN_NOTE, APPEARANCE)
+    reason, severity = (values.NO_ACTOR, PHYSICS) if moving else (SUN_NOTE, APPEARANCE)
     element.lose(None, reason, severity)
     for child in root.look():
         child.lose(None, reason, severity)
@@ -433,9 +418,9 @@ def _named(element: Element, version: Version) -> str:
     """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it. A
     name was written flat has the names of the models that it was in before its own."""
     name = element.need("name")
-    strict = version >= UNIQUE_SINCE
+    strict = version >= values.UNIQUE_SINCE
     reserved = ("__model__", "__root__") if not strict and element.tag == "link" else ("__model__", "__root__", "world")
-    if not name or name in reserved or (SEPARATOR in name and version >= FLAT_BEFORE):
+    if not name or name in reserved or (SEPARATOR in name and version >= values.FLAT_BEFORE):
         raise element.error(f"not a name of a <{element.tag}>", found=name[:80])
     return name
 
