@@ -60,7 +60,6 @@ class Expanded:
 def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
     """The text that the file expands to. Raises SpecError with file and line for all that stands in the way."""
     text = _decoded(files.content(), files.shown, Location(files.shown, 1, 1))
-    expansion = _Expansion(files, [files.shown])
     for name, value in arguments.items():
         if (why := numerals.like_a_number(value)) is not None:
             raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not a number: {why}")])
@@ -71,10 +70,11 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
         memory.write(bytes(PLACE_NOW.size))
         memory.flush()
         with mmap.mmap(memory.fileno(), PLACE_NOW.size) as now, _process(memory.fileno()) as process:
-            request = {"files": expansion.names, "text": text, "arguments": dict(arguments), "seconds": CPU_SECONDS}
+            request = {"files": [files.shown], "text": text, "arguments": dict(arguments), "seconds": CPU_SECONDS}
             request["walls"] = None if walls().calls else walls().why
-            expansion.send(process, request)
-            return expansion.answer(process, now)
+            expansion = _Expansion(files, [files.shown], process, now)
+            expansion.send(request)
+            return expansion.answer()
 
 
 @contextlib.contextmanager
@@ -105,30 +105,31 @@ class _Expansion:
 
     files: Files
     names: list[str]
+    process: subprocess.Popen[bytes]
+    now: mmap.mmap
+    """The place of the element that is being expanded."""
 
-    def send(self, process: subprocess.Popen[bytes], message: Mapping[str, Any]) -> None:
+    def send(self, message: Mapping[str, Any]) -> None:
         """A message to the process; of one that has ended, reading reports it."""
-        assert process.stdin is not None
+        assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            process.stdin.write(json.dumps(message).encode() + b"\n")
-            process.stdin.flush()
+            self.process.stdin.write(json.dumps(message).encode() + b"\n")
+            self.process.stdin.flush()
 
-    def answer(self, process: subprocess.Popen[bytes], now: mmap.mmap) -> Expanded:
+    def answer(self) -> Expanded:
         """The expansion by the process; its questions are answered meanwhile."""
-        for line in self._lines(process, now):
+        for line in self._lines():
             try:
                 said = _message(line)
             except ValueError:
-                raise _refused("xacro gave an answer of an unknown form", self._now(now)) from None
+                raise self._refused_now("xacro gave an answer of an unknown form") from None
             if "ask" in said:
-                self._ask(process, said)
+                self._ask(said)
             elif "text" in said:
                 return self._expanded(said)
             else:
                 raise _refused(_whole(said.get("failed")), self._place(said.get("place")))
-        code = process.wait()
-        why = TOO_MUCH if code < 0 else "xacro ended without a result"
-        raise _refused(why, self._now(now))
+        raise self._refused_now(TOO_MUCH if self.process.wait() < 0 else "xacro ended without a result")
 
     def _expanded(self, said: Mapping[str, Any]) -> Expanded:
         text, warnings = str(said["text"]), [(self._place(place), _whole(text)) for place, text in said["warnings"]]
@@ -137,27 +138,27 @@ class _Expansion:
             raise _refused(f"expands to half a character: {half.group()!a}", Location(self.names[0], 1, 1))
         return Expanded(text, self.names, warnings, [str(name) for name in said["declared"]])
 
-    def _lines(self, process: subprocess.Popen[bytes], now: mmap.mmap) -> Iterator[bytes]:
+    def _lines(self) -> Iterator[bytes]:
         """Whole lines from the process, until it ends."""
-        assert process.stdout is not None
+        assert self.process.stdout is not None
         until, waiting, total = time.monotonic() + SECONDS, b"", 0
-        descriptor = process.stdout.fileno()
+        descriptor = self.process.stdout.fileno()
         with selectors.DefaultSelector() as selector:
             selector.register(descriptor, selectors.EVENT_READ)
             while True:
                 left = until - time.monotonic()
                 if left <= 0 or not selector.select(left):
-                    raise _refused(TOO_MUCH, self._now(now))
+                    raise self._refused_now(TOO_MUCH)
                 piece = os.read(descriptor, 2**20)
                 total += len(piece)
                 if not piece:
                     return
                 if total > LARGEST_ANSWER:
-                    raise _refused("expands to too much", self._now(now))
+                    raise self._refused_now("expands to too much")
                 *lines, waiting = (waiting + piece).split(b"\n")
                 yield from lines
 
-    def _ask(self, process: subprocess.Popen[bytes], said: Mapping[str, Any]) -> None:
+    def _ask(self, said: Mapping[str, Any]) -> None:
         """Give the process a text that it requests, or say that there is no such file. Raises SpecError for all else."""
         name = _whole(said["ask"]).replace("file://package://", "package://")
         place = self._place(said.get("place"))
@@ -167,19 +168,19 @@ class _Expansion:
         except SpecError as error:
             if not is_missing(error):
                 raise
-            self.send(process, {"missing": error.problems[0].message + f": {name}"})
+            self.send({"missing": error.problems[0].message + f": {name}"})
             return
         text = _decoded(self.files.bytes_of(path, element), path.name, place)
         self.names.append(self.files.options.shown(path))
-        self.send(process, {"text": text})
+        self.send({"text": text})
 
     def _place(self, place: Any) -> Location:
         numbers = isinstance(place, list) and len(place) == 2 and all(isinstance(entry, int) for entry in place)
         number, line = place if numbers else (0, 1)
         return Location(self.names[number if 0 <= number < len(self.names) else 0], max(1, int(line)), 1)
 
-    def _now(self, now: mmap.mmap) -> Location:
-        return self._place(list(PLACE_NOW.unpack_from(now, 0)))
+    def _refused_now(self, why: str) -> SpecError:
+        return _refused(why, self._place(list(PLACE_NOW.unpack_from(self.now, 0))))
 
 
 def _decoded(content: bytes, name: str, place: Location) -> str:
