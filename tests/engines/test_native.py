@@ -232,7 +232,10 @@ def changed(**fields) -> World:
 
 
 REFUSED = {
-    ("mujoco", "stiff"): (lambda: native(wheel(), kd=50.0), "diverge at 0.001 s; the largest stable step is 0.00079"),
+    ("mujoco", "stiff"): (
+        lambda: native(wheel(), kd=50.0),
+        r"diverge at 0.001 s. Lower physics.timestep to 0.00079\d s, the largest stable step",
+    ),
     ("mujoco", "no effort"): (lambda: native(wheel(), limit=0.0), "effort limit of zero"),
     ("drake", "no effort"): (lambda: native(wheel(), limit=0.0), "effort limit above zero"),
     ("drake", "dry friction"): (lambda: changed(dry_friction=0.1), "no dry friction in joints"),
