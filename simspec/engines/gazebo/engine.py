@@ -156,11 +156,11 @@ class Gazebo(WorldEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_solver": Setting(
             "dantzig",
-            "dantzig: gz-physics' default, of which DART falls back to pgs where it fails. By itself it bounds friction by the "
-            "normal forces that would be without it (a rod that leans on a smooth wall falls at 1.6 times the friction that "
-            "it needs); simspec's part in C++ has it solve each group of bodies in contact in up to 20 passes, bound by the "
-            "normal forces of the pass before, until they fit within 0.1 %, and a run counts those that end before. Ten boxes "
-            "on one another cost no more so. pgs: sweeps over the rows, approximate where many bodies bear each other.",
+            "dantzig: gz-physics' default; DART falls back to pgs where it fails. It bounds friction by the normal "
+            "forces of the frictionless problem, so simspec's extension in C++ solves each group of touching bodies "
+            "in up to 20 passes, each bounded by the normal forces of the pass before, until they agree within 0.1 %; "
+            "a run counts the steps that end earlier. pgs: sweeps over the constraint rows, approximate for stacks "
+            "(see docs/engines/gazebo.md).",
             ("dantzig", "pgs"),
             group=Group.SOLVER,
         )

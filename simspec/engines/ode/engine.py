@@ -156,16 +156,16 @@ class Ode(WorldEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "solver": Setting(
             "step",
-            "step: dWorldStep, whose time grows with the cube of the rows of what hangs together. By itself it bounds friction "
-            "by the normal forces that would be without it (a rod that leans on a smooth wall falls at 1.6 times the friction "
-            "that it needs); in passes, with bounds from the last normal forces, it is exact. quick-step: dWorldQuickStep, "
-            "iterations of each row in turn, pyramids in one pass.",
+            "step: dWorldStep, a direct solver; its time grows with the cube of the constraint rows of connected "
+            "bodies. It bounds friction by the normal forces of the frictionless problem, so simspec solves each step "
+            "in passes, with bounds from the normal forces of the last pass. quick-step: dWorldQuickStep, an "
+            "iterative solver, with pyramids in one pass (see docs/engines/ode.md).",
             ("step", "quick-step"),
             group=Group.SOLVER,
         ),
         "iterations": Setting(
             100,
-            "Of quick-step. 216 spheres lose 1.6 J of 12627 J with 20, nothing with 100.",
+            "Number of iterations of quick-step in a step. Fewer lose energy in piles (see docs/engines/ode.md).",
             minimum=1,
             needs=("solver", ("quick-step",)),
             group=Group.ACCURACY,
@@ -173,17 +173,18 @@ class Ode(WorldEngine[Simulation]):
         ),
         SWITCH: Setting(
             False,
-            "Bodies stay where ODE's own steps leave them, with its own gyroscopic torques, rotations and error reduction "
-            "(0.2), in place of being laid on their joints before every step, as other programs with ODE do. Joints are then "
-            "accepted by name; L6 says how far from the exact motion that is, and certificates are not valid.",
+            "Integrate as other programs with ODE do: ODE's gyroscopic torques, rotations and error reduction (0.2), "
+            "in place of simspec's projection of the bodies onto their joints before every step. The spec must then "
+            "accept the joints by name; L6 reports the deviation from the exact motion, and certificates are not "
+            "valid.",
             only_with=SWITCH,
             group=Group.ROTATION,
         ),
         "softness": Setting(
             1e-10,
-            "soft_cfm and slip of ODE's contacts (m/(N s)). With 0, dWorldStep breaks on redundant points, by an LCP internal "
-            "error, and leaves friction out; a step that breaks is solved again with points that part by 1e-13 m/s, each by "
-            "its own, and then with ten times as much, up to 1e5 times.",
+            "soft_cfm and slip of ODE's contacts (m/(N s)). With 0, dWorldStep fails on redundant points and leaves "
+            "out friction. simspec repeats a step that fails, with slightly different velocities at the contact "
+            "points (see docs/engines/ode.md).",
             minimum=0.0,
             at_most=of_mobility,
             group=Group.SOFTNESS,

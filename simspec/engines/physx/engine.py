@@ -135,8 +135,8 @@ class PhysX(WorldEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "iterations": Setting(
             50,
-            "Sweeps over all contacts in a step (solver_position_iterations). PhysX begins each step anew, so that stacks move "
-            "by what sweeps leave over: ten boxes at 1 ms fall with 20, and move by 1 mm with 50 before they stand still.",
+            "Number of sweeps over all contacts in a step (solver_position_iterations). PhysX does not warm-start a "
+            "step, so that stacks move by the remaining error (see docs/engines/physx.md).",
             minimum=1,
             maximum=255,
             group=Group.ACCURACY,

@@ -219,10 +219,9 @@ def rows_act_on_each_other(world: World) -> bool:
 SETTINGS: Mapping[str, Setting] = {
     "iterations": Setting(
         200,
-        "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
-        "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19. Nothing creeps where nothing has friction. "
-        "Worlds with closed loops (connect, weld), or with several joints of bodies that move together that follow "
-        "others, have 2000 unless the spec says how many.",
+        "Number of sweeps of the constraint solver in a step. With PyBullet's default of 50 boxes creep below the "
+        "friction limit (see docs/engines/pybullet.md); without friction 50 suffice. The default is 2000 in worlds "
+        "with closed loops (connect, weld), or with several coupled joints of bodies that move together.",
         minimum=1,
         group=Group.ACCURACY,
         finer=2000,
@@ -230,10 +229,9 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "residual_threshold": Setting(
         0.0,
-        "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 a body at "
-        "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
-        "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0. A "
-        "ball without friction is not tilted. At 1e-3 a box rests 0.8 mm deep, not 0.07 (measured).",
+        "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 bodies "
+        "at rest tremble, unless contact_processing_threshold is 1e-6, and higher values let them sink deeper (see "
+        "docs/engines/pybullet.md).",
         minimum=0.0,
         maximum=1e-3,
         group=Group.ACCURACY,
@@ -242,32 +240,31 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_erp": Setting(
         0.01,
-        "Share of an overlap of two bodies that is taken back in each step; 0.01 is what all core engines can do.",
+        "Fraction of the overlap of two bodies that each step removes; 0.01 is the common law of the core engines.",
         minimum=0.0,
         maximum=1.0,
         group=Group.ERROR_REDUCTION,
     ),
     "friction_erp": Setting(
         0.0,
-        "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
-        "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law "
-        "has it. Carried bodies slip a little in every step, and the anchor takes that back: at 16 ms a stack of "
-        "cylinders ends 1 mm off, not 10 (measured).",
+        "Fraction of a slip that friction reverts by position in each step (Bullet's frictionERP, with "
+        "frictionAnchor; PyBullet applies it to base links only). 0: friction at the velocity level alone, as in the "
+        "common law. It removes the slow slip of carried bodies (see docs/engines/pybullet.md).",
         minimum=0.0,
         maximum=1.0,
         group=Group.FRICTION,
     ),
     "joint_erp": Setting(
         0.01,
-        "Share of a passed joint limit that is taken back in each step. The speed gained by that stays, so that a stop "
-        "rebounds by as much (measured); PyBullet's own 0.2 would make 20 %.",
+        "Fraction of a joint limit's violation that each step removes. The velocity of the correction remains, so "
+        "that a stop rebounds by the same fraction; PyBullet's default of 0.2 would give 20 %.",
         minimum=0.0,
         maximum=1.0,
         group=Group.JOINTS,
     ),
     "contact_slop": Setting(
         0.0,
-        "Overlap that is tolerated (m); 0: none is left at rest. Bodies at rest overlap by as much.",
+        "Tolerated overlap (m). Bodies at rest overlap by this value; with 0 they do not.",
         minimum=0.0,
         at_most=of_thinnest(SHARE),
         depth=True,
@@ -275,19 +272,18 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_processing_threshold": Setting(
         0.0,
-        "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact removes restitution: 1 "
-        "yields 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
-        "off each other as they should all the same.",
+        "Gap (m) below which the solver includes a contact; 0: touching bodies only. PyBullet's default (speculative "
+        "contact) removes restitution (see docs/engines/pybullet.md). PyBullet applies it to base links only; pairs "
+        "of other links have the right restitution nevertheless.",
         minimum=0.0,
         maximum=1e30,  # PyBullet's own: no bound
         group=Group.GEOMETRY,
     ),
     "contact_breaking_threshold": Setting(
         0.02,
-        "Contact points are kept up to this gap (m); PyBullet's default. Separate shapes are tested in every "
-        "step: 216 spheres, 10 mm from each other at first, take 1.04 times as long as with 2 mm (measured). Points that are "
-        "kept for longer are solved at places where nothing touches any more: at 1 m a bounce is 0.8 mm off, at 1 km "
-        "1.3 mm (measured).",
+        "Gap (m) up to which contact points are kept; PyBullet's default. Larger values cost time, since separate "
+        "shapes are tested in every step, and displace bounces, since points stay where nothing touches any more (see "
+        "docs/engines/pybullet.md).",
         minimum=0.0,
         maximum=1.0,
         frictionless=0.002,
@@ -295,8 +291,8 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "collision_margin": Setting(
         0.0,
-        "Added around convex shapes (m); PyBullet's own 0.001 makes meshes bigger. PyBullet takes it for base links only "
-        "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
+        "Margin around convex shapes (m); PyBullet's default of 0.001 enlarges meshes. PyBullet applies it to base "
+        "links only; other links keep 0.001, with exact faces and radii and edges rounded by 1 mm.",
         minimum=0.0,
         at_most=of_thinnest(COARSE),
         depth=True,
@@ -304,14 +300,15 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "sleeping": Setting(
         False,
-        "Take free rigid bodies that rest (below 1 mm/s for PyBullet's 2 s) out of the simulation until something moving "
+        "Exclude free rigid bodies at rest (below 1 mm/s for PyBullet's 2 s) from the simulation until a moving body "
         "touches them.",
         only_with="sleeping",
         group=Group.SLEEPING,
     ),
     "deterministic_pairs": Setting(
         True,
-        "Sort the pairs of bodies before solving, so that a run does not depend on what was there before.",
+        "Sort the pairs of bodies before the solver, so that a run does not depend on earlier runs of the same "
+        "process.",
         group=Group.ORDER,
     ),
 }

@@ -102,7 +102,8 @@ class Rapier(WorldEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "iterations": Setting(
             50,
-            "Sweeps over all contacts in a step (num_internal_pgs_iterations). With 10, 216 spheres gain 52 J of 12627 J.",
+            "Number of sweeps over all contacts in a step (num_internal_pgs_iterations). Fewer add energy in piles "
+            "(see docs/engines/rapier.md).",
             minimum=1,
             group=Group.ACCURACY,
             finer=1000,

@@ -215,29 +215,31 @@ class Webots(GivenEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "softness": Setting(
             1e-10,
-            "softCFM and forceDependentSlip of every contact (m/(N s)): redundant points share their forces by it. 0, which "
-            "ODE does not solve, Webots takes for its own number.",
+            "softCFM and forceDependentSlip of every contact (m/(N s)), which distributes forces among redundant "
+            "points. It must be above 0, since Webots replaces 0 by its default.",
             minimum=1e-15,
             at_most=of_mobility,
             group=Group.SOFTNESS,
         ),
         "joint_softness": Setting(
             1e-10,
-            "CFM of the world, of joints and dry friction. Webots' own default, 1e-5, lets joints under 1 N part by 1e-5 m/s.",
+            "CFM of the world, of joints and of dry friction. With Webots' default of 1e-5 joints under 1 N separate "
+            "at 1e-5 m/s.",
             minimum=1e-15,
             group=Group.JOINTS,
         ),
         "joint_error_reduction": Setting(
             0.2,
-            "ERP of the world: the share of a joint's parting, and of an overrun limit, that a step takes back. Webots' own.",
+            "ERP of the world: the fraction of a joint's separation, and of a joint limit's violation, that each step "
+            "removes. Webots' default.",
             minimum=0.0,
             maximum=1.0,
             group=Group.JOINTS,
         ),
         "contact_points": Setting(
             100,
-            "maxContactJoints: the points that two shapes may touch in at once, deepest first. Webots' own default, 10, leaves "
-            "out some of a box's or cylinder's.",
+            "maxContactJoints: the maximum number of contact points of two shapes; the deepest are kept. Webots' "
+            "default of 10 leaves out points of boxes and cylinders.",
             minimum=1,
             group=Group.BOUNDS,
         ),
