@@ -120,12 +120,12 @@ LACKING: Final[Table] = {
     Feature.TREE_DEPTH: never("simspec has not tested whether Webots reads Solids nested this deep"),
     **for_each(
         never("simspec does not implement it for Webots"),
-        *(Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        *(Feature.KINEMATIC, Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
     ),
     Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
     **for_each(classes.no_margin("Webots"), *features.MARGINS),
     Feature.SURFACE_VELOCITY: never("only Webots' Tracks have moving surfaces, and simspec does not write them"),
-    **for_each(never("Webots' contact softness, in s²/kg, does not scale with mass"), *features.COMPLIANCES),
+    Feature.HARDNESS_TIME_CONSTANT: never("Webots' contact softness in m/(N s) does not scale with mass"),
     Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot pass pyramid axes to Webots"),
     **for_each(
         never("Webots has no collision filter of materials or groups"), Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS
