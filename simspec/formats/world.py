@@ -21,7 +21,7 @@ from simspec.formats.kit.text import json_text
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.files import read_text
 from simspec.support import classes, features
-from simspec.support.declarations import Table, exactly, for_each, never, shape_kinds
+from simspec.support.declarations import Table, exactly, shape_kinds
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.canonical import canonical_json
@@ -233,11 +233,7 @@ class WorldJson(Format):
             *(*features.CONSTRAINTS, *features.SUMS, Feature.FORCES, *features.CONTROLS, *features.PHYSICS),
         ),
         Feature.FRAME: classes.FRAMES_ALONGSIDE,
-        **for_each(
-            never("world.json has no field for it, since no engine that reads the format has it"),
-            *(Feature.BALL_LIMIT, Feature.FREE_ARMATURE, Feature.BALL_ARMATURE, *features.MARGINS),
-            Feature.SURFACE_VELOCITY,
-        ),
+        **classes.NOT_IN_WORLD_JSON,
         **shape_kinds("world.json", SHAPES),
     }
     """The support of the language; an engine's dialect may support less of it, or more by its sidecar."""

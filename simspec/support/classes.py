@@ -67,6 +67,11 @@ def no_margin(engine: str) -> Support:
     return never(f"{engine} has no contact margin: contact begins where shapes touch")
 
 
+def no_free_armature(engine: str) -> Support:
+    """Of the armature of free joints, in engines and dialects."""
+    return never(f"{engine} has no armature of free joints")
+
+
 def explicit(engine: str) -> Support:
     """Of springs and dampers of joints, in engines and dialects."""
     return via_api(
@@ -87,9 +92,7 @@ def driven(engine: str) -> dict[Feature, Support]:
         Feature.FLUID: via_api(DRAG),
         Feature.CONTROL: via_api(EFFORTS),
         **for_each(no_margin(engine), *MARGINS),
-        Feature.FREE_ARMATURE: never(
-            f"{engine} has no armature of free joints, and contact would ignore a computed one"
-        ),
+        Feature.FREE_ARMATURE: no_free_armature(engine),
         Feature.SUM: via_api(EFFORTS),
         Feature.SUM_DRY_FRICTION: never(
             f"{engine} has dry friction at single joints only, not along sums of joint positions"
@@ -99,21 +102,25 @@ def driven(engine: str) -> dict[Feature, Support]:
 
 
 def free_bodies_only(engine: str, drift: str) -> dict[Feature, Support]:
-    """A driven engine that simspec passes no joints to. ``drift``: the reason, as a sentence."""
+    """A driven engine that reads ``world.json`` and that simspec passes no joints to. ``drift``: the reason, as a sentence."""
     joints = never(f"simspec passes no joints to {engine}. {drift}")
     return {
         **driven(engine),
         **for_each(joints, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL),
-        **for_each(joints, Feature.LIMIT_POSITION, Feature.BALL_LIMIT, *DAMPERS_AND_SPRINGS, Feature.DRY_FRICTION),
-        **for_each(joints, Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.CONTROL, *SUMS),
+        **for_each(joints, Feature.LIMIT_POSITION, *DAMPERS_AND_SPRINGS, Feature.DRY_FRICTION),
+        **for_each(joints, Feature.ARMATURE, Feature.CONTROL, *SUMS),
         **for_each(joints, *CONSTRAINTS, Feature.CONTROL_NATIVE, Feature.EVEN_PRESSURE),
         **for_each(never(f"{engine}'s contacts transmit no torque"), *MOMENTS),
-        Feature.SURFACE_VELOCITY: NO_BELTS,
+        **NOT_IN_WORLD_JSON,
         Feature.HARDNESS_NATIVE: unwritten(engine, Attempt.READ_BACK),
     }
 
 
-NO_BELTS = never("the format world has no surface velocities")
+NOT_IN_WORLD_JSON = for_each(
+    never("world.json has no field for it, since no engine that reads the format has it"),
+    *(Feature.BALL_LIMIT, Feature.FREE_ARMATURE, Feature.BALL_ARMATURE, *MARGINS, Feature.SURFACE_VELOCITY),
+)
+"""Of the format ``world`` and of each engine that reads it."""
 
 
 def unwritten(engine: str, attempt: Attempt) -> Support:
@@ -140,7 +147,7 @@ def with_sidecar(engine: str, how: str) -> dict[Feature, Support]:
         Feature.BALL_ARMATURE: never(
             f"{engine} has no armature, and simspec's substitute acts on joints of one axis only"
         ),
-        Feature.FREE_ARMATURE: never(f"{engine} has no armature of free joints"),
+        Feature.FREE_ARMATURE: no_free_armature(engine),
         **for_each(no_margin(engine), *MARGINS),
     }
 

@@ -49,6 +49,7 @@ COPIES = via_api(
 LIMITS = via_api(
     "simspec enables the limits of the file through the API; joints then stop inelastically within the step"
 )
+NO_BELTS = never(".skel has no surface velocities")
 ANGLE = never("DART limits the components of the rotation vector, not its angle")
 
 
@@ -60,7 +61,7 @@ class DartDialect(Dialect):
     SUPPORT: ClassVar[Table] = {
         **classes.with_sidecar("DART", classes.SIDECAR),
         **shape_kinds("DART", KINDS),
-        Feature.SURFACE_VELOCITY: never(".skel has no surface velocities"),
+        Feature.SURFACE_VELOCITY: NO_BELTS,
         Feature.LIMIT_POSITION: LIMITS,
         Feature.LIMIT_VELOCITY: via_api(
             "simspec keeps the rating in the sidecar: DART would enforce it together with the position limits"

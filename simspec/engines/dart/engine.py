@@ -17,7 +17,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.reference import Servos
 from simspec.dialects.dart.contact import OVERLOOKED, accepted_contact, detector_of, overlooked
-from simspec.dialects.dart.dialect import ANGLE, COPIES, LIMITS
+from simspec.dialects.dart.dialect import ANGLE, COPIES, LIMITS, NO_BELTS
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (
     NATIVE,
@@ -169,7 +169,7 @@ class Dart(SteppedEngine[Simulation]):
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
         **exactly(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
         Feature.BALL_ARMATURE: never("DART has no armature, and simspec's substitute acts on joints of one axis only"),
-        Feature.SURFACE_VELOCITY: never("dartpy gives no access to the surface velocity of a contact"),
+        Feature.SURFACE_VELOCITY: NO_BELTS,
         Feature.LIMIT_POSITION: LIMITS,
         Feature.LIMIT_EFFORT: via_api(classes.SIDECAR),
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),

@@ -165,11 +165,7 @@ class Drake(WorldEngine[Simulation]):
             "simspec keeps Drake's BallRpyJoint, which is singular at a pitch of 90°, at zero on a frame that "
             "carries the rotation"
         ),
-        Feature.BALL_ARMATURE: never("Drake has rotor inertia at joints of one axis only"),
-        Feature.SURFACE_VELOCITY: never("Drake has no surface velocities: surfaces move with their bodies only"),
-        Feature.SHAPE_MARGIN: never(
-            "Drake's margin belongs to pressure fields and exerts no force: contact begins where shapes touch"
-        ),
+        **classes.NOT_IN_WORLD_JSON,
         Feature.LIMIT_POSITION: approximate(
             "TAMSI models joint limits as springs, which joints overrun, and leave with part of their speed. "
             "Use contact_approximation: sap, which stops them within the step",
@@ -224,7 +220,6 @@ class Drake(WorldEngine[Simulation]):
         Feature.KINEMATIC: via_api(classes.HEAVY, light_enough),
         Feature.CONTROL_NATIVE: exact(NATIVE, refine=pd_controllers_hold),
         **outside_constraints(TITLE),
-        Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
         Feature.SUM_DRY_FRICTION: never(NO_DRY_FRICTION),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

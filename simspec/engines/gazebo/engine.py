@@ -99,8 +99,7 @@ class Gazebo(WorldEngine[Simulation]):
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),
-        Feature.BALL_ARMATURE: never("DART has no armature, and simspec's substitute acts on joints of one axis only"),
-        Feature.BALL_LIMIT: never("DART limits components of the rotation vector, not the angle"),
+        **classes.NOT_IN_WORLD_JSON,
         Feature.SHAPE_PLANE: exact(
             "gz-physics represents a static plane by the top of a box of 2.1 km, beyond which nothing bears",
             refine=only_static_planes("gz-physics represents planes by boxes, and {name} would move as a box"),
@@ -110,7 +109,6 @@ class Gazebo(WorldEngine[Simulation]):
         ),
         Feature.SHAPE_CAPSULE: exact(refine=capsules),
         Feature.SHAPE_MESH: classes.CUSTOM_HULLS,
-        Feature.SURFACE_VELOCITY: never("gz-physics 5 has no surface velocity of contacts"),
         Feature.FRICTION: exact(
             "DART treats friction coefficients up to 0.001 as zero. Accept `material.friction` for them",
             refine=_friction,

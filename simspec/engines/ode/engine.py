@@ -129,7 +129,7 @@ class Ode(WorldEngine[Simulation]):
         ),
         **for_each(
             classes.unwritten(TITLE, Attempt.READ_BACK),
-            *(Feature.BALL_ARMATURE, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         ),
         Feature.SHAPE_CYLINDER: exact(
             "ODE misses some overlaps of cylinders with boxes. Accept `shape.cylinder` where cylinders may touch cylinders or "
@@ -140,7 +140,7 @@ class Ode(WorldEngine[Simulation]):
         Feature.SHAPE_CAPSULE: exact(refine=capsules),
         Feature.SHAPE_PLANE: static_planes("ODE's planes are static, and {name} moves"),
         Feature.SHAPE_MESH: classes.CUSTOM_HULLS,
-        Feature.SURFACE_VELOCITY: classes.NO_BELTS,
+        **classes.NOT_IN_WORLD_JSON,
         Feature.FRICTION: dataclasses.replace(classes.LAW_AT_CONTACTS, refine=_settled, cases=(SWEEPS,)),
         Feature.FRICTION_PAIRS: classes.LAW_AT_CONTACTS,
         **for_each(exact(_MOMENTS), *features.MOMENTS),
@@ -148,7 +148,6 @@ class Ode(WorldEngine[Simulation]):
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's contact stiffness in N/m does not scale with mass"),
         Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
         **for_each(_PASSES, *features.CONES),
-        Feature.BALL_LIMIT: never("ODE's ball joints have no limit of the angle"),
         Feature.CONTROL_NATIVE: never(_MOTORS),
         **outside_constraints(TITLE),
         Feature.SUM_DRY_FRICTION: never("ODE's motors act on single joints only, not on sums of joint positions"),
