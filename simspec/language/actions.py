@@ -48,7 +48,7 @@ class _Force(Strict):
 
 
 _FORCE: dict[str, Any] = {
-    "body": (Annotated[str, Name(path=True)], Field(..., description="Full name of the body; one that can move")),
+    "body": (Annotated[str, Name(path=True)], Field(..., description="Full name of a body that can move")),
     "force": (
         Annotated[tuple[float, float, float], Vector(Number("force"))],
         Field(ABSENT, description="Force, in the world's axes"),
@@ -59,12 +59,12 @@ _FORCE: dict[str, Any] = {
     ),
     "at": (
         Point,
-        Field(ABSENT, description="Where the force acts, in the body's frame; default: its origin"),
+        Field(ABSENT, description="Point of application, in the body's frame; default: its origin"),
     ),
-    "from": (Annotated[float, Number("time", 0)], Field(0.0, description="Time from which on it acts")),
+    "from": (Annotated[float, Number("time", 0)], Field(0.0, description="Time at which the force begins")),
     "until": (
         Annotated[float, Number("time", 0, above=True)],
-        Field(ABSENT, description="Time up to which it acts; default: the end of the run"),
+        Field(ABSENT, description="Time at which the force ends; default: the end of the run"),
     ),
 }
 Force: type[_Force] = create_model(
@@ -135,7 +135,7 @@ class TrajectoryPoint(Strict):
 
     at: Time = Field(..., description="Time; later than that of the point before")
     positions: Positions = Field(
-        ..., description="By the joint's full name, or by a pattern, which means driven joints"
+        ..., description="By the joint's full name, or by a pattern, which matches driven joints"
     )
     velocities: Maybe[Annotated[dict[str, Any], BY_JOINT["velocities"]]] = Field(
         ABSENT, description="For cubic and quintic: in all points or in none"
@@ -151,8 +151,8 @@ class TrajectoryPoint(Strict):
 class ToolFrame(Strict):
     """The frame that `move` moves."""
 
-    body: FullName = Field(..., description="Full name of the body that it is fixed to")
-    pose: Maybe[Pose] = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
+    body: FullName = Field(..., description="Full name of the body to which the frame is fixed")
+    pose: Maybe[Pose] = Field(ABSENT, description="Pose of the frame in the body's frame; default: the same frame")
 
 
 class ToolPlace(Rotated):
@@ -203,7 +203,7 @@ class _Step(Strict):
 
 _STEP: Mapping[str, tuple[Any, Any, str]] = {
     "move": (ToolPlace, None, "Move the tool to a pose"),
-    "grip": (Share, None, "Share of the way of the grasp's joints from open (0) to closed (1)"),
+    "grip": (Share, None, "Fraction of the travel of the grasp's joints from open (0) to closed (1)"),
     "wait": (Lasting, None, "Wait for this time"),
     "in": (Lasting, None, "Duration of a move or a grip"),
     "straight": (
@@ -211,7 +211,11 @@ _STEP: Mapping[str, tuple[Any, Any, str]] = {
         True,
         "move: true, along a straight line and by the shortest turn; false, interpolated in joint space",
     ),
-    "squeeze": (Share, 0.0, "grip: share of the grasp's forces, reached linearly over `in`; kept until the next grip"),
+    "squeeze": (
+        Share,
+        0.0,
+        "grip: fraction of the grasp's forces, reached linearly over `in`; kept until the next grip",
+    ),
 }
 
 _STEP_FIELDS: dict[str, Any] = {
@@ -232,7 +236,7 @@ class GraspForce(Strict):
     body: NameOf = Field(..., description="The body that applies the force")
     at: Point = Field((0.0, 0.0, 0.0), description="Point in the body's frame")
     force: Annotated[tuple[float, float, float], Vector(Number("force"))] = Field(
-        ..., description="Force on what is grasped, in the axes of the body's frame"
+        ..., description="Force on the grasped object, in the axes of the body's frame"
     )
 
 
@@ -264,8 +268,8 @@ class Trajectory(Strict):
     )
     until: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
         ABSENT,
-        description="The run ends at this time, where that is before its `duration`; expectations at later times "
-        "are then not checked",
+        description="Time at which the run ends, if before its `duration`; expectations at later times are then "
+        "not checked",
     )
     points: Maybe[list[TrajectoryPoint]] = Field(ABSENT, description="Points in time, in order")
     file: Maybe[Annotated[str, FileName()]] = Field(
@@ -274,13 +278,14 @@ class Trajectory(Strict):
     tool: Maybe[ToolFrame] = Field(ABSENT, description="With `program`: the frame that moves")
     arm: Maybe[Annotated[tuple[str, ...], JointNames()]] = Field(
         ABSENT,
-        description="With `program`: joints that move the tool; default: all driven ones between the world and it",
+        description="With `program`: joints that move the tool; default: all driven joints between the world "
+        "and the tool",
     )
     interval: Annotated[float, Number("time", 0, above=True)] = Field(
         0.05, description="With `program`: largest time between two points of a move or grip"
     )
     grasp: Maybe[FullName] = Field(
-        ABSENT, description="With `program`: MODEL/GRASP that `grip` means; default: the only one"
+        ABSENT, description="With `program`: MODEL/GRASP of the `grip` steps; default: the only grasp"
     )
     program: Maybe[list[Step]] = Field(
         ABSENT, description="Steps, one after the other, from the initial positions and time zero on"

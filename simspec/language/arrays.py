@@ -86,7 +86,7 @@ class Array(Strict):
     line: Maybe[Annotated[int, Whole(1, MOST_ELEMENTS)]] = Field(
         ABSENT, description="n elements, element i at i × `step`"
     )
-    step: Maybe[Point] = Field(ABSENT, description="From one element of a line to the next")
+    step: Maybe[Point] = Field(ABSENT, description="Displacement from one element of a line to the next")
     ring: Maybe[Annotated[int, Whole(1, MOST_ELEMENTS)]] = Field(
         ABSENT, description="n elements on a circle in the x-y plane, element i at the angle 2π i/n from the x axis"
     )
@@ -118,9 +118,9 @@ class Array(Strict):
 class State(Strict):
     """An initial state of a model. Values that it does not give are those of the model's bodies."""
 
-    pose: Maybe[Pose] = Field(ABSENT, description="Pose of the root in the model, instead of its own")
+    pose: Maybe[Pose] = Field(ABSENT, description="Pose of the root in the model, in place of the body's")
     velocity: Maybe[Velocity] = Field(
-        ABSENT, description="Velocity of a free root in the model's axes, instead of its own"
+        ABSENT, description="Velocity of a free root in the model's axes, in place of the body's"
     )
     positions: dict[Annotated[str, NamePattern()], Any] = Field(
         {}, description="Joint positions by the joint's name in the model; `*` matches any text"
@@ -130,7 +130,8 @@ class State(Strict):
     )
     commands: dict[Annotated[str, NamePattern("actuator")], Any] = Field(
         {},
-        description="Commands by the actuator's name in the model, instead of the actuators' own; `*` matches any text",
+        description="Commands by the actuator's name in the model, in place of the actuator's `command`; `*` "
+        "matches any text",
     )
 
 
@@ -140,6 +141,7 @@ class Frame(Strict):
 
     body: Annotated[str, Name(path=True)] = Field(
         ...,
-        description="The body that it is fixed to: by its name in the model, of a scenario's frame by its full name",
+        description="Body to which the frame is fixed: by its name in the model, or by its full name for a "
+        "frame of a scenario",
     )
-    pose: Maybe[Pose] = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
+    pose: Maybe[Pose] = Field(ABSENT, description="Pose of the frame in the body's frame; default: the same frame")

@@ -90,7 +90,7 @@ class Follow(Strict):
     joint: JointName = Field(
         ..., description="The joint that follows; it has no controller, and follows no other joint"
     )
-    leader: JointName = Field(..., description="The joint that it follows")
+    leader: JointName = Field(..., description="The joint that `joint` follows")
     ratio: Annotated[float, Number("number")] = Field(
         1.0,
         description="Position of `joint` for each unit of `leader`'s, not 0; m/rad for a slide that follows a hinge",
@@ -123,7 +123,7 @@ class Connect(_Loop):
 
     at: Point = Field(..., description="The point in the first body's frame")
     second_at: Maybe[Point] = Field(
-        ABSENT, description="The same point in the second body's frame; default: where it is initially"
+        ABSENT, description="The same point in the second body's frame; default: its initial position"
     )
 
 
@@ -156,7 +156,7 @@ class Sum(Strict):
         0.0, description="d ≥ 0 of the damper along the sum, explicit in time"
     )
     dry_friction: Annotated[float, OfSum("dry_friction", 0.0)] = Field(
-        0.0, description="The largest dry force along the sum against its motion, ≥ 0"
+        0.0, description="Maximum force of dry friction along the sum, ≥ 0"
     )
     limits: Maybe[SumLimits] = Field(ABSENT, description="Limits of the sum")
 
@@ -193,5 +193,5 @@ class Constraint(Strict):
 
     follow: Maybe[Follow] = Field(ABSENT, description="A joint follows another")
     connect: Maybe[Connect] = Field(ABSENT, description="Two bodies meet at a point")
-    weld: Maybe[Weld] = Field(ABSENT, description="Two bodies are held rigidly")
+    weld: Maybe[Weld] = Field(ABSENT, description="Two bodies keep their relative pose")
     sum: Maybe[Sum] = Field(ABSENT, description="Springs, friction and stops along a weighted sum of joint positions")

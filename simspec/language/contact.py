@@ -212,7 +212,9 @@ class Group(Strict):
     """A collision group; bodies name it by `collision_group`."""
 
     ignores: Annotated[tuple[str, ...], Names()] = Field(
-        ..., description="Groups whose bodies do not touch bodies of this one; its own name: bodies within the group"
+        ...,
+        description="Groups whose bodies do not touch bodies of this group; the name of the group itself: "
+        "bodies within it",
     )
 
 

@@ -91,7 +91,7 @@ class Actuator(Strict):
     """An actuator, which turns a command u into the effort on a joint: g clip(f), f by the law, of the actuator's position g
     q."""
 
-    joint: NameOf = Field(..., description="The hinge or slide that it acts on, by its name in the model")
+    joint: NameOf = Field(..., description="Hinge or slide on which the actuator acts, by its name in the model")
     law: Annotated[str, Word(tuple(LAWS))] = Field(
         "position",
         description="position: f = kp (u − g q) − kd g v; velocity: f = kd (u − g v); effort: f = u; affine: f = gain u + "
@@ -107,13 +107,13 @@ class Actuator(Strict):
         description="Effort without a command, per position and per velocity; the last two are not above 0; affine",
     )
     gear: Annotated[float, Number("number", -LARGEST_GEAR, LARGEST_GEAR)] = Field(
-        1.0, description="g: turns of the actuator per turn of the joint; below 0 it turns against it"
+        1.0, description="g: turns of the actuator per turn of the joint; negative: in opposite directions"
     )
     effort_limit: Maybe[Annotated[Any, OF_JOINT["effort_limit"]]] = Field(
         ABSENT, description="Largest |f|; the joint's `limits.effort` also applies, to the effort on the joint"
     )
     command_limits: Maybe[Annotated[Any, CommandLimits()]] = Field(ABSENT, description="Smallest and largest command")
-    command: Annotated[Any, COMMAND] = Field(0.0, description="The command where no controller says another")
+    command: Annotated[Any, COMMAND] = Field(0.0, description="Command, unless a controller gives another")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -209,13 +209,13 @@ class Controller(Strict):
 
     law: Annotated[str, Word(CONTROL_LAWS)] = Field("pd", description="The control law, see above")
     joints: Maybe[Annotated[tuple[str, ...], JointNames()]] = Field(
-        ABSENT, description="The hinges and slides that it drives; every entry stands for at least one"
+        ABSENT, description="Hinges and slides that the controller drives; every entry matches at least one"
     )
     actuators: Maybe[Annotated[tuple[str, ...], JointNames("actuator")]] = Field(
         ABSENT, description="Instead of `joints`: the models' actuators that act, by full names (MODEL/ACTUATOR)"
     )
     commands: dict[Annotated[str, NamePattern("actuator", path=True)], Annotated[Any, COMMAND]] = Field(
-        {}, description="Commands of the actuators by full names, instead of their own; `*` matches any text"
+        {}, description="Commands of the actuators by full names, in place of their `command`; `*` matches any text"
     )
     discretisation: Annotated[str, Word(DISCRETISATIONS)] = Field(
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
@@ -228,8 +228,8 @@ class Controller(Strict):
     )
     every: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
         ABSENT,
-        description="Time between two looks of the controller at the state, for which its efforts are held; a whole number of "
-        "timesteps; default: one step; not with `native`",
+        description="Sampling period of the controller, during which its efforts are constant; a whole number "
+        "of timesteps; default: one step; not with `native`",
     )
     actuator: Annotated[str, Word(ACTUATORS)] = Field(
         "position",
@@ -239,7 +239,7 @@ class Controller(Strict):
     kp: Annotated[Any, PER_JOINT["kp"]] = Field(None, description="Effort per error of position; pd and native")
     kd: Annotated[Any, PER_JOINT["kd"]] = Field(None, description="Effort per error of velocity; pd and native")
     gravity_compensation: Annotated[bool, Flag()] = Field(
-        False, description="Whether the effort that holds the joints against gravity at rest is added; pd"
+        False, description="Whether to add the effort that balances gravity at rest; pd"
     )
     effort_limit: Maybe[Annotated[Any, PER_JOINT["effort_limit"]]] = Field(
         ABSENT, description="The largest effort of the actuator; the joint's `limits.effort` also applies"

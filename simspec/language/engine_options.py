@@ -22,7 +22,7 @@ class PairSettings(Strict):
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field(
-        ..., description="Solver settings, of those that the engine has for each pair of materials"
+        ..., description="Solver settings that the engine has for each pair of materials"
     )
 
     @classmethod
@@ -41,7 +41,7 @@ class SettingsAtTimestep(Strict):
     """Solver settings of runs whose timestep is above a bound: `settings`, `pairs` or both."""
 
     above: Annotated[float, Number("time", 0, above=True)] = Field(
-        ..., description="The settings hold at every timestep above this one; at this one itself they do not"
+        ..., description="The settings apply to every timestep greater than this one"
     )
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
     pairs: list[PairSettings] = Field([], description="Settings of pairs of materials")
@@ -62,7 +62,7 @@ class EngineOptions(Strict):
     )
     at_timestep: list[SettingsAtTimestep] = Field(
         [],
-        description="Settings that follow from the timestep, in order of rising `above`; later ones replace earlier ones",
+        description="Settings that depend on the timestep, by increasing `above`; later entries replace earlier ones",
     )
     accept: list[Annotated[str, Text()]] = Field([], description="Features that may be approximate in this engine")
     outside: list[Annotated[str, Text()]] = Field(

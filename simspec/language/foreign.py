@@ -334,17 +334,18 @@ class Import(Strict):
     """The options for the importer of a file of another language."""
 
     packages: dict[NameOf, Annotated[str, FileName()]] = Field(
-        {}, description="Folders of packages that the file names, by their names, relative to this file"
+        {}, description="Folders of the packages that the file names, by package name, relative to this file"
     )
     package_path: list[Annotated[str, FileName()]] = Field(
-        [], description="Folders in which packages are looked for, relative to this file"
+        [], description="Folders to search for packages, relative to this file"
     )
     arguments: dict[NameOf, Annotated[str, Text()]] = Field(
         {}, description="Arguments of a file that is a program (xacro), by name"
     )
     repair: Annotated[list[str], Texts()] = Field(
         [],
-        description="Rules by which defects of the file are repaired, `RULE` or `RULE=VALUE`; `all`: every rule that it needs",
+        description="Rules for the repair of defects of the file, `RULE` or `RULE=VALUE`; `all`: every rule "
+        "that the file needs",
     )
     self_collision: Annotated[bool, Flag()] = Field(
         True, description="false: the bodies of the model that the file describes do not touch each other"

@@ -171,7 +171,7 @@ class Joint(Strict):
         "numbers, `{linear: ..., angular: ...}`",
     )
     dry_friction: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
-        ABSENT, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
+        ABSENT, description="Maximum effort of dry friction, ≥ 0; default 0; hinge and slide"
     )
     armature: Maybe[Annotated[Any, ByJointType("kg m² or kg", parts=True)]] = Field(
         ABSENT,

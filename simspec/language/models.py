@@ -54,18 +54,20 @@ class Body(Strict):
     """A rigid body. One without `parent` is a root: free, unless it is `fixed` or has a `joint` to the world."""
 
     array: Maybe[Array] = Field(ABSENT, description="Copies of this root body and all its descendants")
-    parent: Maybe[NameOf] = Field(ABSENT, description="The body that this one is joined to; none: a root")
+    parent: Maybe[NameOf] = Field(
+        ABSENT, description="Parent body, to which the joint connects this body; none: a root"
+    )
     fixed: Maybe[Switch] = Field(ABSENT, description="A root only: whether it is fixed to the world")
     pose: Maybe[Pose] = Field(
         ABSENT,
         description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin",
     )
     velocity: Maybe[Velocity] = Field(
-        ABSENT, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
+        ABSENT, description="A free root only: initial velocity, in the axes of the reference frame of `pose`"
     )
     kinematic: Maybe[Switch] = Field(
         ABSENT,
-        description="A root only: whether it moves as `motion` says, whatever pushes it; its mass then counts for nothing",
+        description="A root only: whether it follows `motion` regardless of all forces; its mass then has no effect",
     )
     mass: Maybe[Mass] = Field(
         ABSENT, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
@@ -75,14 +77,15 @@ class Body(Strict):
     )
     inertia: Maybe[Inertia] = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
     gravity_scale: Annotated[float, Number("number")] = Field(
-        1.0, description="The body's weight is so many times mass × gravity, at its centre of mass; 0: weightless"
+        1.0, description="Factor of the body's weight, mass × gravity, at its centre of mass; 0: weightless"
     )
     collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
     joint: Maybe[Joint] = Field(ABSENT, description="Joint to the parent, or of a root to the world")
     joints: list[Joint] = Field(
         [],
-        description="Two to six hinges, slides and balls in a row instead of one joint, the parent's side first: the "
-        "`origin` of each is in the frame that the one before it moves, and the last one moves the body",
+        description="Two to six hinges, slides and balls in series instead of one joint, beginning at the "
+        "parent: the `origin` of each is in the frame that the joint before it moves, and the last "
+        "joint moves the body",
     )
     shapes: list[Shape] = Field([], description="Collision and visual shapes")
 
@@ -208,7 +211,9 @@ class Use(_WithImport):
     )
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
     actuators: dict[NameOf, Actuator] = Field(
-        {}, description="Actuators of the model, by name, in addition to those of its file; `control` says which act"
+        {},
+        description="Actuators of the model, by name, in addition to those of its file; they act where "
+        "`control` names them",
     )
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="Constraints within the model, by name; joints and bodies by their names in the model"
@@ -217,24 +222,22 @@ class Use(_WithImport):
         {}, description="Initial states of the model, by name, in addition to those of its file"
     )
     state: Maybe[Annotated[str, Name()]] = Field(
-        ABSENT, description="Name of the initial state; `positions` and `velocities` are said on top of it"
+        ABSENT, description="Name of the initial state; `positions` and `velocities` override it"
     )
     array: Maybe[Array] = Field(ABSENT, description="Copies of the whole model")
     attach: Maybe[Annotated[str, Name(path=True)]] = Field(
         ABSENT,
-        description="Full name of another model's body that the root is fixed to; `pose` is then in that body's frame",
+        description="Full name of another model's body to which the root is fixed; `pose` is then in that body's frame",
     )
-    fixed: Maybe[Switch] = Field(
-        ABSENT, description="Whether the root is fixed to the world; default: as the model says"
-    )
+    fixed: Maybe[Switch] = Field(ABSENT, description="Whether the root is fixed to the world; default: as in the model")
     kinematic: Maybe[Switch] = Field(
-        ABSENT, description="Whether the root moves as `motion` says, whatever pushes it; default: as the model says"
+        ABSENT, description="Whether the root follows `motion` regardless of all forces; default: as in the model"
     )
     pose: Maybe[Pose] = Field(
-        ABSENT, description="Pose of the model in the world; the root's own pose in the model follows it"
+        ABSENT, description="Pose of the model in the world, to which the root's pose in the model is relative"
     )
     velocity: Maybe[Velocity] = Field(
-        ABSENT, description="Initial velocity of a free root, in world axes, instead of the model's own"
+        ABSENT, description="Initial velocity of a free root, in world axes, in place of the model's"
     )
     positions: dict[Annotated[str, NamePattern()], Any] = Field(
         {}, description="Initial joint positions by the joint's name in the model; `*` matches any text"
@@ -270,12 +273,14 @@ class Model(Strict):
     frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies of the model")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
     actuators: dict[NameOf, Actuator] = Field(
-        {}, description="Actuators of the model, by name; `control` says which act"
+        {}, description="Actuators of the model, by name; they act where `control` names them"
     )
     constraints: dict[NameOf, Constraint] = Field({}, description="Constraints within the model, by name")
     states: dict[NameOf, State] = Field({}, description="Initial states of the model, by name")
     state: Maybe[Annotated[str, Name()]] = Field(
-        ABSENT, description="Name of the initial state where nothing nearer says one; default: as the bodies say"
+        ABSENT,
+        description="Name of the initial state, unless the file that uses the model names another; "
+        "default: the state that the bodies define",
     )
 
 
@@ -369,7 +374,9 @@ class File(Strict):
 
     simspec: Annotated[int, Version()] = Field(..., description="Version of the language")
     name: NameOf = Field(..., description="Name; also of the folder that is written")
-    description: Annotated[str, Text()] = Field("", description="One sentence on what it is, or shows")
+    description: Annotated[str, Text()] = Field(
+        "", description="One sentence on the subject or the purpose of the file"
+    )
     physics: Physics = Field(Physics(), description="Gravity, timestep, duration")
     contact: Contact = Field(Contact(), description="Materials, friction cone, collision groups, excluded pairs")
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
@@ -380,22 +387,20 @@ class File(Strict):
         {}, description="Constraints between joints and bodies outside the tree, by name"
     )
     actuators: dict[NameOf, Actuator] = Field(
-        {}, description="Actuators of loose bodies, by name; `control` says which act"
+        {}, description="Actuators of loose bodies, by name; they act where `control` names them"
     )
-    control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
+    control: dict[NameOf, Controller] = Field({}, description="Controllers of joints, by name")
     trajectory: Maybe[Trajectory] = Field(
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
     )
     forces: list[Force] = Field([], description="Forces and torques on bodies during given times: pushes and loads")
     motion: dict[Annotated[str, Name(path=True)], Motion] = Field(
-        {}, description="Motions of kinematic bodies, by full name; one without stands still"
+        {}, description="Motions of kinematic bodies, by full name; a kinematic body without a motion is at rest"
     )
     record: Record = Field(Record(), description="The recording of a run")
     expect: list[Expectation] = Field([], description="Statements that must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
-    sweep: Maybe[Sweep] = Field(
-        ABSENT, description="Many runs of this scenario; changes nothing in the scenario itself"
-    )
+    sweep: Maybe[Sweep] = Field(ABSENT, description="Many runs of this scenario, which itself remains unchanged")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

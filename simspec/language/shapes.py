@@ -65,23 +65,23 @@ class Heightfield(Strict):
 
     rows: Maybe[Annotated[tuple[tuple[float, ...], ...], HeightRows()]] = Field(
         ABSENT,
-        description="The heights as on a map: the first row is at the greatest y, the first of a row at the least x",
+        description="Heights as on a map: the first row at the greatest y, the first value of a row at the least x",
     )
     file: Maybe[Annotated[str, FileName()]] = Field(
         ABSENT,
-        description="Path of a file with the same, relative to this file: a grey PNG (8 or 16 bits), or numbers as text "
-        "(CSV, TXT), one row a line",
+        description="Path of a file with the heights, relative to this file: a grey PNG (8 or 16 bits), or "
+        "numbers as text (CSV, TXT), one row in each line",
     )
     size: Annotated[tuple[float, float], Vector(Number("length", 0, above=True), 2)] = Field(
         ..., description="Full lengths along x and y, between the outermost points"
     )
     heights: Maybe[Annotated[tuple[float, float], Vector(Number("length"), 2)]] = Field(
         ABSENT,
-        description="Heights of the least and of the greatest of all numbers, with the others in proportion; default: the "
-        "numbers are heights in m. A PNG needs it",
+        description="Heights of the smallest and of the largest number, with the others in proportion; default: "
+        "the numbers are heights in m. Required for a PNG",
     )
     base: Annotated[float, Number("length", 0, above=True)] = Field(
-        1.0, description="How far below the lowest point it is solid"
+        1.0, description="Depth of the solid ground below the lowest point"
     )
 
     @classmethod
@@ -177,7 +177,7 @@ class Mesh(_FileAs):
     """A solid from a file of triangles: their convex hull, or several convex pieces."""
 
     max_vertices: Maybe[Annotated[int, Whole(FEWEST_VERTICES, MOST_VERTICES)]] = Field(
-        ABSENT, description="The most vertices of the hull, or of each piece; default: all that it has"
+        ABSENT, description="Maximum number of vertices of the hull, or of each piece; default: no limit"
     )
     mass_from: Annotated[str, Word((SURFACE, HULL))] = Field(
         SURFACE,

@@ -33,7 +33,9 @@ class Samples(Strict):
     """Values drawn at random, the same on every machine. Each path has a stream of random numbers of its own, from the seed and
     the path: another path, or a larger count, changes no sample that there was."""
 
-    count: Annotated[int, Whole(1, MOST_CELLS)] = Field(..., description="How many samples; each draws all values anew")
+    count: Annotated[int, Whole(1, MOST_CELLS)] = Field(
+        ..., description="Number of samples; each draws all values anew"
+    )
     seed: Annotated[int, Whole()] = Field(..., description="Seed of the generators (Python's random.Random)")
     values: dict[PathOf, Distribution] = Field(..., description="The distributions, by the dotted path of the value")
 
@@ -51,7 +53,7 @@ class Perturb(Strict):
         ..., description="Largest relative change: each coordinate's δ is drawn evenly from −amount to amount"
     )
     seeds: Annotated[int, Whole(1, MOST_CELLS)] = Field(
-        ..., description="How many perturbed runs; their seeds are 1, 2, …"
+        ..., description="Number of perturbed runs; their seeds are 1, 2, …"
     )
 
 
@@ -66,15 +68,17 @@ class Sweep(Strict):
         {}, description="A grid: every combination of the values of these paths"
     )
     together: list[dict[PathOf, Annotated[tuple[Any, ...], Values(alike=True)]]] = Field(
-        [], description="Paths moved together: each entry has equally long lists, of which all first values go together"
+        [],
+        description="Paths that change together: each entry has lists of equal length, whose values of the "
+        "same index belong together",
     )
     cases: dict[NameOf, dict[PathOf, Annotated[Any, Plain()]]] = Field(
         {}, description="Named sets of values by path; the scenario without any is one more case"
     )
-    only_cases: Switch = Field(False, description="Whether the scenario without the values of any case is left out")
+    only_cases: Switch = Field(False, description="Whether to omit the scenario without any case")
     samples: Maybe[Samples] = Field(ABSENT, description="Values drawn at random")
-    perturb: Maybe[Perturb] = Field(ABSENT, description="Runs with initial states moved a little")
-    repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="How often each run is done")
+    perturb: Maybe[Perturb] = Field(ABSENT, description="Runs with slightly perturbed initial states")
+    repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="Number of repetitions of each run")
     measure: Annotated[str, Word(MEASURES)] = Field(
         "physics",
         description="physics: the motion, with runs side by side; speed: the cost, with one run at a time",

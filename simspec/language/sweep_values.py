@@ -251,7 +251,7 @@ def rounded(value: float) -> Fraction:
 _RANGE: dict[str, Any] = {
     "from": (Annotated[Any, Quantity()], Field(..., description="The first value")),
     "to": (Annotated[Any, Quantity()], Field(..., description="The last value, in the same unit")),
-    "count": (Annotated[int, Whole(2, MOST_VALUES)], Field(..., description="How many values")),
+    "count": (Annotated[int, Whole(2, MOST_VALUES)], Field(..., description="Number of values")),
     "spacing": (
         Annotated[str, Word(SPACINGS)],
         Field("linear", description="Equal differences, or equal ratios, of neighbours"),
@@ -294,8 +294,9 @@ class Distribution(Strict):
         ABSENT, description="Normally distributed"
     )
     log_uniform: Maybe[Annotated[tuple[Any, Any], Quantities(positive=True)]] = Field(
-        ABSENT, description="The logarithm evenly distributed between those of two numbers above 0"
+        ABSENT, description="Log-uniformly distributed between two numbers above 0"
     )
     choice: Maybe[Annotated[tuple[Any, ...], Values(alike=True)]] = Field(
-        ABSENT, description="One of a list of values, each as likely; a value that is there twice is twice as likely"
+        ABSENT,
+        description="One of a list of values, with equal probability; a repeated value counts as often as it is listed",
     )
