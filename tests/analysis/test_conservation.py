@@ -73,6 +73,8 @@ def test_contact_may_not_add():
     """0.25 m/s more along x: ½·2·(1.25² − 1) J."""
     given = conservation(thrown(lambda t: np.where(t > 0.45, -0.25, 0.0), contacts=[(5, 0, 1, -0.01, 5.0)]))
     assert given.gained.size == pytest.approx(0.5625)
+    # the kinetic energy at the end, of the ball at 1.25 m/s along x and -5 m/s, and of the floor at -10 m/s
+    assert given.gained.relative == pytest.approx(0.5625 / (1.25**2 + 5.0**2 + 50.0))
     assert (given.gained.begin, given.gained.end) == pytest.approx((0.4, 0.6))
 
 

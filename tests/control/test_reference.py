@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.control.reference import driven_joints, efforts, positions, reference
+from simspec.control.reference import driven_joints, efforts, fed_forward, positions, reference
 from simspec.world.actions import Controller, Trajectory
 from tests import worlds
 
@@ -111,3 +111,17 @@ def test_driven_joints_without_a_column_stay_where_they_begin():
     assert q[:, 1].tolist() == [0.0, 1.0]
     assert q[:, 0].tolist() == [start[names[0]][0]] * 2
     assert q[:, 2].tolist() == [start[names[2]][0]] * 2
+
+
+def test_only_natively_driven_joints_with_efforts_are_fed_forward():
+    bodies = worlds.tree(["hinge", "hinge", "hinge"], 1)
+    joints = tuple(body.joint.name for body in bodies)
+    controllers = tuple(
+        Controller(name, (joint,), law, kp=(1.0,), kd=(1.0,), effort_limits=(None,))
+        for name, law, joint in zip(("first", "second", "law"), ("native", "native", "pd"), joints, strict=True)
+    )
+    efforts = ((0.1, 0.0, 0.1), (0.0, 0.0, 0.0))
+    trajectory = Trajectory(joints, (0.0, 1.0), ((0.0,) * 3,) * 2, efforts=efforts)
+    world = dataclasses.replace(worlds.world(bodies), controllers=controllers, trajectory=trajectory)
+    assert list(fed_forward(world)) == [("first", joints[0])]
+    assert list(fed_forward(dataclasses.replace(world, trajectory=None))) == []

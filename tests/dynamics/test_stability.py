@@ -11,6 +11,7 @@ import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.errors import SpecError
+from simspec.world.actions import Box, Fluid
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 from tests import worlds
 
@@ -175,3 +176,19 @@ def test_masses_beyond_double_precision_are_reported():
     with pytest.raises(SpecError, match="singular in double precision") as error:
         simspec.Spec.from_data(data).resolve()
     assert error.value.problems[0].path == "bodies.base"
+
+
+def test_damping_of_a_joint_and_of_a_viscous_fluid_adds_up():
+    """2 (d + b) dt = 4 m, with b = 3 π μ D of the box that the fluid resists; d = b here."""
+
+    def world(timestep: float) -> World:
+        dry = wheel(timestep, kind="slide", damping=resistance)
+        (body,) = dry.bodies
+        physics = dataclasses.replace(dry.physics, fluid=Fluid(viscosity=1.5))
+        return dataclasses.replace(dry, bodies=(dataclasses.replace(body, box=Box((0.2, 0.2, 0.2))),), physics=physics)
+
+    resistance = 3.0 * np.pi * 1.5 * 0.2
+    limit = 0.7 / resistance
+    assert unstable(world(0.99 * limit)) == []
+    (found,) = unstable(world(1.01 * limit))
+    assert found.largest_stable_step == pytest.approx(limit, rel=1e-3)

@@ -279,15 +279,3 @@ def test_a_folder_that_is_no_store_is_refused(tmp_path):
             Store.open(folder)
     with pytest.raises(SpecError, match="a folder of kind 'run'"):
         Store.open(tmp_path / "run", create=True)
-
-
-def test_lists_of_coordinates_are_packed_by_bytes_too(tmp_path, monkeypatch):
-    from pyarrow import parquet
-
-    from simspec.runner import tables
-
-    monkeypatch.setattr(tables, "MOST_COLUMNS", 1)
-    folder = made().save(tmp_path / "run")
-    group = parquet.ParquetFile(folder / "states.parquet").metadata.row_group(0)
-    packed = [group.column(index) for index in range(group.num_columns)]
-    assert all("BYTE_STREAM_SPLIT" in entry.encodings for entry in packed if entry.path_in_schema[0] in "qv")

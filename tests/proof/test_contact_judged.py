@@ -167,6 +167,8 @@ FIGURE = Figure("oblique", "a, b", "case", "change", "m/s", 2.0, 0.1, 1.98, devi
         ({"tolerance": 1.79, "measured": 0.3}, False, "oblique 90 %"),
         ({"without": None}, False, "oblique 99 %"),
         ({"probe": "steady", "expected": 0.0, "promised": 0.1, "without": 9.0}, False, "steady 20 times its tolerance"),
+        ({"without": 1.0, "tolerance": 0.95, "measured": 1.1}, True, "oblique 48 %"),
+        ({"without": 1.0, "tolerance": 0.85, "measured": 1.2}, False, "oblique 42 %"),
         ({"deviation": ""}, False, ""),
         ({"measured": None}, True, ""),  # it fails, and passes by nothing
     ],

@@ -85,6 +85,13 @@ def test_momentum():
     assert turned.detail.startswith("linear")
 
 
+def test_momentum_of_bodies_at_rest_is_conserved_and_the_detail_says_where():
+    found = outcome(expect("momentum_conserved", tolerance=0.0), gravity=0.0)
+    assert found.passed
+    assert found.measured == 0.0
+    assert "N m s" in found.detail
+
+
 def test_angular_momentum_about_the_centre_counts():
     found = outcome(
         expect("momentum_conserved", tolerance=0.01),

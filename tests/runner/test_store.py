@@ -446,3 +446,12 @@ def test_tables_are_written_block_by_block(tmp_path, monkeypatch):
         )
     again = load_run(tmp_path / "blocks")
     assert all(np.array_equal(again.arrays[name], array) for name, array in entry.arrays.items())
+
+
+def test_lists_of_coordinates_are_packed_by_bytes_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "MOST_COLUMNS", 1)
+    noisy().save(tmp_path / "run")
+    group = pq.ParquetFile(tmp_path / "run" / "states.parquet").metadata.row_group(0)
+    packed = [group.column(index) for index in range(group.num_columns)]
+    assert {entry.path_in_schema[0] for entry in packed} >= {"q", "v"}
+    assert all("BYTE_STREAM_SPLIT" in entry.encodings for entry in packed if entry.path_in_schema[0] in "qv")

@@ -191,3 +191,13 @@ def test_the_reader_rejects_an_inexact_copy(change, message, tmp_path):
 def test_the_reader_takes_the_untouched_files(tmp_path):
     world = surfaces("dart")
     assert failures(world, DartDialect().read(write(edited(lambda root, content: None), tmp_path)), text=True) == []
+
+
+def test_ignored_groups_are_those_of_which_both_have_solid_shapes():
+    ball = random_world(0).bodies[3:6]
+    bodies = tuple(dataclasses.replace(body, collision_group=name) for body, name in zip(ball, "abc", strict=True))
+    contact = dataclasses.replace(random_world(0).contact, ignored_groups=(("a", "b"), ("a", "nowhere"), ("d", "e")))
+    world = dataclasses.replace(random_world(0), bodies=bodies, contact=contact)
+    content = json.loads(emit(world)[SIDECAR])
+    assert content["ignored_groups"] == [["a", "b"]]
+    assert content["groups"] == {"a": [bodies[0].name], "b": [bodies[1].name]}

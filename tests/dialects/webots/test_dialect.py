@@ -164,3 +164,13 @@ def test_a_solid_without_mass_has_no_contacts_in_webots(solid, tmp_path):
             accepting(world, "webots")
     else:
         assert failures(accepting(world, "webots"), compiled(accepting(world, "webots")), tmp_path) == []
+
+
+@pytest.mark.parametrize("size", ["0", "-0.5"])
+def test_sizes_of_shapes_that_are_not_above_zero_are_refused(size, tmp_path):
+    world = bare(worlds.shapes_world(("sphere",)))
+    files = compiled(world)
+    changed, count = re.subn(r"radius [0-9.e-]+", f"radius {size}", files[WORLD], count=1)
+    assert count == 1
+    (failure,) = failures(world, {**files, WORLD: changed}, tmp_path)
+    assert "should have sizes above zero" in failure

@@ -10,6 +10,7 @@ import pytest
 from simspec.dialects.mujoco.dialect import are_confused, distinct_sites, with_distinct_frames
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.readback import frame_sites
 from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
@@ -93,3 +94,13 @@ def test_both_sites_of_a_constraint_are_turned_alike():
     assert made["a"][1] == other
     first, second = (frames.multiply(site.orientation, (0.5, 0.5, 0.5, 0.5)) for site in (close, far))
     assert (made["a"][0].orientation, made["b"][0].orientation) == (first, second)
+
+
+def test_sites_of_equalities_are_not_named_frames():
+    """Equalities of bodies have the numbers of bodies, which are no sites."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="m"><freejoint/><geom size=".1"/><site name="a"/><site name="z"/></body>
+        <body name="n"><freejoint/><geom size=".1"/><site name="b"/><site name="c"/></body></worldbody>
+        <equality><weld site1="a" site2="b"/><connect body1="m" body2="n" anchor="0 0 0"/></equality></mujoco>"""
+    )
+    assert frame_sites(mujoco, model) == {"c": 3, "z": 1}

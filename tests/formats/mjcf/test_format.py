@@ -9,11 +9,13 @@ import pytest
 
 from simspec.compiler import write_folder
 from simspec.formats.kit.contract import formats
+from simspec.formats.mjcf import contact
 from simspec.formats.mjcf.format import MODEL, Mjcf
 from simspec.formats.mjcf.reading import MjcfDocument
 from simspec.formats.mjcf.tree import MjcfBody, MjcfKey, MjcfModel
 from simspec.support.declarations import check_total
 from tests.formats.mjcf.models import AT, FULL, STRAIGHT
+from tests.runner.synthetic import free_body, world
 
 
 def written_and_read(model: MjcfModel, tmp_path) -> MjcfDocument:
@@ -105,3 +107,17 @@ def test_another_tree_is_refused():
 def test_the_format_is_offered_with_the_features_of_its_language():
     assert isinstance(formats()["mjcf"], Mjcf)
     check_total("format mjcf", Mjcf.SUPPORT)
+
+
+def test_the_arena_grows_with_the_longest_path_of_joints():
+    """Bodies without shapes have the rows of limits and dry friction alone, each with the velocities on its path."""
+    count = contact.MOST_BY_DEFAULT // 6 + 1
+    bodies = [free_body(f"b{index}") for index in range(count)]
+    for path, parents in ((6, [None] * count), (12, [None, *["b0"] * (count - 1)])):
+        tree = [
+            dataclasses.replace(body, joint=dataclasses.replace(body.joint, parent=parent))
+            for body, parent in zip(bodies, parents, strict=True)
+        ]
+        rows = 2 * 6 * count * (contact.ROW_BYTES + 2 * path * contact.ENTRY_BYTES)
+        size = contact.BASE + rows + contact.PAIR_BYTES * (1 + count) ** 2
+        assert contact.arena_megabytes(world(*tree), newton=False) == math.ceil(size / contact.MIB)

@@ -116,3 +116,15 @@ def test_a_mesh_in_the_format_of_the_engine_is_read(tmp_path):
     assert comparison.deviations(path, ImportOptions())[0].worst < 1e-9
     (shape,) = load(path).resolve().bodies[0].shapes
     assert (shape.kind, len(shape.size)) == ("mesh", 12)
+
+
+def test_a_spring_along_the_first_of_two_coupled_tendons_acts(tmp_path):
+    """It is kept at the other tendon's value, which moves; also where the other is the file's first."""
+    tendons = '<fixed name="s"><joint joint="a" coef="2"/></fixed>'
+    tendons += '<fixed name="t" stiffness="3"><joint joint="c" coef="4"/></fixed>'
+    path = written(tmp_path, MODEL.format(tendons, '<tendon tendon1="t" tendon2="s"/>'))
+    deviations, imported = comparison.deviations(path, ImportOptions())
+    assert deviations.worst < 1e-9
+    assert not lost(imported)
+    (sum_,) = [entry["sum"] for entry in imported.data["model"]["constraints"].values() if "sum" in entry]
+    assert (sum_["joints"], sum_["stiffness"]) == ({"c": 4}, 3)

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.errors import SpecError
+from simspec.imports.usd.shapes import CORNERS
 from simspec.imports.usd.stage import agree, lines_of
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
@@ -300,3 +301,32 @@ def test_a_spec_that_does_not_resolve_has_its_place_where_drives_ask_for_a_times
         stage(tmp_path, text)
     assert all(problem.location is not None for problem in error.value.problems), str(error.value)
     assert "stage.usda:6:" in str(error.value)
+
+
+ROUND = BODY.replace("Cube", "{}").replace("{\n%s\n}", "{{\n{}\n}}")
+STRETCHED = "double radius = 0.5\ndouble height = 2\ndouble3 xformOp:scale = ({}, {}, {})\n"
+STRETCHED += 'uniform token[] xformOpOrder = ["xformOp:scale"]'
+
+
+def test_round_shapes_are_scaled_along_and_across_their_axis(tmp_path):
+    world = stage(tmp_path, HEAD + ROUND.format("Cylinder", STRETCHED.format(0.5, 0.5, 3))).resolve()
+    assert (world.bodies[0].shapes[0].kind, world.bodies[0].shapes[0].size) == ("cylinder", pytest.approx((0.25, 6.0)))
+    with pytest.raises(SpecError, match="elliptical section"):
+        stage(tmp_path, HEAD + ROUND.format("Cylinder", STRETCHED.format(0.5, 0.6, 3)))
+
+
+def test_a_cone_is_a_closed_mesh_whose_faces_point_outwards(tmp_path, monkeypatch):
+    """The volume by the divergence theorem, of a pyramid on a regular polygon: each edge is passed in both directions."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cone.usda").write_text(HEAD + ROUND.format("Cone", STRETCHED.format(1, 1, 1)))
+    done = CliRunner().invoke(cli.app, ["import", "cone.usda", "-o", "cone.yaml", "--meshes", "meshes"])
+    assert done.exit_code == 0, done.output
+    (path,) = (tmp_path / "meshes").rglob("*.obj")
+    rows = [line.split() for line in path.read_text().splitlines()]
+    points = np.array([row[1:] for row in rows if row[0] == "v"], dtype=float)
+    faces = np.array([row[1:] for row in rows if row[0] == "f"], dtype=int) - 1
+    edges = [(int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3)]
+    assert len(set(edges)) == len(edges)
+    assert {(b, a) for a, b in edges} == set(edges)
+    base = 0.5 * CORNERS * 0.5**2 * np.sin(2.0 * np.pi / CORNERS)
+    assert np.linalg.det(points[faces]).sum() / 6.0 == pytest.approx(base * 2.0 / 3.0)
