@@ -68,6 +68,8 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, (str, int)):
         return value
     if isinstance(value, (tuple, list)):
+        if set(map(type, value)) == {float}:  # most values of a world: waypoints, vertices, matrices
+            return [number or 0.0 for number in value]
         return [to_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
