@@ -96,6 +96,13 @@ class Bench:
             return None
         raise AssertionError(f"{self.engine} declares {declared[0].message!r}, and compiles the world")
 
+    def first_allowed(self) -> World:
+        """The first of a few simple worlds that the engine supports; the last has one free body without shapes."""
+        few = (worlds.spheres(), worlds.hinges(), worlds.jointed("free"))
+        world = next(filter(None, map(self.allowed, few)), None)
+        assert world is not None, f"{self.engine} supports no free body"
+        return world
+
     @property
     def pythons(self) -> dict[str, str]:
         """Its interpreter, where it is not this one, by the engine's label."""
