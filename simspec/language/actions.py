@@ -131,7 +131,7 @@ FullName = Annotated[str, Name(path=True)]
 
 
 class TrajectoryPoint(Strict):
-    """Where joints should be at a time. All points of a trajectory have the same entries."""
+    """Joint targets at a time. All points of a trajectory have the same entries."""
 
     at: Time = Field(..., description="Time; later than that of the point before")
     positions: Positions = Field(
@@ -241,8 +241,9 @@ class GraspForce(Strict):
 
 
 class Grasp(Strict):
-    """How a hand opens and closes, by the names of the model's joints, and what it presses with when closed: feed-forward
-    efforts Jᵀ F on the grasp's joints, with J at the closed posture."""
+    """The open and closed positions of a hand, by the names of the model's joints, and its forces when closed:
+    feed-forward efforts Jᵀ F on the grasp's joints, with J at the closed posture.
+    """
 
     open: Postures = Field(..., description="Joint positions at `grip: 0`")
     closed: Postures = Field(..., description="Joint positions at `grip: 1`; the same joints")
@@ -258,8 +259,9 @@ class Grasp(Strict):
 
 
 class Trajectory(Strict):
-    """The trajectory of the driven joints: `points`, a table (`file`), or a `program`. After its end the joints stay where it
-    ends; driven joints that it does not name stay where they begin."""
+    """The trajectory of the driven joints: `points`, a table (`file`), or a `program`. After its end the targets
+    remain at the last point; driven joints that it does not name remain at their initial positions.
+    """
 
     ALTERNATIVES: ClassVar[tuple[str, ...]] = ("points", "file", "program")
 
@@ -353,8 +355,9 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
 
 
 class MotionPoint(Rotated):
-    """Where a kinematic body is at a time. Fields that are left out are as at the point before, at the first point as its
-    `pose`."""
+    """Pose of a kinematic body at a time. Omitted fields have the values of the point before, at the first point
+    those of the body's `pose`.
+    """
 
     at: Annotated[float, Number("time", 0)] = Field(..., description="Time; later than that of the point before")
     xyz: Maybe[Point] = Field(ABSENT, description="Position of the body's frame in the world")
@@ -363,7 +366,7 @@ class MotionPoint(Rotated):
 
 
 class Motion(Strict):
-    """How a kinematic body moves. Before its first point and after its last one it stands still."""
+    """The motion of a kinematic body. It is at rest before the first point and after the last one."""
 
     interpolation: Annotated[str, Word(MOTION_INTERPOLATIONS)] = Field(
         "cubic", description="Interpolation between points, see above"

@@ -116,7 +116,7 @@ class Array(Strict):
 
 
 class State(Strict):
-    """An initial state of a model. Values that it does not give are those of the model's bodies."""
+    """An initial state of a model. Omitted values are those of the model's bodies."""
 
     pose: Maybe[Pose] = Field(ABSENT, description="Pose of the root in the model, in place of the body's")
     velocity: Maybe[Velocity] = Field(
@@ -136,8 +136,7 @@ class State(Strict):
 
 
 class Frame(Strict):
-    """A frame that is fixed to a body. It has no mass, touches nothing and moves nothing: it names a place:
-    a tool point, a sensor, a site."""
+    """A frame fixed to a body, without mass or contact. It names a place: a tool point, a sensor, a site."""
 
     body: Annotated[str, Name(path=True)] = Field(
         ...,

@@ -119,7 +119,7 @@ class _Loop(Strict):
 
 
 class Connect(_Loop):
-    """A loop that is closed at a point: two bodies turn freely about it, and do not touch each other."""
+    """A loop closed at a point: two bodies rotate freely about it, and do not touch each other."""
 
     at: Point = Field(..., description="The point in the first body's frame")
     second_at: Maybe[Point] = Field(
@@ -128,7 +128,7 @@ class Connect(_Loop):
 
 
 class Weld(_Loop):
-    """A loop that is closed rigidly: two bodies keep their places in each other's frames, and do not touch each other."""
+    """A rigidly closed loop: two bodies keep their relative pose, and do not touch each other."""
 
     pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the second body's frame in the first's; default: the initial one"
@@ -144,8 +144,9 @@ class SumLimits(Strict):
 
 
 class Sum(Strict):
-    """A weighted sum L of the positions of hinges and slides, and what acts along it: a spring −stiffness × (L − rest), a
-    damper −damping × L̇, dry friction, and stops. A force F along L is the effort coefficient × F on each joint."""
+    """A weighted sum L of the positions of hinges and slides, with forces along it: a spring −stiffness × (L − rest),
+    a damper −damping × L̇, dry friction, and stops. A force F along L is the effort coefficient × F on each joint.
+    """
 
     joints: Annotated[dict[str, float], Coefficients()] = Field(
         ..., description="The coefficient of each joint, by its full name; not 0"

@@ -170,8 +170,9 @@ Rule = Annotated[str, Word(COMBINATIONS)]
 
 
 class Combine(Strict):
-    """How the values of two different materials combine where `pairs` says nothing. One word stands for all but the
-    threshold."""
+    """Rules for the law of two different materials without an entry in `pairs`. A single word applies to all values
+    but the threshold.
+    """
 
     friction: Rule = Field("min", description="Rule for sliding friction")
     restitution: Rule = Field("min", description="Rule for restitution")
@@ -181,7 +182,7 @@ class Combine(Strict):
 
 
 class Pair(Strict):
-    """The contact law of two materials; wins over `combine`, and over the material's own values for a pair with itself."""
+    """The contact law of two materials; overrides `combine`, and the values of the material for its pair with itself."""
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
     friction: Maybe[Coefficient] = Field(ABSENT, description="Sliding friction of the pair; default: by `combine`")

@@ -205,7 +205,7 @@ PER_JOINT: Mapping[str, PerJoint] = {
 
 
 class Controller(Strict):
-    """How some joints are driven along the trajectory. A joint has at most one controller."""
+    """A controller, which drives joints along the trajectory. A joint has at most one controller."""
 
     law: Annotated[str, Word(CONTROL_LAWS)] = Field("pd", description="The control law, see above")
     joints: Maybe[Annotated[tuple[str, ...], JointNames()]] = Field(

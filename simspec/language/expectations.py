@@ -70,7 +70,7 @@ _SHARE = Number("number", 0)
 _LENGTH = Number("length", 0)
 _TIME = Number("time", 0)
 _BODY = Parameter(Name(path=True), "Full name of a body")
-_AT = Parameter(_TIME, "Time, one that is recorded; default: the end", required=False)
+_AT = Parameter(_TIME, "A recorded time; default: the end", required=False)
 _POINT = Vector(Number("length"))
 
 KINDS: Mapping[str, Kind] = {
@@ -79,12 +79,12 @@ KINDS: Mapping[str, Kind] = {
         {"tolerance": Parameter(_SHARE, "Largest rise, as a share of the run's energy scale")},
     ),
     "energy_conserved": Kind(
-        "The total energy stays what it was at the beginning",
+        "The total energy remains at its initial value",
         {"tolerance": Parameter(_SHARE, "Largest deviation, as a share of the run's energy scale")},
     ),
     "momentum_conserved": Kind(
-        "Linear momentum and angular momentum about the world's origin stay what they were; requires zero gravity",
-        {"tolerance": Parameter(_SHARE, "Largest deviation of either, as a share of its own scale")},
+        "Linear momentum and angular momentum about the world's origin remain constant; requires zero gravity",
+        {"tolerance": Parameter(_SHARE, "Largest deviation of each momentum, as a fraction of its scale")},
     ),
     "no_penetration_deeper_than": Kind(
         "Contact depth never exceeds a bound", {"depth": Parameter(_LENGTH, "Largest depth of a contact")}
@@ -110,7 +110,7 @@ KINDS: Mapping[str, Kind] = {
         {
             "body": _BODY,
             "xyz": Parameter(_POINT, "Place of the frame's origin in the world"),
-            "tolerance": Parameter(_LENGTH, "Largest distance from it"),
+            "tolerance": Parameter(_LENGTH, "Largest distance from the position"),
             "at": _AT,
         },
         of_end="at",
@@ -119,7 +119,7 @@ KINDS: Mapping[str, Kind] = {
         "All given bodies' frames are at their positions",
         {
             "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
-            "tolerance": Parameter(_LENGTH, "Largest distance of any body from its place"),
+            "tolerance": Parameter(_LENGTH, "Largest distance of any body from its target"),
             "at": _AT,
         },
         of_end="at",
@@ -137,7 +137,7 @@ KINDS: Mapping[str, Kind] = {
         of_end="at",
     ),
     "apex_height": Kind(
-        "The greatest height z that a body's frame reaches after a time; not measured where it still rises when the run ends",
+        "Greatest height z of a body's frame after a time; not measured if the frame still rises at the end of the run",
         {
             "body": _BODY,
             "height": Parameter(Number("length"), "The height"),

@@ -126,7 +126,7 @@ class Limits(Strict):
     )
     angle: Maybe[Annotated[Any, ByJointType("rad")]] = Field(
         ABSENT,
-        description="Ball: the largest angle |log R| by which it is turned, at most 180 deg; a hard, inelastic stop",
+        description="Ball: maximum angle |log R| of the rotation, at most 180 deg; a hard, inelastic stop",
     )
     velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s")]] = Field(
         ABSENT, description="Velocity rating > 0; stored in the model, not enforced by the engine"
@@ -147,8 +147,9 @@ class Spring(Strict):
 
 
 class Joint(Strict):
-    """How a body moves against its parent (a root: against the world). The joint's frame is `origin` in the parent's body
-    frame; the body's own frame coincides with it when the joint is at zero."""
+    """The motion of a body relative to its parent (a root: relative to the world). The joint's frame is `origin` in
+    the parent's body frame; the body's frame coincides with it when the joint is at zero.
+    """
 
     name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_joint`, with a number appended if that name is taken"

@@ -70,7 +70,7 @@ class Body(Strict):
         description="A root only: whether it follows `motion` regardless of all forces; its mass then has no effect",
     )
     mass: Maybe[Mass] = Field(
-        ABSENT, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
+        ABSENT, description="Mass; without `inertia` it is distributed evenly over the volumes of the collision shapes"
     )
     centre_of_mass: Maybe[Point] = Field(
         ABSENT, description="Centre of mass in the body frame; with `inertia`; default: its origin"
@@ -301,8 +301,9 @@ def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...
 
 
 class Fluid(Strict):
-    """A fluid that fills the world, at rest or moving as a whole: drag and viscous resistance of every body that moves, as of
-    the box that has its mass and principal moments of inertia."""
+    """A fluid that fills the world, at rest or in uniform motion: drag and viscous resistance of every moving body,
+    as of a box with its mass and principal moments of inertia.
+    """
 
     density: Annotated[float, Number("density", 0)] = Field(0.0, description="Density ρ: drag, quadratic in velocity")
     viscosity: Annotated[float, Number("viscosity", 0)] = Field(
@@ -320,8 +321,9 @@ class Fluid(Strict):
 
 
 class Physics(Strict):
-    """Gravity, time, and what is around the bodies. The integrator of all engines is semi-implicit Euler: v ← v + dt a, then
-    q ← q ⊕ dt v."""
+    """Gravity, time and the fluid around the bodies. The integrator of all engines is semi-implicit Euler: v ← v + dt
+    a, then q ← q ⊕ dt v.
+    """
 
     gravity: Annotated[tuple[float, float, float], Vector(Number("acceleration"))] = Field(
         (0.0, 0.0, -9.81), description="Gravity in world axes"
@@ -373,7 +375,7 @@ class File(Strict):
     """A spec: a scenario (`bodies`, `models`) or one model (`model`)."""
 
     simspec: Annotated[int, Version()] = Field(..., description="Version of the language")
-    name: NameOf = Field(..., description="Name; also of the folder that is written")
+    name: NameOf = Field(..., description="Name of the spec and of its output folder")
     description: Annotated[str, Text()] = Field(
         "", description="One sentence on the subject or the purpose of the file"
     )
@@ -391,7 +393,7 @@ class File(Strict):
     )
     control: dict[NameOf, Controller] = Field({}, description="Controllers of joints, by name")
     trajectory: Maybe[Trajectory] = Field(
-        ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
+        ABSENT, description="Trajectory of the driven joints; default: their initial positions"
     )
     forces: list[Force] = Field([], description="Forces and torques on bodies during given times: pushes and loads")
     motion: dict[Annotated[str, Name(path=True)], Motion] = Field(

@@ -151,11 +151,12 @@ class _File(Strict):
         ..., description="Path of the file (OBJ, STL, DAE, glTF, GLB, PLY, MSH), relative to this file"
     )
     unit: Maybe[Annotated[str, Word(UNITS)]] = Field(
-        ABSENT, description="Unit of the file's lengths; default: as a DAE file says it, else m"
+        ABSENT, description="Unit of the file's lengths; default: that of the DAE file, else m"
     )
     up: Maybe[Annotated[str, Word(("x", "y", "z"))]] = Field(
         ABSENT,
-        description="The file's axis that becomes z; default: as a DAE file says it, y of glTF and GLB, z of all others",
+        description="The file's axis that becomes z; default: that of the DAE file, y for glTF and GLB, z for "
+        "all others",
     )
     scale: Annotated[tuple[float, float, float], Scale()] = Field(
         (1.0, 1.0, 1.0), description="Factors along the axes after `up`; negative ones mirror"
@@ -166,7 +167,8 @@ _AS: dict[str, Any] = {  # `as` is no name that a class body may have
     "as": (
         Annotated[str, Taken((HULL, PIECES))],
         Field(
-            HULL, description="`hull`: its convex hull; `pieces`: several convex ones that together are nearly the same"
+            HULL,
+            description="`hull`: the convex hull; `pieces`: several convex hulls that together approximate the mesh",
         ),
     ),
 }
@@ -245,14 +247,14 @@ class Rotated(Strict):
 
 
 class Orientation(Rotated):
-    """A rotation, as `rpy` or as `quat`, never both; neither means none."""
+    """A rotation, as `rpy` or as `quat`, not both; default: no rotation."""
 
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
     quat: Maybe[Quaternion] = Field(ABSENT, description=QUAT)
 
 
 class Pose(Rotated):
-    """Where a frame is in its parent's frame; `rpy` or `quat`, never both."""
+    """Pose of a frame in its parent's frame; `rpy` or `quat`, not both."""
 
     xyz: Point = Field((0.0, 0.0, 0.0), description="Position of the frame's origin")
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
@@ -260,16 +262,18 @@ class Pose(Rotated):
 
 
 class Velocity(Strict):
-    """The initial velocity of a free root, in the axes of the frame that its `pose` is in: the world's for a loose body and for
-    a placed model, the model's for the root within a model."""
+    """The initial velocity of a free root, in the axes of the reference frame of its `pose`: the world's for a loose
+    body and for a placed model, the model's for the root within a model.
+    """
 
     linear: LinearVelocity = Field((0.0, 0.0, 0.0), description="Velocity of the origin of the body's frame")
     angular: AngularVelocity = Field((0.0, 0.0, 0.0), description="Angular velocity")
 
 
 class SurfaceVelocity(Strict):
-    """The velocity of a surface whose shape stays: of a conveyor belt, or a turntable. At a point x of the shape's frame the
-    surface moves at linear + angular × x, less what points out of it."""
+    """The velocity of a surface relative to its shape, as of a conveyor belt or a turntable. At a point x of the
+    shape's frame the surface moves at linear + angular × x, without the normal component.
+    """
 
     linear: LinearVelocity = Field(
         (0.0, 0.0, 0.0), description="Velocity at the origin of the shape's frame, in its axes"
@@ -333,7 +337,7 @@ class Shape(Strict):
         ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame"
     )
     density: Maybe[Annotated[float, Number("density", 0)]] = Field(
-        ABSENT, description="Density; the body's mass properties are then the sum over its shapes"
+        ABSENT, description="Density; the body's mass properties are the sum over its shapes"
     )
     material: Maybe[NameOf] = Field(
         ABSENT, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
@@ -342,7 +346,7 @@ class Shape(Strict):
         0.0, description="Distance from the surface at which contact begins; the margins of both shapes are added"
     )
     surface_velocity: Maybe[SurfaceVelocity] = Field(
-        ABSENT, description="Velocity of the surface while the shape stays, for friction; default: none"
+        ABSENT, description="Velocity of the surface relative to the shape, for friction; default: none"
     )
     collision: Switch = Field(True, description="Whether the shape takes part in contact")
     visual: Switch = Field(True, description="Whether the shape is drawn")

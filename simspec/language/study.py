@@ -50,7 +50,7 @@ class StudySweep(Strict):
 
     spec: Annotated[str, FileName()] = Field(..., description="The scenario; relative to the study's file")
     set: dict[PathOf, Annotated[Any, Plain()]] = Field({}, description="Values that are put into the scenario, by path")
-    sweep: Maybe[Sweep] = Field(ABSENT, description="Words of the sweep; each replaces that of the scenario's own")
+    sweep: Maybe[Sweep] = Field(ABSENT, description="Words of the sweep; each replaces that of the scenario's sweep")
     small: Maybe[Small] = Field(
         ABSENT, description="The differences with `--small`; without it, the sweep is no part of the small study"
     )
@@ -60,14 +60,15 @@ class StudySweep(Strict):
         "scenario itself",
     )
     fails: list[NameOf] = Field(
-        [], description="Cases that are expected to fail (controls): the study fails where a run of one does not"
+        [],
+        description="Cases that are expected to fail (controls): the study fails if a run of one of them does not fail",
     )
     gap_seeds: Annotated[int, Whole(0, MOST_GAP_SEEDS)] = Field(
         0,
-        description="A second pass: how many runs of each engine are moved by the size of the engines' first gap, known when "
-        "the first runs are done; for `show: [divergence]`",
+        description="A second pass: number of runs of each engine that are perturbed by the size of the "
+        "engines' first gap, known after the first runs; for `show: [divergence]`",
     )
-    show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="The parts of the page about it")
+    show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="The parts of the page about the sweep")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -148,16 +149,16 @@ class StudyFile(Strict):
 class Figure(Strict):
     """Figures of one engine from elsewhere: a series over the timestep, or a single one."""
 
-    sweep: NameOf = Field(..., description="The sweep of the study that they are held against")
+    sweep: NameOf = Field(..., description="The sweep of the study with which the figures are compared")
     quantity: Annotated[str, Word(QUANTITIES)] = Field(..., description="The measured quantity")
-    engine: NameOf = Field(..., description="Where it was measured; any name")
+    engine: NameOf = Field(..., description="Engine of the measurement; any name")
     models: NameOf = Field(
-        "as-published", description="Which models: a case of the sweep, a comparison of its `unequal`, or any name"
+        "as-published", description="Models: a case of the sweep, a comparison of its `unequal`, or any name"
     )
     timesteps: Maybe[Times] = Field(ABSENT, description="The timesteps of the values")
     values: Numbers = Field(..., description="The values, one for each timestep")
-    unit: Words = Field("1", description="Their unit; 1 for none")
-    source: Words = Field(..., description="Where they stand")
+    unit: Words = Field("1", description="Unit of the values; 1 for none")
+    source: Words = Field(..., description="Place of the figures in the source")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

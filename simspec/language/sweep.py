@@ -30,8 +30,9 @@ EXACT, ROUND_UP = TIMES = ("exact", "round_up")
 
 
 class Samples(Strict):
-    """Values drawn at random, the same on every machine. Each path has a stream of random numbers of its own, from the seed and
-    the path: another path, or a larger count, changes no sample that there was."""
+    """Values drawn at random, the same on every machine. Each path has a separate stream of random numbers, from the
+    seed and the path: additional paths, or a larger count, do not change existing samples.
+    """
 
     count: Annotated[int, Whole(1, MOST_CELLS)] = Field(
         ..., description="Number of samples; each draws all values anew"
@@ -46,8 +47,9 @@ class Samples(Strict):
 
 
 class Perturb(Strict):
-    """An ensemble: runs whose initial states are moved a little, besides the one that is not moved. Coordinate x becomes
-    x (1 + δ), a position of exactly zero δ."""
+    """An ensemble: runs with slightly perturbed initial states, in addition to the unperturbed run. Coordinate x
+    becomes x (1 + δ), a position of exactly zero δ.
+    """
 
     amount: Annotated[float, Number("number", 0, 1, above=True)] = Field(
         ..., description="Largest relative change: each coordinate's δ is drawn evenly from −amount to amount"
@@ -58,8 +60,9 @@ class Perturb(Strict):
 
 
 class Sweep(Strict):
-    """Many runs of one scenario: their number is the product of what `cases`, `over`, `together`, `samples`, `perturb`,
-    `repeat` and `engines` say."""
+    """Many runs of one scenario: their number is the product of the numbers of `cases`, `over`, `together`,
+    `samples`, `perturb`, `repeat` and `engines`.
+    """
 
     engines: Maybe[list[Annotated[str, EngineLabel()]]] = Field(
         ABSENT, description="Engines; default: those of the command line, else all that support the scenario"
@@ -81,7 +84,7 @@ class Sweep(Strict):
     repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="Number of repetitions of each run")
     measure: Annotated[str, Word(MEASURES)] = Field(
         "physics",
-        description="physics: the motion, with runs side by side; speed: the cost, with one run at a time",
+        description="physics: the motion, with runs in parallel; speed: the cost, with one run at a time",
     )
     times: Annotated[str, Word(TIMES)] = Field(
         EXACT,

@@ -55,7 +55,7 @@ class Request(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     schema_: Literal[worker.SCHEMA] = Field(alias="schema", description="The version of this form.")  # type: ignore[valid-type]
-    engine: Name = Field(description="The name of the engine, as the artifacts know it.")
+    engine: Name = Field(description="Name of the engine in the artifacts.")
     program: Name = Field(description="Module and class of the engine, for simspec's own worker.")
     operations: list[RequestedOperation]
 
