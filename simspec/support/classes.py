@@ -189,7 +189,9 @@ CUSTOM_HULLS = via_api(
 )
 NO_MASSLESS = never("several joints of one body need massless bodies between them, which are not supported")
 IN_TREES_ONLY = never("simspec does not pass constraints outside the joint tree to the engine")
-CIRCUMSCRIBED = "the circumscribed pyramid: up to 1.41 times the friction between its axes"
+CIRCUMSCRIBED = (
+    "the circumscribed pyramid replaces the elliptic cone: friction between its axes is up to 1.41 times as large"
+)
 CIRCUMSCRIBED_SHORT = "the circumscribed pyramid: between its axes friction is up to 1.41 times that of the cone"
 JAMMED = (
     "solver iterations end before friction has built up the normal force of a self-locking clamp, so that the clamp may slip; "
@@ -203,3 +205,12 @@ HEAVY_ON_LIGHT = (
     "heavy bodies sink into light ones and push them aside",
 )
 """The same of large ratios of masses."""
+PREDICTED_RESTITUTION = (
+    "the engine's restitution is e (1 + g dt / v), and bodies that would leave at less than 0.1 m/s do not bounce. Bodies "
+    "leave at 100 m/s at most"
+)
+FIXED_THRESHOLD = approximate(
+    "the engine's restitution threshold is fixed: bodies bounce if and only if they leave at 0.1 m/s or more, for any "
+    "threshold in the spec",
+    short="the engine's fixed threshold, 0.1 m/s after the impact, replaces the one in the spec",
+)

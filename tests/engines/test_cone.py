@@ -14,8 +14,8 @@ from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Shape
 from tests import worlds
 
 INEXACT = {
-    "pybullet": "PyBullet supports .* approximately.*22 % of μ N",
-    "rapier": "Rapier supports .* approximately.*6 % short",
+    "pybullet": "PyBullet supports .* approximately.*acts along −D⁻¹ v",
+    "rapier": "Rapier supports .* approximately.*acts along K⁻¹ v",
 }
 """Engines whose cone is exact for balls alone, with what they say otherwise."""
 exact = only_balls_slide("by its cone")

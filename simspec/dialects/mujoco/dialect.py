@@ -245,6 +245,10 @@ def restless_bodies(world: World) -> frozenset[str]:
     )
 
 
+RESTITUTION = (
+    "MuJoCo's contact constraint has −e times the approach speed as its reference velocity, while gravity acts "
+    "on. In impacts of several bodies the contacts act one after the other"
+)
 LEAST_INERTIA = 1e-15
 """kg and kg m²: less of a body on a joint, with nothing heavier fixed to it, is refused (mjMINVAL)."""
 
@@ -296,7 +300,7 @@ class MujocoDialect(Dialect):
         Feature.INERTIA_FULL: exact("simspec writes principal moments with an orientation"),
         **for_each(exact("simspec writes the rating into the joint's user data"), *features.LIMIT_RATINGS),
         Feature.RESTITUTION: approximate(
-            "a reference velocity of the contact constraint, −e times the approach speed",
+            RESTITUTION,
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
         Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),

@@ -37,7 +37,7 @@ from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.deviations import HOPS, PREDICTED, PYRAMID, THRESHOLD, Deviation
 from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.foreign import Addition, Reads
 from simspec.engines.kit.inventory import expected_labels
@@ -78,22 +78,16 @@ MOST_RECOVERY = 1e-3
 """DART takes back 1 % of an overlap in each step, but no faster than this (m/s): measured from 1 µm to 20 mm with all its
 solvers, and the same at every timestep. Overlaps of up to 0.1 mm for each ms of the timestep follow the common law."""
 
-_PREDICTED = (
-    "DART multiplies the speed at the end of the step, gravity included: the ratio is e (1 + g dt / v), at 1 m/s"
-)
 _TRIPS = (
-    "in a step in which round-off has tilted a slider only its leading corners touch, and it trips over them, up to 1.6 mm "
-    "deep: at 16 ms at some μ, at 8 ms from 1.25 on"
+    "DART's sliders trip over their leading corners, which alone touch in a step in which round-off has tilted the body"
 )
 _LIVELY = (
-    "a body hops for ever, at e g dt / (1 - e), where that is above DART's least bounce: by 4.6 mm at a restitution of 0.8, by "
-    "25 mm and 0.73 m/s at 0.9; pushed, it slides"
+    "DART lets bodies with restitution hop without end, at e g dt / (1 - e), where that exceeds "
+    "its least bounce. Pushed bodies slide"
 )
-_HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt alone is above DART's least bounce"
 
 
 DANTZIG = ("contact_solver", "dantzig")
-_PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
 _BOUNDS = (
     "DART's Dantzig solver bounds friction by the normal forces of the frictionless problem, so that leaning and "
     "clamped bodies slip"
@@ -200,16 +194,10 @@ class Dart(SteppedEngine[Simulation]):
             f"{classes.SIDECAR}. DART treats friction up to 0.001 as zero, which simspec rejects unless accepted"
         ),
         Feature.RESTITUTION: approximate(
-            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the "
-            "body would leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves "
-            "faster than 100 m/s",
+            classes.PREDICTED_RESTITUTION,
             short="no bounce at less than 0.1 m/s after the impact; above that e is up to 0.009 too large",
         ),
-        Feature.RESTITUTION_THRESHOLD: approximate(
-            "DART's restitution threshold is fixed: bodies bounce if and only if they leave at 0.1 m/s or more, "
-            "for any threshold in the spec",
-            short="DART's fixed threshold, 0.1 m/s after the impact, replaces the one in the spec",
-        ),
+        Feature.RESTITUTION_THRESHOLD: classes.FIXED_THRESHOLD,
         **for_each(never(_NO_TORQUE), *features.MOMENTS),
         Feature.HARDNESS_COMMON: exact(
             "DART's error reduction is the common law for overlaps up to 0.1 mm per ms of timestep; it removes "
@@ -220,12 +208,8 @@ class Dart(SteppedEngine[Simulation]):
         **for_each(via_api(classes.SIDECAR), *features.FILTERS),
         **COUPLED,
         Feature.CONE_ELLIPTIC: approximate(
-            "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and "
-            "is four times faster, the circumscribed pyramid: up to 1.41 times the friction between its axes "
-            "of what slides on one body; and friction is bound by the normal forces that would be without it: "
-            "too little where bodies lean (a rod on a smooth wall has 0.81 of it at 60° to the floor, 0.44 at "
-            "30°, and falls), none where friction alone presses (a clamp that holds itself by its own weight), "
-            "too much where it lightens",
+            "With contact_solver: dantzig, DART bounds friction by the circumscribed pyramid and by the normal forces of the "
+            "frictionless problem, so that leaning and clamped bodies slip. The solver nsgs has the elliptic cone",
             _coulomb,
             "up to 1.41 times the friction; leaning bodies have 0.4 to 0.8 of theirs, and fall",
         ),
@@ -247,10 +231,10 @@ class Dart(SteppedEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
-        Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
-        Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
-        Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),
-        Deviation("rest", 0.16, _HOPS, relative=False, timestep=0.016),
+        Deviation("restitution", 0.08, PREDICTED, relative=False, timestep=0.008),
+        Deviation("restitution", 0.16, PREDICTED, relative=False, timestep=0.016),
+        Deviation("threshold", 1.02, THRESHOLD, relative=False),
+        Deviation("rest", 0.16, HOPS, relative=False, timestep=0.016),
         *(
             Deviation(name, size, _LIVELY, relative, timestep=0.008, restitution=0.55)
             for name, size, relative in (("push", 0.18, True), ("stick", 0.09, False), ("rest", 0.005, False))
@@ -266,17 +250,17 @@ class Dart(SteppedEngine[Simulation]):
             Deviation(name, size, _LIVELY, relative, timestep=0.016, restitution=0.55)
             for name, size, relative in (*(("push", 0.42, True), ("push-oblong", 0.42, True)), ("stick", 0.25, False))
         ),
-        Deviation("oblique-separation", 0.085, _PREDICTED, timestep=0.016, restitution=0.55),
+        Deviation("oblique-separation", 0.085, PREDICTED, timestep=0.016, restitution=0.55),
         *(
-            Deviation(name, 0.415, _PYRAMID, friction_cone="elliptic", setting=DANTZIG)
+            Deviation(name, 0.415, PYRAMID, friction_cone="elliptic", setting=DANTZIG)
             for name in ("push", "push-oblong")
         ),
         *(
-            Deviation(name, 0.36, _PYRAMID, friction_cone="elliptic", setting=DANTZIG)
+            Deviation(name, 0.36, PYRAMID, friction_cone="elliptic", setting=DANTZIG)
             for name in ("stop", "stop-oblong")
         ),
         # slips of 1.6 times what friction takes, 39° from an axis: 0.435, and DART's own 2.6 % on top
-        Deviation("oblique", 0.46, _PYRAMID, friction_cone="elliptic", setting=DANTZIG),
+        Deviation("oblique", 0.46, PYRAMID, friction_cone="elliptic", setting=DANTZIG),
         Deviation("stop", 0.04, _TRIPS, timestep=0.0144),
         Deviation("stop-oblong", 0.021, _TRIPS, friction=1.25, timestep=0.0072),
         Deviation("stop-oblong", 0.09, _TRIPS, timestep=0.0144),
@@ -288,10 +272,11 @@ class Dart(SteppedEngine[Simulation]):
     # ten times dry_friction_tolerance, at which NSGS ends; joints on joints add up
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",
+        "joint.velocity_limit": "simspec passes no velocity limits to DART, which would enforce them together with the "
+        "position limits",
         "shape.name": "DART generates its own shape names",
-        "control.native": "DART's own controllers are switched on when a run begins",
-        "collision_group": "DART does not list its filter; it is probed instead",
+        "control.native": "simspec switches DART's controllers on when a run begins",
+        "collision_group": "DART does not list its filter; simspec probes it instead",
     }
 
     @classmethod

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.reference import natives
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.deviations import UNKNOWN, Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import coupled
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature
@@ -27,30 +27,31 @@ from simspec.world.reach import crossing
 from simspec.world.types import World
 
 _SAP = "contact_approximation=sap"
-_LIFTS = "SAP's contact is convex and lifts slipping bodies by up to the friction times their slip"
+LIFTS = "SAP's contact model is convex, and lifts slipping bodies by up to μ times their slip"
 _SOFT = (
-    "SAP bounds the stiffness of a contact by the lighter mass and the timestep: heavy bodies sink in, with its square"
+    "SAP bounds the stiffness of a contact by the lighter mass and the timestep: heavy bodies "
+    "sink in, with the square of the timestep"
 )
 _CORNERS = (
-    "boxes have points of contact in their corners and one besides: where edges cross, the upper box sinks (accepted by name: "
-    "shape.box)"
+    "Drake's boxes have contact points at their corners and one more: where edges cross, the "
+    "upper box sinks (accepted by name: shape.box)"
 )
 _FIFTH = (
-    "beside its corners a box has one point of contact with another box, off the centre of the face, which bears most"
+    "Drake's boxes have contact points at their corners and one more, which is off the centre of "
+    "the face and bears most of the load"
 )
-_CREEPS = "friction is proportional to slip below the stiction tolerance, and has its full size above it alone"
-_UNKNOWN = "measured; the cause is not known"
+_CREEPS = "Drake's friction is proportional to slip below the stiction tolerance, and has its full size only above it"
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
         Reason("cross*", _CORNERS),
         Reason("squeeze*", _FIFTH, "contact_approximation=tamsi"),
-        Reason("stack-slides*", _LIFTS, _SAP),
+        Reason("stack-slides*", LIFTS, _SAP),
         Reason("stack*", _SOFT, _SAP),
         Reason("stack-slides* stack-stays*", _CREEPS),
-        Reason("*", _LIFTS, _SAP),
-        Reason("*", _UNKNOWN),
+        Reason("*", LIFTS, _SAP),
+        Reason("*", UNKNOWN),
     ),
 )
 COUPLED: Table = coupled(
@@ -63,9 +64,9 @@ COUPLED: Table = coupled(
             "with SAP a body of 1000 times the mass sinks 9 mm in at 4 ms",
         ),
         Feature.EVEN_PRESSURE: (
-            "beside its corners a box has one point of contact with another, off the centre of the face: by "
-            "TAMSI a box between two fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose "
-            "contact is convex, it slips 6 % too little at 1 ms and hardly at all from 4 ms on",
+            "Drake adds a contact point between two boxes off the centre of the face: with TAMSI boxes "
+            "between two fingers turn as they slip. With SAP they slip too little, and hardly at all from "
+            "4 ms on",
             "boxes that slip between fingers turn by 0.9 rad with TAMSI, and slip too little with SAP",
         ),
         Feature.SELF_LOCKING: (

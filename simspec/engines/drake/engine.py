@@ -15,6 +15,7 @@ from simspec.engines.drake.approximations import (
     BODY_SECONDS,
     COUPLED,
     DEVIATIONS,
+    LIFTS,
     MOST_GIGABYTES,
     MOST_TAMSI,
     boxes_supported,
@@ -66,19 +67,12 @@ _MORE_POINTS = (
     "Drake computes one contact point for each pair of geometries; simspec adds balls and discs "
     "within the shape for further points"
 )
-_LIFTS = (
-    "SAP's contact is convex and lifts sliding bodies by up to μ times their slip: a push at 1.6 times "
-    "the limit meets between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within "
-    "1 %)"
-)
-_LIFTS_IMPACT = "SAP's contact is convex: friction in an impact separates the bodies, at 0.3 μ to 0.6 μ times the slip"
+_LIFTS_IMPACT = "SAP's contact model is convex, and friction in an impact separates the bodies"
 _CONVEX = (
     "SAP's contact model is convex: friction lifts sliding bodies and separates bodies in impacts, and its size is wrong. Use "
     "contact_approximation: tamsi, whose friction is exact; see docs/engines/drake.md"
 )
-_SLOW_RECOVERY = (
-    "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
-)
+_SLOW_RECOVERY = "TAMSI removes overlaps at 1/dissipation at most, for any overlap and timestep"
 
 
 def planes_covered(world: World) -> Refinement | None:
@@ -176,12 +170,9 @@ class Drake(WorldEngine[Simulation]):
         Feature.DRY_FRICTION: never(NO_DRY_FRICTION),
         Feature.ARMATURE: exact("simspec sets the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: approximate(
-            "with eight balls in its corners: Drake has one point of contact for each pair of geometries. "
-            "Exact on planes, on boxes four times as wide, and by pressure with hydroelastic_faces: true. "
-            "Where the edges of boxes cross, and fewer than three corners are over the other's face, the upper "
-            "box sinks by 1 to 13 mm in a second at 1 ms; where boxes of like faces land on each other, their "
-            "corners press each other sideways, with forces that cancel (13 kN a point, 5 kg that fell 5 cm: "
-            "measured)",
+            "Drake computes one contact point for each pair of geometries; simspec adds balls at the "
+            "corners, and boxes with crossing edges sink. Use hydroelastic_faces: true; see "
+            "docs/engines/drake.md",
             boxes_supported,
             "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true avoids this)",
         ),
@@ -285,12 +276,12 @@ class Drake(WorldEngine[Simulation]):
         *DEVIATIONS,
         Deviation("overlap", 1e-3, _SLOW_RECOVERY, relative=False, setting=TAMSI),
         *(
-            Deviation(name, size, _LIFTS, friction=friction, setting=SAP)
+            Deviation(name, size, LIFTS, friction=friction, setting=SAP)
             for name in ("push", "push-oblong")
             for size, friction in ((0.31, 0.1), (0.7, 0.51))
         ),
-        *(Deviation(name, 0.15, _LIFTS, friction=0.51, setting=SAP) for name in ("stop", "stop-oblong")),
-        Deviation("stick", 1.3e-4, _LIFTS, relative=False, friction=1.01, timestep=0.0144, setting=SAP),
+        *(Deviation(name, 0.15, LIFTS, friction=0.51, setting=SAP) for name in ("stop", "stop-oblong")),
+        Deviation("stick", 1.3e-4, LIFTS, relative=False, friction=1.01, timestep=0.0144, setting=SAP),
         *(
             Deviation("oblique", size, _LIFTS_IMPACT, friction=friction, setting=SAP)
             for size, friction in ((0.31, 0.1), (0.63, 0.51))
@@ -300,9 +291,7 @@ class Drake(WorldEngine[Simulation]):
             for size, friction in ((0.31, 0.1), (0.63, 0.51))
         ),
     )
-    UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "Drake's filter is set by pairs of geometries, not by groups"
-    }
+    UNREADABLE: ClassVar[Mapping[str, str]] = {"collision_group": "Drake filters pairs of geometries, not groups"}
 
     @classmethod
     def chosen_settings(

@@ -9,7 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit import deviations
+from simspec.engines.kit.deviations import (
+    DEEP,
+    NEAR_LIMIT,
+    PYRAMID,
+    Deviation,
+    Reason,
+    coarse,
+    read_deviations,
+    unconverged,
+)
 from simspec.engines.kit.refinements import coupled
 from simspec.support.declarations import Level, Refinement, Table
 from simspec.support.features import Feature
@@ -17,16 +27,8 @@ from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
 
 _PGS = "contact_solver=pgs"
-_PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
-_SWEEPS = (
-    "pgs sweeps over one row after another: overlaps and wrong friction are left where heavy bodies lie on light ones"
-)
-_CREEPS = "pgs ends its sweeps before friction and normal forces fit each other"
-_DEEP = "an overlap is taken back by a share in each step: heavy bodies rest deeper, with the square of the timestep"
-_NEAR = (
-    "a body that slides with a lighter one below or above needs friction within 0.1 % of its limit at a ratio of 1000"
-)
-_FEW = "steps of some ms are few for what slips, clamps or spins"
+_CREEPS = unconverged("DART's pgs solver")
+_FEW = coarse("slip, clamp or spin")
 
 _NOT_CONVERGED = (
     "With `contact_solver: pgs`, normal and friction forces of several bodies in contact do not converge. Use dantzig"
@@ -36,10 +38,10 @@ _PAGE = "see docs/engines/gazebo.md"
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
-        Reason("rod-slips pile-slips slide-spin", _PYRAMID, cone="elliptic"),
-        Reason("stack*", _SWEEPS, _PGS),
-        Reason("stack-slides* stack-stays*", _NEAR),
-        Reason("stack*", _DEEP),
+        Reason("rod-slips pile-slips slide-spin", PYRAMID, cone="elliptic"),
+        Reason("stack*", deviations.SWEEPS, _PGS),
+        Reason("stack-slides* stack-stays*", NEAR_LIMIT),
+        Reason("stack*", DEEP),
         Reason("rod clamp jam* squeeze* pile", _CREEPS, _PGS),
         Reason("*", _FEW),
     ),
@@ -64,20 +66,26 @@ SWEEPS = Refinement(Level.APPROXIMATE, f"{_NOT_CONVERGED}; {_PAGE}", short="with
 # Shapes that DART's detector ``ode`` gives one point of contact where they touch along a line or on a face. gz-physics makes
 # a box of a plane.
 
-_PORTAL = "by libccd, to 1 µm in depth (overlaps below that can be missed)"
-_LINE = "along a line or on a face in one point, on which they rock"
 APPROXIMATE: Mapping[tuple[str, str], str] = {
-    ("capsule", "cylinder"): f"{_PORTAL}; {_LINE}",
-    ("cylinder", "cylinder"): f"exact where one stands on the other; otherwise {_PORTAL}; {_LINE}",
+    ("capsule", "cylinder"): "capsules",
+    ("cylinder", "cylinder"): "cylinders",
 }
-"""Of cylinders, and what is lost."""
+"""Of cylinders, and the other shapes."""
 ON_BOXES = "capsules have one contact point on boxes and planes, also along a line, on which they rock"
 
 
 def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
-    text = "; ".join(f"{name} and {other} touch {how}" for (name, other), how in pairs.items())
-    others = " and ".join(f"{name}s" for name, _ in pairs)
-    return Refinement(Level.APPROXIMATE, text, short=f"a cylinder and {others} touch in one point, also along a line")
+    others = " and ".join(pairs.values())
+    text = (
+        f"libccd computes contacts of cylinders with {others} to 1 µm in depth, may miss smaller overlaps, and has one "
+        "point along a line or on a face, on which they rock"
+    )
+    standing = ". Cylinders that stand on each other are exact" if ("cylinder", "cylinder") in pairs else ""
+    return Refinement(
+        Level.APPROXIMATE,
+        f"{text}{standing}; {_PAGE}",
+        short=f"a cylinder and {others} touch in one point, also along a line",
+    )
 
 
 def cylinders(world: World) -> Refinement | None:

@@ -18,7 +18,7 @@ from simspec.engines.gazebo.readback import expected, inventory, neutral, read_b
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.deviations import HOPS, PREDICTED, PYRAMID, THRESHOLD, Deviation
 from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.refinements import implicit_damping_armature, leans, no_friction, only_static_planes
 from simspec.engines.kit.settings import Group, Setting
@@ -43,17 +43,8 @@ TINY_FRICTION = 0.001
 """DART treats a friction coefficient of up to this as zero."""
 _NO_TORQUE = "DART's contacts have one normal and two tangential constraints, and transmit no torque"
 _NO_POSITIONS = "gz-physics' dartsim has velocity motors only, which simspec does not use"
-_PREDICTED = (
-    "DART multiplies the speed at the end of the step, gravity included: the ratio is e (1 + g dt / v), at 1 m/s"
-)
-_HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt alone is above DART's least bounce"
-_LIVELY = (
-    "with a restitution of 0.8 a body hops for ever, by up to 5 mm, since every bounce adds e g dt; pushed, it slides"
-)
-_LATE = (
-    "between the pyramid's axes, where its friction is 1.41 times that along them, sliders stop late: by 0.5 % at 4 ms"
-)
-_PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
+_LIVELY = "DART lets bodies of high restitution hop without end, since every bounce adds e g dt. Pushed bodies slide"
+_LATE = "Gazebo stops sliders late between the axes of the pyramid, where its friction is 1.41 times that along them"
 
 
 _TINY = Refinement(
@@ -117,15 +108,10 @@ class Gazebo(WorldEngine[Simulation]):
         **COUPLED,
         **for_each(classes.LAYERS, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
-            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would "
-            "leave at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
+            classes.PREDICTED_RESTITUTION,
             short="no bounce at less than 0.1 m/s after the impact; above that e is slightly too large",
         ),
-        Feature.RESTITUTION_THRESHOLD: approximate(
-            "DART's restitution threshold is fixed: bodies bounce if and only if they leave at 0.1 m/s or more, "
-            "for any threshold in the spec",
-            short="DART's fixed threshold, 0.1 m/s after the impact, replaces the one in the spec",
-        ),
+        Feature.RESTITUTION_THRESHOLD: classes.FIXED_THRESHOLD,
         **for_each(never(_NO_TORQUE), *features.MOMENTS),
         Feature.HARDNESS_COMMON: via_api(
             "simspec raises the maximum velocity of DART's error reduction, which then removes 0.01 of an overlap in each step"
@@ -165,22 +151,22 @@ class Gazebo(WorldEngine[Simulation]):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
-        Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
-        Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
-        Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),
-        Deviation("rest", 0.16, _HOPS, relative=False, timestep=0.016),
+        Deviation("restitution", 0.08, PREDICTED, relative=False, timestep=0.008),
+        Deviation("restitution", 0.16, PREDICTED, relative=False, timestep=0.016),
+        Deviation("threshold", 1.02, THRESHOLD, relative=False),
+        Deviation("rest", 0.16, HOPS, relative=False, timestep=0.016),
         Deviation("rest", 0.005, _LIVELY, relative=False, timestep=0.008, restitution=0.8),
         Deviation("stick", 0.18, _LIVELY, relative=False, timestep=0.008, restitution=0.8),
         *(Deviation(name, 0.065, _LATE, friction=1.0, timestep=0.008) for name in ("stop", "stop-oblong")),
         *(Deviation(name, 0.125, _LATE, friction=1.0, timestep=0.016) for name in ("stop", "stop-oblong")),
-        *(Deviation(name, 0.415, _PYRAMID, friction_cone="elliptic") for name in ("push", "push-oblong")),
-        *(Deviation(name, 0.36, _PYRAMID, friction_cone="elliptic") for name in ("stop", "stop-oblong")),
+        *(Deviation(name, 0.415, PYRAMID, friction_cone="elliptic") for name in ("push", "push-oblong")),
+        *(Deviation(name, 0.36, PYRAMID, friction_cone="elliptic") for name in ("stop", "stop-oblong")),
         # slips of 1.6 times what friction takes, 39° from an axis: 0.435, and DART's own 2.6 % on top
-        Deviation("oblique", 0.46, _PYRAMID, friction_cone="elliptic"),
+        Deviation("oblique", 0.46, PYRAMID, friction_cone="elliptic"),
     )
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "simspec's filter has classes of shapes, in which groups are merged with materials"
+        "collision_group": "simspec's filter has classes of shapes, and merges groups with materials"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

@@ -183,6 +183,9 @@ def _whole_microseconds(world: World) -> Refinement | None:
     return unsupported_if(None if whole else "gz sim's Python bindings report timesteps in whole microseconds only")
 
 
+_NO_SHAPES = "simspec passes no shapes to gz sim"
+
+
 class GzSim(GivenEngine[Simulation]):
     """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
     server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
@@ -248,11 +251,11 @@ class GzSim(GivenEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {}
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "gz sim gets no shapes",
-        "shape.visual": "gz sim gets no shapes",
-        "friction_cone": "gz sim gets no shapes",
-        "joint.velocity_limit": "not passed to gz sim, whose DART would enforce it",
-        "static.inertial": "static bodies get another inertia where SDF takes none",
+        "collision_group": _NO_SHAPES,
+        "shape.visual": _NO_SHAPES,
+        "friction_cone": _NO_SHAPES,
+        "joint.velocity_limit": "simspec passes no velocity limits to gz sim, whose DART would enforce them",
+        "static.inertial": "simspec writes another inertia of static bodies where SDF accepts none",
     }
 
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:

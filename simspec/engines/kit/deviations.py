@@ -89,8 +89,38 @@ COLUMNS = (
 """Columns of a table. A row counts from ``friction``, ``restitution``, ``timestep`` (ms) and ``ratio`` on and below the limits
 ``_below``; an empty cell is no limit. ``setting``: ``name=value``. ``size``: a share of the expected value where ``relative``
 is ``yes``, else in the figure's unit; it includes a margin."""
-BETWEEN_VALUES = "measured between the values of the engine's other tables"
+BETWEEN_VALUES = "simspec measured this deviation between the values of the engine's other tables"
 """Reason of a local deviation that no reason of the engine covers."""
+
+# Reasons that several engines have in common.
+
+UNKNOWN = "simspec measured this deviation, and its cause is not known"
+SWEEPS = (
+    "the solver sweeps over its constraints one after another, and leaves overlaps and wrong friction where heavy bodies rest "
+    "on light ones"
+)
+JAMMED = "the solver ends before friction has built up the normal force of a jammed clamp"
+DEEP = (
+    "the engine removes a share of an overlap in each step: heavy bodies rest deeper, with the square of the timestep"
+)
+NEAR_LIMIT = (
+    "bodies that slide on or under a lighter one require friction within 0.1 % of its limit at a mass ratio of 1000"
+)
+PREDICTED = (
+    "the engine applies restitution to the speed at the end of the step, with gravity: the ratio is e (1 + g dt / v)"
+)
+THRESHOLD = "the engine's restitution threshold is fixed: bodies with e v < 0.1 m/s do not bounce"
+HOPS = "the engine lets bodies with restitution hop without end where g dt alone exceeds its least bounce"
+PYRAMID = "the circumscribed pyramid replaces the elliptic cone, as accepted"
+
+
+def coarse(motion: str) -> str:
+    """That the timestep is too long for bodies that do something."""
+    return f"timesteps of several ms are coarse for bodies that {motion}"
+
+
+def unconverged(solver: str) -> str:
+    return f"{solver} ends before friction and normal forces have converged"
 
 
 @dataclass(frozen=True, slots=True)

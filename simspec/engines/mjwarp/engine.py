@@ -57,12 +57,12 @@ from simspec.world.types import EngineValue, ReadBack, World
 # hops otherwise in singles. Data, measured at 1 ms where no timestep is said.
 
 _SOFT = (
-    "friction is as soft as its contact, and at most 1e5 times as hard (high_impratio): on springs a box "
-    "creeps 4.9e-4 m/s at 60 % of the limit"
+    "MuJoCo Warp's friction is as soft as its contact, and at most 1e5 times as stiff "
+    "(high_impratio), so that boxes on springs creep"
 )
 _HOPS = (
-    "friction's cone is associated, as MuJoCo's: what slides is lifted, and hops; in singles at other moments, "
-    "so that more of a short slide, or of a push that is measured, can be without friction"
+    "MuJoCo Warp's friction cone is associated, as MuJoCo's: it lifts sliding bodies, which hop, "
+    "at other moments in single precision. More of a short slide or push can be without friction"
 )
 
 

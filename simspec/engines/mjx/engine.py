@@ -18,6 +18,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.settings import Setting
 from simspec.engines.mjx.programs import CONTACTS, Modules, Programs, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
+from simspec.engines.mujoco.contact import NO_CUSHION
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.readback import CONE_NAMES
 from simspec.engines.mujoco.rewritten import (
@@ -42,8 +43,8 @@ from simspec.world.types import Body, EngineValue, Quaternion, ReadBack, World
 # measured with MJX 3.17.0 at 0.5 to 16 ms, μ of 0.5 and 0.9, and e of 0.01 to 0.7.
 
 _CORNERS = (
-    "a pair that bounces has no cushion, and of two faces that overlap by less than 1 µm MJX takes one corner "
-    "up to three times, so that a box is tilted and hops"
+    f"{NO_CUSHION}. MJX uses one corner of two faces up to three times where they overlap by less than 1 µm, so that boxes "
+    "tilt and hop"
 )
 _BOUNCES = 0.01
 

@@ -21,8 +21,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from simspec.dialects.mujoco.dialect import RESTITUTION
 from simspec.dialects.mujoco.sidecar import COULOMB
-from simspec.engines.kit.deviations import Deviation, Reason, named_reasons, read_deviations
+from simspec.engines.kit.deviations import (
+    UNKNOWN,
+    Deviation,
+    Reason,
+    coarse,
+    named_reasons,
+    read_deviations,
+    unconverged,
+)
 from simspec.engines.kit.refinements import coupled, in_force
 from simspec.support.declarations import EXACT, Level, Refinement, Support, approximate, exact, never
 from simspec.support.features import Feature
@@ -30,58 +39,80 @@ from simspec.world.contact_pairs import CollisionFilter, meeting_kinds, meeting_
 from simspec.world.shapes import SHAPES, field_of
 from simspec.world.types import Shape, World
 
+BOXES = "3.4"
+"""The first release in which two boxes touch with the depth of their overlap."""
+NATIVE_FRICTION: Mapping[Feature, str] = {
+    Feature.IMPACT_FRICTION: "MuJoCo's native friction lags where it changes within a step: most of it is missing in impacts, "
+    "and leaning, clamped or spinning bodies slip too far",
+    Feature.CARRIED_FRICTION: "MuJoCo's native friction lets a body on a turning or moving carrier slip at a / friction_rate, "
+    "where a is the acceleration of the carrier there, at any timestep",
+    Feature.SELF_LOCKING: "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses it on",
+}
+"""The deviation of MuJoCo's native friction in each feature for which MuJoCo's declaration names ``friction: coulomb``."""
+USE_COULOMB = "Use engines.mujoco.settings: {friction: coulomb}, which costs time"
+
+NO_CUSHION = "simspec adds no cushion to pairs with restitution"
 _HOP = (
-    "MuJoCo's friction cone is associated: what slides is lifted, and beyond a speed that falls with μ and the "
-    "timestep it leaves its cushion and hops"
+    "MuJoCo's friction cone is associated: it lifts sliding bodies, which leave their cushion and "
+    "hop beyond a speed that decreases with μ and the timestep"
 )
 _DEEPER = (
-    "the points of two boxes have half the depth of their overlap, so that a box lies twice as deep on another one"
+    f"MuJoCo before {BOXES} computes half the overlap depth of two boxes: a box rests twice as deep on another one"
 )
+_DEEP = "MuJoCo's contact leaves 0.1 % of gravity, and removes 1 % of an overlap in each step"
+_PYRAMID = "MuJoCo's pyramid has no separate reference for friction, and sliding bodies hop"
 FRICTION_DEVIATIONS: tuple[Deviation, ...] = named_reasons(
     Path(__file__).with_name("friction_deviations.csv"),
     {
         "hop": _HOP,
         "late-hop": (
-            "friction takes back slip at a rate of 100/s at most, so the last μ g/100 of speed fades instead of stopping; "
-            + _HOP
+            "MuJoCo's friction removes slip at a rate of 100/s at most, so that the last μ g/100 of the "
+            "speed decays. " + _HOP
         ),
         "missing": (
-            "friction takes back slip at a rate of 100/s at most, and an impact lasts one step: most of its friction is "
-            "missing, the more the shorter the step (accepted by name: contact.friction.impact)"
+            "MuJoCo's friction removes slip at a rate of 100/s at most, and an impact lasts one step: "
+            "most of its friction is missing, more at shorter timesteps (accepted by name: "
+            "contact.friction.impact)"
         ),
-        "thrown": "what is left of an impact's friction lifts what slips, its cone being associated",
+        "thrown": "MuJoCo's friction cone is associated: the remaining friction of an impact lifts slipping bodies",
         "set-down": (
-            "a slider that is set down touches one step later, and has that step's friction in the next: of a slide of few "
-            "steps, up to one of them"
+            "MuJoCo's contact of a slider that is set down begins one step later, with that step's "
+            "friction in the next: a slide of few steps is off by up to one"
         ),
-        "bouncing": f"a pair that bounces has no cushion. {_HOP}",
-        "pyramid": "under the pyramid friction has no reference of its own, and what slides hops",
-        "native": "MuJoCo's own contact has no reference of its own for friction, and what slides hops",
-        "restless": "with e near 1 a body never comes to rest; it bounces on at up to 1.6 times (1 + e) g dt",
-        "cushion": "on the cushion of frictional contact gravity acts until the depth balances it",
-        "deep": "taken back is 1 % of an overlap in a step, after 0.1 % of gravity",
-        "threshold": "MuJoCo has no threshold: all impacts bounce",
-        "rocks": "a ball that stops within a step rocks in its contact",
+        "bouncing": f"{NO_CUSHION}. {_HOP}",
+        "pyramid": _PYRAMID,
+        "native": "MuJoCo's native contact has no separate reference for friction, and sliding bodies hop",
+        "restless": "MuJoCo lets bodies with e near 1 bounce on without end, at a speed proportional to (1 + e) g dt",
+        "cushion": "MuJoCo lets bodies sink into the cushion of frictional contact until the depth balances gravity",
+        "deep": _DEEP,
+        "threshold": "MuJoCo has no restitution threshold: bodies bounce in all impacts",
+        "rocks": "MuJoCo's balls that stop within a step rock in their contact",
         "half-depth": _DEEPER,
         "half-depth-slower": f"{_DEEPER}, and takes longer to come to rest there",
-        "half-depth-hop": f"{_DEEPER}: what slides hops at other moments",
+        "half-depth-hop": f"{_DEEPER}, and sliding bodies hop at other moments",
     },
 )
 
 # Contact of several bodies.
 
-_LEANS = "friction takes slip back at a rate of 100/s, so that what leans settles by millimetres, and slips too far"
-_PYRAMID = "under the pyramid what slides hops, and friction has no reference of its own"
-_TOGETHER = "most of the friction of an impact is missing (accepted by name: contact.friction.impact)"
-_ROW = "contacts with restitution are springs of some steps, which act one after the other: the last ball of a row leaves alone"
-_HEAVY = "1 % of an overlap is taken back in a step, after 0.1 % of gravity: heavy bodies rest deeper, with dt squared"
-_CARRIED = "what turns slips outwards at its acceleration over the friction rate of 100/s, whatever the timestep"
-_SPINS = "friction lags behind normal forces that change as a body tilts or spins"
-_FEW = "steps of some ms are few for what slips, clamps, spins or lies on crossing edges"
-_LOOP = "the loop around MuJoCo's solver ends before friction and normal forces fit each other"
-_LIFTED = "what slides is lifted, the cone being associated, so that it weighs on what is below it by turns"
-_CREEPS = "friction near its limit creeps, the more the heavier the body that pushes"
-_UNKNOWN = "measured; the cause is not known"
+_LEANS = (
+    "MuJoCo's friction removes slip at a rate of 100/s, so that leaning bodies settle by millimetres and slip too far"
+)
+_TOGETHER = "MuJoCo's impacts lack most of their friction (accepted by name: contact.friction.impact)"
+_ROW = (
+    "MuJoCo's contacts with restitution are springs that last several steps and act one after the "
+    "other: the last ball of a row leaves alone"
+)
+_HEAVY = f"{_DEEP}: heavy bodies rest deeper, with the square of the timestep"
+_CARRIED = (
+    "MuJoCo's friction lets turning bodies slip outwards at their acceleration divided by the "
+    "friction rate of 100/s, at any timestep"
+)
+_SPINS = "MuJoCo's friction lags behind normal forces that change as a body tilts or spins"
+_FEW = coarse("slip, clamp, spin or rest on crossing edges")
+_LOOP = unconverged("simspec's loop around MuJoCo's solver")
+_LIFTED = "MuJoCo's friction cone is associated: it lifts sliding bodies, which load the body below intermittently"
+_CREEPS = "MuJoCo's friction creeps near its limit, faster under heavier bodies that push"
 _NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"
 
 COUPLED_DEVIATIONS: tuple[Deviation, ...] = read_deviations(
@@ -92,7 +123,7 @@ COUPLED_DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("stack-slides*", _LIFTED, _NATIVE),
         Reason("stack-stays*", _CREEPS),
         Reason("stack-slides*", _LOOP),
-        Reason("stack-sideways", _UNKNOWN),
+        Reason("stack-sideways", UNKNOWN),
         Reason("stack", _HEAVY),
         Reason("carrier", _CARRIED),
         Reason("rod* clamp* jam* squeeze* pile* slide-spin", _PYRAMID, _NATIVE, _INSCRIBED),
@@ -105,9 +136,6 @@ COUPLED_DEVIATIONS: tuple[Deviation, ...] = read_deviations(
 
 
 CONTACT_DEVIATIONS: tuple[Deviation, ...] = (*FRICTION_DEVIATIONS, *COUPLED_DEVIATIONS)
-
-BOXES = "3.4"
-"""The first release in which two boxes touch with the depth of their overlap."""
 
 COULOMB_COSTS = (
     "simspec applies De Saxcé's correction around MuJoCo's solver at every step (friction: coulomb), for "
@@ -131,8 +159,7 @@ def coulomb_requested(world: World) -> Refinement | None:
 UNLISTED = Refinement(
     Level.APPROXIMATE,
     "More pairs of shapes with friction may touch than explicit_pairs_limit allows: simspec writes none of "
-    "them, sliding bodies are lifted, and level L5 fails. Use engines.mujoco.settings: {friction: coulomb}, "
-    "which costs time",
+    f"them, sliding bodies are lifted, and level L5 fails. {USE_COULOMB}",
     "beyond explicit_pairs_limit sliding bodies hop, and L5 fails; use friction: coulomb",
 )
 
@@ -153,8 +180,7 @@ def _too_many_to_list(world: World) -> bool:
 
 HALF_DEPTH = Refinement(
     Level.APPROXIMATE,
-    f"MuJoCo before {BOXES} computes half the overlap depth of two boxes: a box rests twice as deep on another "
-    "one, and recovers at half the rate",
+    f"{_DEEPER}, and recovers at half the rate",
     f"before {BOXES} a box rests twice as deep on another box, and recovers half as fast",
 )
 
@@ -169,10 +195,7 @@ _BY_COULOMB_CARRIED = dataclasses.replace(
 )
 COUPLED_SUPPORT: Mapping[Feature, Support] = {
     Feature.CARRIED_FRICTION: approximate(
-        "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
-        "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s "
-        "and 1 rad/s by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: "
-        "{friction: coulomb} holds it at 1.3 to 1.6 times the time of a step",
+        f"{NATIVE_FRICTION[Feature.CARRIED_FRICTION]}. {USE_COULOMB}",
         short="a body on a turning carrier slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
         refine=lambda world: _BY_COULOMB_CARRIED if coulomb_requested(world) else None,
         cases=(_BY_COULOMB_CARRIED,),
@@ -182,9 +205,8 @@ COUPLED_SUPPORT: Mapping[Feature, Support] = {
         COUPLED_DEVIATIONS,
         {
             Feature.SELF_LOCKING: (
-                "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses "
-                "it on. With engines.mujoco.settings: {friction: coulomb} it creeps, and falls under the "
-                "pyramid",
+                f"{NATIVE_FRICTION[Feature.SELF_LOCKING]}. With engines.mujoco.settings: {{friction: coulomb}} it creeps, and "
+                "falls under the pyramid",
                 "a jammed clamp slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
             ),
             Feature.EVEN_PRESSURE: (
@@ -282,9 +304,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     ),
     Feature.FRICTION_PAIRS: _PAIRS,
     Feature.RESTITUTION: approximate(
-        "a reference velocity of −e times the approach speed: within 0.03 of e for spheres from 1 m/s at 1 ms, 0.05 at 2 ms, "
-        "0.11 at 4 ms, where gravity acts on during the steps out of the overlap; impacts on several bodies pass from one to "
-        "the next, so that the last of a row leaves alone",
+        RESTITUTION,
         short="e is off by up to 0.03 at 1 ms, 0.05 at 2 ms and 0.11 at 4 ms",
     ),
     Feature.RESTITUTION_PAIRS: _PAIRS,
@@ -326,11 +346,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     ),
     Feature.PASSING_PAIRS: exact("simspec writes collision masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: approximate(
-        "friction lags where it changes within steps. Most of that in impacts is missing: of the speed along "
-        "the surface that one should take away 80 to 90 % stays at 1 ms. What leans or clamps settles by up to "
-        "5 mm before it is held, what slips there goes up to 38 % too far, what spins as it slides is braked "
-        "up to 17 % wrongly, and what slides with another body on it stops 9 % off, 38 % below one of 100 "
-        "times its mass (measured, 1 ms); engines.mujoco.settings: {friction: coulomb} has it right, at a price",
+        f"{NATIVE_FRICTION[Feature.IMPACT_FRICTION]}. {USE_COULOMB}",
         short="80 to 90 % of the friction in impacts is missing at 1 ms; leaning bodies settle by up to 5 mm",
         refine=impact_friction,
         cases=(BY_COULOMB, UNLISTED),

@@ -73,8 +73,7 @@ class MuJoCo(MujocoSimulation):
         **shape_kinds("MuJoCo", KINDS),
         Feature.SHAPE_HEIGHTFIELD: HEIGHT_FIELDS,
         Feature.LIMIT_POSITION: approximate(
-            "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
-            "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",
+            _LATE,
             short="a joint passes its limit by up to one step's motion before it stops",
         ),
         Feature.BALL_LIMIT: approximate(

@@ -42,7 +42,7 @@ from simspec.world.types import (
 )
 
 UNREADABLE = {
-    "collision_group": "MuJoCo keeps bit masks and excluded pairs, not the names of groups; the filter is probed"
+    "collision_group": "MuJoCo stores bit masks and excluded pairs, not the names of groups; simspec probes the filter"
 }
 
 JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}

@@ -19,6 +19,7 @@ from simspec.engines.kit.arrays import sorted_pairs
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mujoco.contact import NATIVE_FRICTION
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expectation import Expectation
 from simspec.engines.mujoco.inventory import expected_inventory
@@ -35,23 +36,13 @@ OF_MUJOCO = "Use the engine mujoco with engines.mujoco.settings: {friction: coul
 """The way out where MuJoCo's declaration names a setting that only MuJoCo has."""
 
 
-WITHOUT_COULOMB: Mapping[Feature, str] = {
-    Feature.IMPACT_FRICTION: "MuJoCo's native friction lags where it changes within a step: most of it is "
-    "missing in impacts, and leaning, clamped or spinning bodies slip too far",
-    Feature.CARRIED_FRICTION: "MuJoCo's native friction lets a body on a turning or moving carrier slip at a / friction_rate, "
-    "where a is the acceleration of the carrier there, at any timestep",
-    Feature.SELF_LOCKING: "MuJoCo's native friction lets a jammed clamp slip, and fall where little but friction presses it on",
-}
-"""The deviation of MuJoCo's native friction in each feature for which MuJoCo's declaration names ``friction: coulomb``."""
-
-
 def support(title: str, pyramid: str) -> dict[Feature, Support]:
     """MuJoCo's declarations without what simspec computes around MuJoCo's solver. ``pyramid``: why friction needs the cone."""
     return {
         **MuJoCo.SUPPORT,
         **{
             feature: dataclasses.replace(MuJoCo.SUPPORT[feature], how=f"{lack}. {OF_MUJOCO}", refine=None, cases=())
-            for feature, lack in WITHOUT_COULOMB.items()
+            for feature, lack in NATIVE_FRICTION.items()
         },
         Feature.SHAPE_BOX: EXACT,  # by a function for two boxes, in every release of MuJoCo
         Feature.CONTROL_NATIVE: never(f"simspec drives {title} by efforts only"),

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit import deviations
+from simspec.engines.kit.deviations import UNKNOWN, Deviation, Reason, coarse, read_deviations, unconverged
 from simspec.engines.kit.refinements import coupled
 from simspec.support.declarations import Level, Refinement, Table, exact, for_each
 from simspec.support.features import Feature
@@ -17,17 +18,12 @@ from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
 
 _STEP, _QUICK = "solver=step", "solver=quick-step"
-_SWEEPS = (
-    "quick-step sweeps over one contact after another: overlaps and wrong friction are left where heavy bodies lie on light "
-    "ones"
-)
-_CREEPS = "quick-step ends its sweeps before friction and normal forces fit each other"
-_FEW = "steps of some ms are few for what slips, clamps or spins"
+_CREEPS = unconverged("ODE's quick-step")
+_FEW = coarse("slip, clamp or spin")
 _PASSES = (
-    "passes end when friction is within 0.1 % of its law, which is up to 100 % for a body that has a thousandth of the mass; "
-    "more of them do not settle it"
+    "simspec ends its passes when friction is within 0.1 % of its law, which is up to 100 % for a "
+    "body of a thousandth of the mass. More passes do not reduce it"
 )
-_UNKNOWN = "measured; the cause is not known"
 
 _NOT_CONVERGED = (
     "With `solver: quick-step`, normal and friction forces do not converge where several bodies are in contact. Use step; see "
@@ -37,9 +33,9 @@ _NOT_CONVERGED = (
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
-        Reason("stack*", _SWEEPS, _QUICK),
+        Reason("stack*", deviations.SWEEPS, _QUICK),
         Reason("stack-slides* stack-stays*", _PASSES),
-        Reason("stack*", _UNKNOWN),
+        Reason("stack*", UNKNOWN),
         Reason("rod clamp jam* squeeze* pile*", _CREEPS, _QUICK),
         Reason("*", _FEW),
     ),
@@ -49,8 +45,9 @@ COUPLED: Table = coupled(
     DEVIATIONS,
     {
         Feature.MASS_RATIO: (
-            "with quick-step heavy bodies sink into light ones. With step, stacks move sideways at large timesteps, and bodies "
-            "that slide under a load stop at a wrong distance; see docs/engines/ode.md",
+            "With quick-step heavy bodies sink into light ones. With step, stacks move sideways at large "
+            "timesteps, and bodies that slide under a load stop at a wrong distance; see "
+            "docs/engines/ode.md",
             "with quick-step heavy bodies sink into light ones",
         ),
         Feature.EVEN_PRESSURE: (_NOT_CONVERGED, "with quick-step boxes that slip between fingers turn"),
@@ -66,16 +63,11 @@ SWEEPS = Refinement(
 # at overlaps of 1e-4 of the size and by 20 % (median 0.4 %) at 1e-3, normals by 0.015 and 0.2 rad (median 6e-4). Cylinders
 # that stand on each other have eight points, exact. Of parallel cylinders side by side the normal is 6 mrad off.
 
-_PORTAL = (
-    "by libccd, to 1 µm in depth (overlaps below that can be missed), with normals off by up to 0.015 rad where the overlap is "
-    "1e-4 of the size and 0.2 rad at 1e-3"
-)
-_LINE = "along a line or on a face in one point, on which they rock: what is let down so sinks in by 1 mm"
 APPROXIMATE: Mapping[tuple[str, str], str] = {
-    ("capsule", "cylinder"): f"{_PORTAL}; {_LINE}, a flat end on a capsule by 18 mm",
-    ("cylinder", "cylinder"): f"exact, in eight points, where one stands on the other; otherwise {_PORTAL}; {_LINE}",
+    ("capsule", "cylinder"): "capsules",
+    ("cylinder", "cylinder"): "cylinders",
 }
-"""Of cylinders, and what is lost."""
+"""Of cylinders, and the other shapes."""
 OVERLOOKED: Mapping[tuple[str, str], str] = {
     (
         "box",
@@ -84,13 +76,21 @@ OVERLOOKED: Mapping[tuple[str, str], str] = {
     "six, in six draws of sizes; of spheres, capsules and other cylinders with cylinders none)",
 }
 """Pairs of which ODE's own code misses some overlaps, as the same code in another engine does."""
-BOX_AND_CAPSULE = f"box and capsule touch {_LINE}, a box on a capsule by 26 mm"
+BOX_AND_CAPSULE = "ODE computes one contact point of a box and a capsule along a line or on a face, on which they rock"
 
 
 def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
-    text = "; ".join(f"{name} and {other} touch {how}" for (name, other), how in pairs.items())
-    others = " and ".join(f"{name}s" for name, _ in pairs)
-    return Refinement(Level.APPROXIMATE, text, short=f"cylinders touch {others} in one point, also along a line")
+    others = " and ".join(pairs.values())
+    text = (
+        f"libccd computes contacts of cylinders with {others} to 1 µm in depth and with inaccurate normals, may miss "
+        "smaller overlaps, and has one point along a line or on a face, on which they rock"
+    )
+    standing = ". Cylinders that stand on each other are exact" if ("cylinder", "cylinder") in pairs else ""
+    return Refinement(
+        Level.APPROXIMATE,
+        f"{text}{standing}; see docs/engines/ode.md",
+        short=f"cylinders touch {others} in one point, also along a line",
+    )
 
 
 def cylinders(world: World) -> Refinement | None:

@@ -191,7 +191,7 @@ class Ode(WorldEngine[Simulation]):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "ODE is told by a callback what touches, and has no groups"
+        "collision_group": "simspec's callback selects the pairs that may touch: ODE has no groups"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

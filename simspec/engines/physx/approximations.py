@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.deviations import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import coupled, met_pairs
 from simspec.support import classes
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
@@ -22,16 +22,15 @@ from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_
 from simspec.world.types import World
 
 _ANCHORS = (
-    "friction holds the two anchors of a pair, by a spring to where they lay: what leans or is piled does not slip near its "
-    "threshold, and what spins is braked aside of its slip (accepted by name: contact.cone.elliptic)"
+    "PhysX's friction ties two anchors of a pair to their initial places by springs: leaning and "
+    "piled bodies do not slip near their threshold, and spinning bodies are braked at an angle to "
+    "their slip (accepted by name: contact.cone.elliptic)"
 )
-_FEW = "steps of some ms are few for boxes that lie on crossing edges"
-_MADE = "sweeps end before friction has made the normal force of a clamp that jams"
-_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
+_FEW = coarse("rest on crossing edges")
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (Reason("stack*", _SWEEPS), Reason("jam*", _MADE), Reason("cross*", _FEW), Reason("*", _ANCHORS)),
+    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("cross*", _FEW), Reason("*", _ANCHORS)),
 )
 COUPLED: Table = coupled(
     "physx",
@@ -112,13 +111,16 @@ def _reach(vertices: np.ndarray, number: int) -> float:
 #
 # With ``enable_pcm`` normals of edges are as wrong (0.9 rad), and contacts of earlier steps are kept.
 
-_CROSSED = "a corner in a face is exact, and so is what stands or slides on faces; where two edges cross the normal is"
 _EDGES = (
     "PhysX's normals and depths are inaccurate where edges of a hull cross others, and it misses some of these overlaps"
 )
+_BOXES = (
+    "PhysX's normals and depths are inaccurate where edges of two boxes cross. Corners in a face, and boxes that rest or slide "
+    "on faces, are exact"
+)
 _ROUND = "PhysX's depths are inaccurate for some contacts of spheres and capsules with hulls"
 APPROXIMATE: Mapping[tuple[str, str], str] = {
-    ("box", "box"): f"box and box: {_CROSSED} 0.27 rad off (median; 1.5 rad at most), the depth up to 2.1 mm",
+    ("box", "box"): _BOXES,
     ("box", "mesh"): _EDGES,
     ("mesh", "mesh"): _EDGES,
     ("mesh", "sphere"): _ROUND,

@@ -119,11 +119,9 @@ class PhysX(WorldEngine[Simulation]):
         ),
         **for_each(never("PhysX bounds friction by a circular cone"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
-            "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
-            "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
-            "surface slips aside at 3 m/s is up to 7 % off, a tripod that spins at 10 rad/s stops 10 % short), and cards that "
-            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds "
-            "below its threshold, and slips too little at 0.6 of it",
+            "PhysX applies friction at two anchors of a contact patch, along and across the slip of the "
+            "bodies' centres: a square bounds the friction of spinning sliders, and leaning or piled "
+            "bodies slip too little. Sliding without spin is exact; see docs/engines/physx.md",
             no_friction,
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
         ),
@@ -148,12 +146,12 @@ class PhysX(WorldEngine[Simulation]):
         Deviation(
             "overlap",
             1.0,
-            "PhysX moves bodies by the speed that undoes an overlap and takes it away again before the step ends: the overlap "
-            "is left as by the law, and no speed remains",
+            "PhysX removes an overlap by a velocity that it discards before the step ends: bodies "
+            "separate as by the law, and no speed remains",
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "PhysX is told by bits what touches, and has no groups of that name",
+        "collision_group": "PhysX filters by bits that simspec sets, and has no named groups",
         "static.inertial": "PhysX's static actors have no mass",
     }
 

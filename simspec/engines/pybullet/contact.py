@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.deviations import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import coupled
 from simspec.engines.kit.settings import COARSE, SHARE, Group, Setting, of_thinnest
 from simspec.support import classes
@@ -22,19 +22,17 @@ from simspec.world.reach import reach
 from simspec.world.types import World
 
 CONE = (
-    "friction has the size μ N, but acts along −D⁻¹ v instead of against the slip v: D is how easily the point of contact is "
-    "moved along each of two axes that depend on the normal alone (on a floor: the world's x and y). A box of 40 x 10 x 2 cm "
-    "that slides obliquely is braked up to 32° aside of its slip, and ends up to 30 % of its way off; pushed, it feels a force "
-    "that is up to 22 % of μ N off; a disc that spins on its rim is braked 2.6 % too little. Exact for balls, for what sticks, "
-    "and for slips along these axes"
+    "PyBullet's friction has the size μ N, but acts along −D⁻¹ v instead of against the slip v, "
+    "with the mobility D of the contact point along two axes that depend only on the normal. "
+    "Spheres, sticking bodies and slips along these axes are exact"
 )
 """Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm
 (``tests/proof/test_contact_findings.py``). Shorter steps and more iterations do not help: Bullet's solver for multibodies
 takes a step along each axis, divided by the axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts at an angle to the slip, but for balls and along the axes"
 POINTS = (
-    "A lying capsule has two or three points of contact where it should have two, and a standing cylinder three where it "
-    "should have four: its depth is 0.67 and 1.36 times the law's (measured)"
+    "PyBullet computes two or three contact points of a lying capsule in place of two, and three "
+    "of a standing cylinder in place of four: their depths are wrong"
 )
 """Of stiffness, which is that of a point."""
 
@@ -52,18 +50,17 @@ def only_balls_and_boxes_are_soft(world: World) -> Refinement | None:
 
 SOFT = "PyBullet applies an implicit spring and damper at each contact point"
 _HOPS = (
-    "resting bodies bounce off each step's fall: PyBullet applies restitution at any speed unless the world has a "
-    "restitution_threshold"
+    "PyBullet applies restitution at any speed unless the world has a restitution_threshold: "
+    "resting bodies bounce off the fall of each step"
 )
 _ASIDE = (
-    "PyBullet's elliptic cone brakes along −D⁻¹ v, not against the slip v (D: how easily a contact point is moved along each "
-    "of two fixed axes): the force has the size μ N, and the wrong direction"
+    "PyBullet's elliptic cone acts along −D⁻¹ v instead of against the slip v, with the mobility "
+    "D of the contact point along two fixed axes: the size of the force is μ N, its direction is "
+    "wrong"
 )
-_ROLLING = (
-    "in some steps of 8 and 16 ms the rolling moment is up to half larger than c N (measured; the cause is not known)"
-)
-_SQUARE = "held at 0.8 of the limit at 45°, a slider creeps at 1.5 mm/s (measured)"
-_LATE = "gravity acts on during the step out of the overlap: e g dt / v is added to the ratio"
+_ROLLING = "PyBullet's rolling torque exceeds c N in some steps at large timesteps. The cause is not known"
+_SQUARE = "PyBullet lets bodies creep that are pushed at 45°, below the friction limit"
+_LATE = "PyBullet applies gravity in the step out of the overlap, which adds e g dt / v to the ratio"
 
 _RATIOS = (0.01, 0.31, 0.51, 0.81)
 """From which restitution on each of four sizes counts (measured at 0.3, 0.5, 0.8 and 1)."""
@@ -152,22 +149,23 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
 # The table is measured by ``tools/deviations.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
 # masses of 1 to 1000.
 
-_ASIDE_COUPLED = "the elliptic cone brakes aside of the slip (accepted by name: contact.cone.elliptic)"
-_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
-_MADE = "sweeps end before friction has made the normal force of a clamp that jams"
-_UNEVEN = "pressure spreads unevenly over a face under the elliptic cone, so that friction turns a box between fingers"
-_FEW = "steps of some ms are few for what slips, spins or lies on crossing edges"
+_ASIDE_COUPLED = (
+    "PyBullet's elliptic cone brakes bodies at an angle to their slip (accepted by name: contact.cone.elliptic)"
+)
+_UNEVEN = "PyBullet's elliptic cone spreads pressure unevenly over a face, so that friction turns boxes between fingers"
+_FEW = coarse("slip, spin or rest on crossing edges")
 
 _ANCHORED = (
-    "friction_erp takes slip back to where a contact began, by a share in each step, and what is piled slips too far"
+    "PyBullet's friction_erp removes a share of the slip since a contact began in each step, and "
+    "piled bodies slip too far"
 )
 
 DEVIATIONS: tuple[Deviation, ...] = (
     *read_deviations(
         Path(__file__).with_name("contact_deviations.csv"),
         (
-            Reason("stack*", _SWEEPS),
-            Reason("jam*", _MADE),
+            Reason("stack*", SWEEPS),
+            Reason("jam*", JAMMED),
             Reason("squeeze*", _UNEVEN, cone="elliptic"),
             Reason("slide-spin pile-slips", _ASIDE_COUPLED, cone="elliptic"),
             Reason("*", _FEW),
@@ -186,13 +184,13 @@ COUPLED: Table = coupled(
     DEVIATIONS,
     {
         Feature.MASS_RATIO: (
-            "heavy bodies sink into light ones: 0.3 mm at a ratio of 100, 5 mm at 1000 (1 ms). On a plane what slides with "
-            "four times its mass on it stops 4 % short at 1 ms and 18 % at 4 ms",
+            "PyBullet lets heavy bodies sink into light ones, and stops bodies that slide on a plane "
+            "under a load too early; see docs/engines/pybullet.md",
             "heavy bodies sink into light ones",
         ),
         Feature.EVEN_PRESSURE: (
-            "under the elliptic cone pressure spreads unevenly over a face: a box between two fingers on slides turns by 0.9 "
-            "rad as it slips by 0.1 m, 30 % further than it should; under the pyramid by 0.02 rad, from 8 ms on",
+            "PyBullet's elliptic cone spreads pressure unevenly over a face: boxes that slip between two "
+            "fingers turn, and slip too far. Under the pyramid they turn less, from 8 ms on",
             "boxes that slip between fingers turn under the elliptic cone",
         ),
         Feature.SELF_LOCKING: classes.JAMMED,

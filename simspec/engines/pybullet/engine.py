@@ -126,8 +126,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         **classes.driven("PyBullet"),
         **exactly(Feature.JOINT_SEVERAL, Feature.DAMPING, Feature.BALL_DAMPING),
         Feature.LIMIT_POSITION: approximate(
-            "passes a limit by up to v dt, then comes back at joint_erp of that in each step, and keeps that speed: a "
-            "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature",
+            "PyBullet stops joints one step late: they pass a limit by up to v dt, return by joint_erp of "
+            "that in each step, and keep that speed. The impulse ignores armature that simspec computes",
             short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
         ),
         Feature.DRY_FRICTION: via_api(classes.ZERO_VELOCITY_MOTOR),
@@ -210,8 +210,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         "friction_cone": "PyBullet does not report its contact settings",
         "shape.name": "PyBullet does not store shape names",
         "shape.colour": "PyBullet stores colours in single precision",
-        "control.native": "PyBullet's own controllers are switched on when a run begins",
-        "collision_group": "PyBullet does not report its collision masks; the filter is probed instead",
+        "control.native": "simspec switches PyBullet's controllers on when a run begins",
+        "collision_group": "PyBullet does not report its collision masks; simspec probes the filter instead",
     }
 
     @classmethod

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.deviations import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import coupled, met_pairs
 from simspec.support import classes
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
@@ -45,16 +45,14 @@ def balls(world: World) -> Refinement | None:
 # of 0 to 1, and ratios of masses of 1 to 1000.
 
 _ASIDE = (
-    "friction is along K⁻¹ v, K the mobility of the contact: the feet of one body are braked aside of their slip (accepted by "
-    "name: contact.cone.elliptic)"
+    "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: the feet of a body "
+    "are braked at an angle to their slip (accepted by name: contact.cone.elliptic)"
 )
-_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
-_MADE = "sweeps end before friction has made the normal force of a clamp that jams"
-_FEW = "steps of some ms are few for what slips or clamps"
+_FEW = coarse("slip or clamp")
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (Reason("stack*", _SWEEPS), Reason("jam*", _MADE), Reason("slide-spin", _ASIDE), Reason("*", _FEW)),
+    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("slide-spin", _ASIDE), Reason("*", _FEW)),
 )
 COUPLED: Table = coupled(
     "rapier",

@@ -32,7 +32,10 @@ from simspec.support.features import Feature
 
 _DRIFT = "Rapier integrates articulated bodies by a different first-order method; see docs/engines/rapier.md"
 _NO_JOINTS = "simspec passes no joints to Rapier"
-_ASIDE = "friction is along K⁻¹ v, K the mobility of the contact: an oblong body is braked up to 1.1° aside of its slip"
+_ASIDE = (
+    "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: oblong bodies are "
+    "braked at an angle to their slip"
+)
 _BOUNCE = (
     "simspec adds an overlap that Rapier's error reduction removes at e times the approach speed. Rapier's own restitution "
     "adds energy where one body hits two; see docs/engines/rapier.md"
@@ -90,11 +93,9 @@ class Rapier(WorldEngine[Simulation]):
         ),
         **for_each(never("Rapier bounds friction by a circular cone"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
-            "friction model SIMPLIFIED, which takes the points of a pair together, and acts along K⁻¹ v, K the mobility of the "
-            "contact: exact for balls; an oblong body is braked up to 1.1° aside of its slip, and a tripod that slides and "
-            "spins at 30 rad/s stops 6 % short. Each shape of a body is braked aside of its own, so that on several as feet a "
-            "body stops late: by 7 % where four stand under the corners of a cube of even density, by 25 % where it has half "
-            "its inertia and its centre of mass near the floor. The other model, COULOMB, is a pyramid",
+            "Rapier's friction model SIMPLIFIED acts along K⁻¹ v, with the mobility K of the contact: "
+            "oblong bodies are braked at an angle to their slip, and bodies that slide on several shapes "
+            "stop late. Spheres are exact; see docs/engines/rapier.md",
             only_balls_slide("friction model SIMPLIFIED"),
             "bodies that slide on several shapes stop late",
         ),
@@ -115,7 +116,7 @@ class Rapier(WorldEngine[Simulation]):
         Deviation("stop-oblong", 0.027, _ASIDE),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "Rapier is told by a hook what touches, and has no groups of that name"
+        "collision_group": "Rapier filters pairs by a hook, and has no named groups"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

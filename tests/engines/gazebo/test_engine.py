@@ -205,7 +205,7 @@ def test_a_state_of_the_wrong_length_is_refused_before_it_ends_the_process(load)
 
 
 def test_cylinders_side_by_side_are_accepted_by_name():
-    with pytest.raises(UnsupportedError, match="cylinder and cylinder touch"):
+    with pytest.raises(UnsupportedError, match="contacts of cylinders with cylinders"):
         compile_world(
             worlds.with_options(boxes(2, kind="cylinder"), "gazebo", accept=("contact.cone.elliptic",)), ["gazebo"]
         )
