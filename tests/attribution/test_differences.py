@@ -7,8 +7,11 @@ import dataclasses
 import pytest
 
 import simspec
+from simspec.attribution.candidates import causes
+from simspec.attribution.configuration import Configuration
 from simspec.attribution.differences import OTHER, differences, named_tree, taking, world_of
 from simspec.errors import SpecError
+from tests import worlds
 from tests.attribution.planted import SCENE, world
 
 SPECS = ("box-on-ramp", "gripper-lift", "double-pendulum", "spring-damper")
@@ -85,3 +88,11 @@ def test_other_scenes_are_refused_where_they_differ():
     )
     with pytest.raises(SpecError, match=r"bodies\.arm\.joint\.kind"):
         differences(world(), slid)
+
+
+def test_features_computed_outside_the_engine_are_a_difference():
+    options = ((), ("joint.dry_friction", "joint.armature"))
+    sides = [Configuration(worlds.with_options(world(), "mujoco", outside=outside), "mujoco") for outside in options]
+    (found,) = [candidate for candidate in causes(*sides) if candidate.name == "features computed outside MuJoCo"]
+    assert found.values == ("nothing", ", ".join(sides[1].world.options("mujoco").outside))
+    assert found.apply(tuple(sides))[1].world.options("mujoco").outside == ()

@@ -9,7 +9,7 @@ import pytest
 import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution import measure as measuring
-from simspec.attribution.configuration import Asking, Configuration
+from simspec.attribution.configuration import Asking, Configuration, proof_of
 from simspec.attribution.explanation import verdict
 from simspec.attribution.measure import SMALLEST_SHARE, acting
 from tests.attribution.planted import CASES, FALL, STANDING, world
@@ -155,3 +155,12 @@ def test_bodies_in_another_order_are_the_same_bodies():
     explanation = simspec.explain(simspec.Configuration(here, "mujoco"), simspec.Configuration(other, "mujoco"))
     assert max(explanation.gap.values()) < 1e-3
     assert not explanation.causes
+
+
+def test_a_proof_is_of_the_version_of_the_engine():
+    side = Configuration(world(FALL), "mujoco")
+    certificate = simspec.verify(side.world, ["mujoco"])
+    version = certificate.engines["mujoco"].version
+    for known in (version, None):
+        assert proof_of(side, certificate, "there", known).valid
+    assert proof_of(side, certificate, "there", "0.1").missing == f"there is of mujoco {version}, not 0.1"

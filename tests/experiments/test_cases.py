@@ -10,7 +10,8 @@ import simspec
 from simspec.errors import SpecError
 from simspec.experiments import cases
 from simspec.experiments.cases import case_of, rounding_lines, roundings, world_of
-from simspec.experiments.cost import Steps
+from simspec.experiments.cost import Steps, costs
+from simspec.experiments.index import Row
 from simspec.experiments.plan import plan_sweep
 from simspec.runner.run import Case
 from simspec.world.canonical import sha256
@@ -147,3 +148,21 @@ def test_the_steps_of_a_run_that_is_cut_short():
     )
     assert [Steps(made).of(cell) for cell in made] == [4, 20, 2, 10]
     assert [Steps(plan(None, ["dart"], **moved)).of(cell) for cell in plan(None, ["dart"], **moved)] == [10]
+
+
+def test_costs_are_medians_of_the_runs_of_the_spec():
+    def row(name, steps, step_seconds, process_seconds, failed=None):
+        about = ("", "", "", "", "", "", name, "first", "1.0", failed, 0.001, steps)
+        return Row(*about, step_seconds, None, process_seconds, 0.0, None, 0, "", 0, 0, 0, "{}")
+
+    rows = [
+        row("fall", 100, 0.2, 1.2),
+        row("fall", 200, 0.8, 2.3),
+        row("fall", 100, 0.6, 4.6),
+        row("other", 1, 9.0, 9.0),
+    ]
+    rows += [row("fall", 100, 7.0, 7.0, failed="step 3"), row("fall", 100, None, 8.0)]
+    (cost,) = costs(rows, "fall").values()
+    assert (cost.start, cost.step, cost.runs) == pytest.approx((1.5, 0.004, 3))
+    assert cost.seconds(1000) == pytest.approx(5.5)
+    assert costs(rows, "none of that name")["first"].runs == 4

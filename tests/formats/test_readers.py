@@ -26,6 +26,7 @@ from simspec.engines.kit.process import Operation, start
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import formats
+from simspec.world.types import Body, Inertial, Joint, World
 from tests.files import write
 from tests.formats.exported_worlds import LAYOUTS, NAMES, exported_world
 from tests.formats.reader_table import RECORD, page
@@ -218,3 +219,11 @@ def test_the_rules_need_no_reader():
 
 def test_the_record_of_readers_is_current():
     assert Path(RECORD).read_text(encoding="utf-8") == page(), "run: python -m tests.formats.reader_table"
+
+
+def test_bodies_that_move_with_a_ball_joint_are_those_below_a_root():
+    """A root on a ball joint is none of them, but a ball joint below it, and all that it carries."""
+    parents = {"a": ("ball", None), "b": ("hinge", "a"), "c": ("ball", "b"), "d": ("slide", "c"), "e": ("hinge", "a")}
+    bodies = tuple(Body(name, name, Inertial(1.0), Joint(name, *joint)) for name, joint in parents.items())
+    exported = Exported(World("balls", bodies), bodies, "urdf")
+    assert list(CASES["body on a ball joint, or on such a body"](exported)) == ["c", "d"]

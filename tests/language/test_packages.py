@@ -366,3 +366,13 @@ def test_another_commit_of_the_environment_is_another_clone(cached, monkeypatch)
     monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "../../out")
     with pytest.raises(SpecError, match="not a commit"):
         load("robot_descriptions://crane_description")
+
+
+def test_a_robot_in_no_language_that_is_imported_is_refused_with_its_files(cached, site):
+    text = MODULE.format(word="SKETCH", file="crane.dae")
+    put(site / "robot_descriptions", {"sketch_description.py": text})
+    said = refused("sketch_description")
+    assert "in no language that simspec imports" in said
+    assert "robots/crane/urdf/crane.dae, robots/crane/crane.srdf" in said
+    put(site / "robot_descriptions", {"bare_description.py": "".join(text.splitlines(True)[:5])})
+    assert "no file" in refused("bare_description")

@@ -34,3 +34,12 @@ def test_kept_vertices_are_the_greedy_choice(seed):
     outside = [point for point in vertices if not any((kept == point).all(axis=1))]
     separate = max(np.sqrt(module._square_to_triangles(point, a, b, c).min()) for point in outside)
     assert error == pytest.approx(separate, rel=1e-12)
+
+
+def test_the_choice_does_not_depend_on_the_unit_of_length():
+    """By a power of two, which scales every number exactly."""
+    vertices = np.random.default_rng(0).normal(size=(150, 3))
+    kept, error = reduced(vertices, 20)
+    small, small_error = reduced(np.ldexp(vertices, -20), 20)
+    assert np.array_equal(np.ldexp(small, 20), kept)
+    assert np.ldexp(small_error, 20) == pytest.approx(error, rel=1e-12)

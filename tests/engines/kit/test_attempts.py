@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 
 import numpy as np
 
@@ -30,7 +31,11 @@ def begin():
 
 def test_operations_share_a_process_until_an_operation_ends_it(tmp_path):
     (tmp_path / "attempt.5.json").write_text("of before")
+    begun = time.perf_counter()
     entries = list(attempt(begin, OPERATIONS, tmp_path, 100))
+    elapsed = time.perf_counter() - begun
+    refusals = [entry for entry, _ in entries if "refused" in entry.get("result", {})]
+    assert all(0.0 < entry["seconds"] <= elapsed for entry in refusals)
     assert [entry.get("result", {}).get("refused") for entry, _ in entries] == [
         *(None, None),
         "the engine's process was ended by signal 9 (SIGKILL)",
