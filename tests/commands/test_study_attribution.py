@@ -7,6 +7,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from simspec.attribution.explanation import WORDS
+from simspec.attribution.windows import ALL
 from simspec.cli import app
 from simspec.engines.kit.registry import find_engine
 
@@ -62,6 +64,8 @@ def test_settings_that_differ_are_named_with_their_share_and_the_absent_engines(
     assert first["what"] == "PyBullet's contact_erp"
     assert first["kind"] == "default"
     assert first["share.contact"] > 0.5
+    assert f"% {WORDS['contact']}" in str(causes["rows"][0][-1])
+    assert WORDS[ALL] not in str(causes["rows"][0][-1])
     assert any(f"{gap['engine']} beside {gap['first']}: PyBullet's contact_erp" in line for line in gaps["said"])
     assert "without mujoco@9.9" in (folder / "runs" / "engines" / "study.md").read_text()
 

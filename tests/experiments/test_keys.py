@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from simspec.errors import SpecError
 from simspec.experiments.cases import case_of
 from simspec.experiments.plan import plan_sweep
+from simspec.experiments.published import older_sweeps
 from simspec.language.load import Spec, load
+from simspec.stored import StudyModels
 from tests.experiments.swept import SWEEP, VERSIONS, data
 
 
@@ -231,3 +233,12 @@ def test_a_model_file_that_changes_meanwhile_is_that_of_the_plan(folder):
 def test_all_cells_of_a_sweep_have_different_keys():
     swept = keys(copy.deepcopy(data(sweep=SWEEP)), ("mujoco", "dart"))
     assert len(set(swept)) == len(swept)
+
+
+def test_figures_of_a_study_are_older_where_its_request_or_its_sweeps_changed():
+    sweeps = {name: {"asked": "before", "models": []} for name in ("same", "more", "gone")}
+    content = {"schema": 1, "source": "s.yaml", "small": False, "study_sha256": "0" * 64, "sweeps": sweeps}
+    now = {"same": sweeps["same"], "more": {"asked": "after", "models": []}, "new": sweeps["same"]}
+    given = older_sweeps(StudyModels.model_validate(content), now)
+    assert given.pop("more").startswith("the study requests something else")
+    assert given == {"gone": "the study has no such sweep any more", "new": "the sweep was not measured"}

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from simspec.engines.kit import process, worker
-from simspec.engines.kit.answers import BadAnswerError, Operation, read_answers
+from simspec.engines.kit.answers import BadAnswerError, Operation, _check_control, read_answers
 from simspec.engines.kit.process import start
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
@@ -31,6 +31,7 @@ from simspec.proof.verify import engine_checks, prepare
 from simspec.runner import execution as runner
 from simspec.runner.execution import run_all
 from simspec.runner.run import Case
+from simspec.world.actions import Controller
 from tests import worlds
 from tests.installed import JOINTED
 
@@ -91,6 +92,23 @@ def program(place: Path, words: str) -> str:
 
 def answering(place: Path, answer: Path, more: str = "") -> str:
     return program(place, f'cp -R {answer}/* "$4"/\n{more}')
+
+
+def test_driven_joints_of_an_answer_are_those_of_the_world():
+    bodies = worlds.tree(["hinge", "hinge", "hinge"], 1)
+    first, second, free = (body.joint.name for body in bodies)
+    controller = Controller("pair", (first, second), kp=(1.0, 1.0), kd=(1.0, 1.0), effort_limits=(None, None))
+    world = dataclasses.replace(worlds.world(bodies), controllers=(controller,))
+    arrays = {"control.target": np.zeros((1, 2)), "control.effort": np.zeros((1, 2))}
+
+    def check(*joints: str) -> None:
+        control = {"joints": list(joints), "error": [0.0, 0.0], "clipped": [0, 0]}
+        _check_control(SimpleNamespace(world=world), {"control": control}, arrays, 1)
+
+    check(first, second)
+    for joints, wrong in (((first, "arm"), f"arm, {second}"), ((first, free), second)):
+        with pytest.raises(BadAnswerError, match=f"or not the world's: {wrong}$"):
+            check(*joints)
 
 
 # --- ways to spoil an answer; each gets the folder with the good one ----------------------------------------------------
