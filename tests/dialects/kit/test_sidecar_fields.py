@@ -7,6 +7,7 @@ import dataclasses
 import json
 import re
 from collections.abc import Mapping
+from types import SimpleNamespace
 
 import pytest
 
@@ -159,3 +160,15 @@ def test_json_of_another_form_is_refused(field, value, said):
 def test_an_annotation_without_a_form_is_an_error():
     with pytest.raises(TypeError, match="has no form"):
         form_of(set[str])
+
+
+def test_settings_of_a_pair_hold_in_either_order_and_for_no_other_shapes():
+    pair = SimpleNamespace(shapes=(("a", "b"), ("c",)), settings={"margin": 2.0})
+    sidecar = SimpleNamespace(settings={"margin": 1.0, "solver": "newton"}, pair_settings=(pair,))
+
+    def between(*shapes):
+        return Sidecar.settings_between(sidecar, *shapes)
+
+    assert between("a", "c") == between("c", "b") == {"margin": 2.0, "solver": "newton"}
+    for shapes in (("a", "b"), ("c", "c"), ("c", "d"), ("d", "a")):
+        assert between(*shapes) == sidecar.settings
