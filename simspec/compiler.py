@@ -22,7 +22,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engine_name, engine_version, find_engine, format_of
 from simspec.engines.kit.settings import pair_settings, written_settings
-from simspec.errors import Location, Problem, Refusal, UnsupportedError
+from simspec.errors import EngineRefusal, Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options, nowhere
 from simspec.outputs.writing import Artifacts
 from simspec.support.declarations import Level, combine
@@ -109,8 +109,8 @@ def _located(error: UnsupportedError, label: str, locate: Callable[[str], Locati
     ]
     return [
         problem
-        if isinstance(problem, Refusal)
-        else Refusal(
+        if isinstance(problem, EngineRefusal)
+        else EngineRefusal(
             problem.message,
             problem.path,
             problem.location,

@@ -97,7 +97,7 @@ def _words(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal(Problem):
+class EngineRefusal(Problem):
     """A problem of a single engine: a feature that it does not support, or not unless it is accepted.
 
     ``feature`` is the name that the support matrix has for it, empty where the problem is of none; ``option`` is where the spec

@@ -32,7 +32,7 @@ CERTIFICATE_FILE = "certificate.json"
 
 
 @dataclass(frozen=True)
-class Built:
+class CompiledSpec:
     """One compiled spec: the world, what each engine gets, and all files of its folder."""
 
     world: World
@@ -40,13 +40,13 @@ class Built:
     files: Artifacts
 
 
-def build(world: World, selection: Selection, locate: Callable[[str], Location | None]) -> Built:
+def build(world: World, selection: Selection, locate: Callable[[str], Location | None]) -> CompiledSpec:
     """All files of ``world`` for the engines of ``selection``, compiled here unless choosing them has done it. Raises
     UnsupportedError with every problem."""
     compiled = selection.compiled
     if compiled is None:
         compiled = compile_world(world, selection.engines, locate, pythons=selection.pythons)
-    return Built(world, compiled, output_files(world, compiled))
+    return CompiledSpec(world, compiled, output_files(world, compiled))
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Written:
     stored: Stored | None
 
 
-def write(built: Built, folder: Path) -> Written:
+def write(built: CompiledSpec, folder: Path) -> Written:
     """Write a compiled spec as simspec's content of ``folder``.
 
     Engines that were not compiled this time keep their artifacts as long as they are of the same world; a certificate keeps the
@@ -119,7 +119,7 @@ def owned_files(folder: Path) -> dict[str, bytes]:
     return found
 
 
-def other_engines(built: Built, folder: Path, names: Iterable[str]) -> list[str]:
+def other_engines(built: CompiledSpec, folder: Path, names: Iterable[str]) -> list[str]:
     """The engines that have artifacts of the same world among files of ``folder``, but were not compiled this time.
 
     Raises SpecError where one's sidecar cannot be read.
@@ -150,7 +150,7 @@ def compare(files: Mapping[str, bytes], folder: Path) -> list[str]:
     return found
 
 
-def check(built: Built, folder: Path, named: bool = False) -> list[str]:
+def check(built: CompiledSpec, folder: Path, named: bool = False) -> list[str]:
     """How ``folder`` differs from what compiling would write, its certificate included; ``named``: whether only some engines
     were requested.
 
@@ -201,7 +201,7 @@ def _why(error: SpecError, folder: Path) -> str:
     return error.problems[0].message.removeprefix(str(folder / CERTIFICATE_FILE)).removeprefix(":").strip()
 
 
-def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str | None:
+def certificate_mismatch(built: CompiledSpec, folder: Path, named: bool = False) -> str | None:
     """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does. Judged from its figures.
 
     ``named``: whether only some engines were requested. Of the others, proofs are then reported that do not hold any more, and

@@ -197,7 +197,7 @@ def parse_project(file: Path, content: bytes) -> Project:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SpecError([_syntax(file, str(error) if isinstance(error, ValueError) else "nested too deeply")]) from None
-    project = _Reader(file, data, _lines(text)).project()
+    project = _ProjectReader(file, data, _lines(text)).project()
     if not (project.interpreters or project.package_paths or project.allowed_folders):
         return project
     from simspec.outputs import trust
@@ -234,7 +234,7 @@ def _path(text: str) -> tuple[str, ...]:
     return tuple(key.strip("\"'") for key in _KEY.findall(text))
 
 
-class _Reader:
+class _ProjectReader:
     """Checks the data of one file; collects every problem."""
 
     def __init__(self, file: Path, data: Mapping[str, Any], lines: Mapping[tuple[str, ...], int]):

@@ -16,7 +16,7 @@ from simspec.compiler import Compiled, output_files
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import SpecError
-from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
+from simspec.generated import CERTIFICATE_FILE, CompiledSpec, certificate_mismatch, check, read_certificate
 from simspec.outputs.writing import Artifacts
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
@@ -39,12 +39,12 @@ def spheres(count: int):
 WORLD = spheres(2)
 
 
-def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> Built:
+def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> CompiledSpec:
     """A compiled world of made-up engines, whose files are what the real ones' are: a model and a sidecar."""
     sidecar = json.dumps({"schema": SIDECAR_SCHEMA, "world": sha256(world)})
     artifacts = Artifacts({"model.xml": text, "sidecar.json": sidecar})
     compiled = {name: Compiled(name, "x", "xml", artifacts, ()) for name in engines}
-    return Built(world, compiled, output_files(world, compiled))
+    return CompiledSpec(world, compiled, output_files(world, compiled))
 
 
 def whole(world) -> tuple[Check, ...]:
@@ -65,7 +65,9 @@ def write_certificate(certificate: Certificate, folder, world=WORLD) -> bool:
     return generated.write_certificate(certificate, world, folder).changed
 
 
-def proof(build: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None) -> Certificate:
+def proof(
+    build: CompiledSpec, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None
+) -> Certificate:
     checks = whole(build.world) if checks is None else checks
     checks = tuple(
         dataclasses.replace(check, worst=worst, tolerance=1e-9)

@@ -232,7 +232,7 @@ below. Size: the radius of the largest sphere inside its largest shape, half the
 
 
 @dataclass(frozen=True)
-class Displacement:
+class BodyDisplacement:
     """How far the free bodies with collision shapes are moved.
 
     sideways  the largest distance (m) across gravity of any body from where it began, over all records
@@ -249,7 +249,7 @@ class Displacement:
     bodies: int
 
 
-def displacement(run: Run) -> Displacement:
+def displacement(run: Run) -> BodyDisplacement:
     """How far the free bodies of a run are moved. Raises SpecError for a run without records, and where no free body has a
     collision shape. A place that is not a number is infinitely far away."""
     places = {index: body for index, body in enumerate(run.world.bodies) if body.joint.kind == "free" and _size(body)}
@@ -273,7 +273,7 @@ def displacement(run: Run) -> Displacement:
         away = sideways > LEFT * _size(body)
         first = min(first, int(np.argmax(away)) if away.any() else first)
     left = float(run.time[first]) if first < len(run.time) else None
-    return Displacement(furthest, lowest, whose, left, len(places))
+    return BodyDisplacement(furthest, lowest, whose, left, len(places))
 
 
 def _size(body: Body) -> float:
@@ -286,7 +286,7 @@ def _size(body: Body) -> float:
 
 
 @dataclass(frozen=True)
-class Depths:
+class OverlapDepths:
     """Overlaps of a run.
 
     deepest  the deepest of all: depth (m), time (s), bodies (:func:`simspec.runner.metrics.deepest_penetration`)
@@ -307,7 +307,7 @@ class Depths:
         return float(self._lasting[self.depth > depth].sum()) / total if total else 0.0
 
 
-def penetration(run: Run) -> Depths:
+def penetration(run: Run) -> OverlapDepths:
     """The overlaps of a run. Raises SpecError where contacts were not recorded. A distance that is not a number is infinitely
     deep: it hides any other."""
     demand_contacts(run)
@@ -330,4 +330,4 @@ def penetration(run: Run) -> Depths:
     inside = overlapping > 0.0
     mean = float((depth[inside] * overlapping[inside]).sum() / overlapping.sum()) if inside.any() else 0.0
     named = {named_pair(sides.names, kind): value for kind, value in pairs.items()}
-    return Depths(deepest_penetration(run.world, run.arrays), depth, named, mean, lasting)
+    return OverlapDepths(deepest_penetration(run.world, run.arrays), depth, named, mean, lasting)

@@ -242,7 +242,7 @@ def durations(run: Run) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class PairTouch:
     """Of one pair in one run: time in contact (s), impulse (N s), and when it first touched (s)."""
 
     seconds: float
@@ -257,7 +257,7 @@ def pair_numbers(run: Run, part: slice, sides: Sides) -> NDArray[np.int64]:
     return result
 
 
-def touches(run: Run, by: str = "shape") -> dict[Pair, Touch]:
+def touches(run: Run, by: str = "shape") -> dict[Pair, PairTouch]:
     """Every pair of shapes (``by``: or of bodies) that touched in a run. The impulse is the time integral of the normal force,
     Σ F Δt over the recorded rows: exact where every step is recorded, a sample of it otherwise. Raises SpecError where
     contacts were not recorded."""
@@ -281,7 +281,7 @@ def touches(run: Run, by: str = "shape") -> dict[Pair, Touch]:
             begun = 1 if kinds_here[0] == last_row.get(kind) else 0
             seconds[kind] = seconds.get(kind, 0.0) + float(lasting[kinds_here[begun:]].sum())
             last_row[kind] = int(kinds_here[-1])
-    return {named_pair(sides.names, kind): Touch(seconds[kind], impulse[kind], first[kind]) for kind in impulse}
+    return {named_pair(sides.names, kind): PairTouch(seconds[kind], impulse[kind], first[kind]) for kind in impulse}
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ ALIKE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class FirstGap:
     """The first recorded time (s) at which two engines differ by more than noise, by how much (m), and which body most."""
 
     time: float
@@ -39,7 +39,7 @@ class Gap:
     body: str
 
 
-def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = RESOLUTION) -> Gap | None:
+def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = RESOLUTION) -> FirstGap | None:
     """The first gap of two runs: a deviation above ``resolution`` (m) and above ``FLOOR_FACTOR`` times the noise; None where
     they never part. Raises SpecError where the runs have no common time or moving body."""
     names = moving_in_common(a, b)
@@ -52,7 +52,7 @@ def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = 
             row = int(beyond.any(axis=1).argmax())
             size = np.where(beyond[row], np.nan_to_num(position[row], nan=np.inf), 0.0)
             body = int(size.argmax())
-            return Gap(float(common.time(np.array([part.start + row]))[0]), float(size[body]), names[body])
+            return FirstGap(float(common.time(np.array([part.start + row]))[0]), float(size[body]), names[body])
     return None
 
 
@@ -96,7 +96,7 @@ class Horizons:
     """
 
     noise: float | None
-    gap: Gap | None
+    gap: FirstGap | None
     second: float | None
     measured: bool
     notes: tuple[str, ...] = ()

@@ -19,7 +19,7 @@ from simspec.world.types import Body, Expectation
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class TimestepTrial:
     """One run at a timestep (s) with a seed (None: unperturbed, or the only one); ``reason``: why it is not valid; ``missed``:
     the first expectation that it misses, None where the run failed or misses none."""
 
@@ -30,17 +30,17 @@ class Trial:
     missed: Outcome | None = None
 
 
-def trial(run: Run, outcomes: Sequence[Outcome]) -> Trial:
+def trial(run: Run, outcomes: Sequence[Outcome]) -> TimestepTrial:
     """Whether a run did all that is expected of it. Raises SpecError where nothing is expected: that shows nothing."""
     seed, timestep = run.provenance.get("seed"), run.world.physics.timestep
     if run.failed is not None:
-        return Trial(timestep, seed, False, f"failed: {run.failed}")
+        return TimestepTrial(timestep, seed, False, f"failed: {run.failed}")
     if not outcomes:
         raise SpecError([Problem(f"{run.label}: nothing is expected of the run, so nothing says whether it is valid")])
     missed = [outcome for outcome in outcomes if not outcome.passed]
     if not missed:
-        return Trial(timestep, seed, True)
-    return Trial(timestep, seed, False, _words(missed[0], len(missed) - 1), missed[0])
+        return TimestepTrial(timestep, seed, True)
+    return TimestepTrial(timestep, seed, False, _words(missed[0], len(missed) - 1), missed[0])
 
 
 MEASURED = {"no_penetration_deeper_than": "overlap"}
@@ -69,7 +69,7 @@ def _words(outcome: Outcome, more: int) -> str:
 
 
 @dataclass(frozen=True)
-class Limit:
+class TimestepLimit:
     """Up to which timestep an engine is valid.
 
     timestep       the largest (s) such that it and all smaller ones are valid with all seeds; None where the smallest is not
@@ -100,13 +100,13 @@ class Limit:
         return f"{text}; {self.first_failure}" if self.first_failure else text
 
 
-def limit(trials: Iterable[Trial], level: float = LEVEL) -> Limit:
+def limit(trials: Iterable[TimestepTrial], level: float = LEVEL) -> TimestepLimit:
     """The limit of validity of one engine.
 
     Raises SpecError without trials, and where one seed was tried twice at a timestep (counted twice, an interval would be too
     narrow).
     """
-    by_step: dict[float, list[Trial]] = {}
+    by_step: dict[float, list[TimestepTrial]] = {}
     for entry in trials:
         by_step.setdefault(entry.timestep, []).append(entry)
     if not by_step:
@@ -122,7 +122,7 @@ def limit(trials: Iterable[Trial], level: float = LEVEL) -> Limit:
     first = bad[0] if bad else None
     good = [step for step in steps if first is None or step < first]
     seeds = {trial.seed for some in by_step.values() for trial in some}
-    return Limit(
+    return TimestepLimit(
         good[-1] if good else None,
         shares,
         first,
@@ -133,7 +133,7 @@ def limit(trials: Iterable[Trial], level: float = LEVEL) -> Limit:
     )
 
 
-def _first_failure(trials: Sequence[Trial]) -> str:
+def _first_failure(trials: Sequence[TimestepTrial]) -> str:
     """In words: how many of the runs at a timestep were not valid, and why the first was not."""
     missed = _missed(trials)
     seed = "" if missed[0].seed is None else f"seed {missed[0].seed}: "
@@ -141,7 +141,7 @@ def _first_failure(trials: Sequence[Trial]) -> str:
     return f"at {1e3 * missed[0].timestep:g} ms {counted} not valid: {seed}{missed[0].reason}"
 
 
-def _missed(trials: Sequence[Trial]) -> list[Trial]:
+def _missed(trials: Sequence[TimestepTrial]) -> list[TimestepTrial]:
     """Those that are not valid, by seed."""
     ordered = sorted(trials, key=lambda entry: -1 if entry.seed is None else entry.seed)
     return [trial for trial in ordered if not trial.valid]

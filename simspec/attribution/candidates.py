@@ -12,14 +12,14 @@ import numpy as np
 from simspec.attribution.configuration import Configuration
 from simspec.attribution.differences import INITIAL_STATE, Difference, differences, taking
 from simspec.attribution.windows import map_states
-from simspec.engines.kit.settings import Group, Value, finer_settings, pair_settings, resolve_settings
+from simspec.engines.kit.settings import SettingGroup, Value, finer_settings, pair_settings, resolve_settings
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.world.types import Body, PairContact, World
 
 Pair = tuple[Configuration, Configuration]
 
 
-class Kind(StrEnum):
+class CandidateKind(StrEnum):
     """Kinds of candidates."""
 
     DIFFERENCE = "difference"
@@ -34,11 +34,11 @@ class Kind(StrEnum):
     """Something is taken away from both sides: it says where the difference is, not why."""
 
 
-CAUSES = (Kind.DIFFERENCE, Kind.DEFAULT)
+CAUSES = (CandidateKind.DIFFERENCE, CandidateKind.DEFAULT)
 """Kinds of differences that a user set; the other kinds are properties of the engines."""
-SILENT = (Group.SLEEPING, Group.ORDER, Group.BOUNDS)
+SILENT = (SettingGroup.SLEEPING, SettingGroup.ORDER, SettingGroup.BOUNDS)
 """Groups whose settings are no alternatives: they do not say how a step is computed."""
-WHOLE_RUN = (Group.SLEEPING.value, INITIAL_STATE)
+WHOLE_RUN = (SettingGroup.SLEEPING.value, INITIAL_STATE)
 """Groups that windows do not show: they act over longer times, or before the first window."""
 
 
@@ -48,7 +48,7 @@ class Candidate:
     changed quantities, each once in a combination."""
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     group: str
     values: tuple[str, str]
     about: tuple[str, ...]
@@ -89,7 +89,7 @@ def _of_world(first: Configuration, difference: Difference) -> Candidate:
         return configuration, changed
 
     values = difference.values if difference.changes else ("", "moved")
-    return Candidate(difference.name, Kind.DIFFERENCE, difference.group, values, (difference.name,), apply)
+    return Candidate(difference.name, CandidateKind.DIFFERENCE, difference.group, values, (difference.name,), apply)
 
 
 def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candidate]:
@@ -103,7 +103,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
         value = ours[setting]
         yield Candidate(
             f"{title}'s {setting}",
-            Kind.DIFFERENCE,
+            CandidateKind.DIFFERENCE,
             declared.group.value,
             (written(ours[setting]), written(theirs[setting])),
             (f"{name}.{setting}",),
@@ -116,7 +116,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
         if word == "outside" and here != there:
             yield Candidate(
                 f"features computed outside {title}",
-                Kind.DIFFERENCE,
+                CandidateKind.DIFFERENCE,
                 "computed outside the engine",
                 (here, there),
                 (f"{name}.outside",),
@@ -125,7 +125,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
     if (first.engine, first.python) != (second.engine, second.python):
         yield Candidate(
             f"{title}'s version",
-            Kind.DIFFERENCE,
+            CandidateKind.DIFFERENCE,
             "version",
             (first.engine, second.engine),
             (f"{name}.version",),
@@ -150,7 +150,7 @@ def _stated_otherwise(configuration: Configuration, other: Configuration, side: 
         values = written(given[setting]), written(theirs[setting])
         yield Candidate(
             f"{configuration.kind.TITLE}'s {setting}",
-            Kind.DIFFERENCE,
+            CandidateKind.DIFFERENCE,
             declared.group.value,
             values if side == 0 else values[::-1],
             (f"{name}.{setting}",),
@@ -165,7 +165,7 @@ def _stated_otherwise(configuration: Configuration, other: Configuration, side: 
                 continue
             yield Candidate(
                 _of_pair(configuration.kind.TITLE, setting, pair),
-                Kind.DIFFERENCE,
+                CandidateKind.DIFFERENCE,
                 configuration.kind.SETTINGS[setting].group.value,
                 values if side == 0 else values[::-1],
                 (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
@@ -186,7 +186,7 @@ def _same_pairs(first: Configuration, second: Configuration) -> Iterator[Candida
                 continue
             yield Candidate(
                 _of_pair(title, setting, pair),
-                Kind.DIFFERENCE,
+                CandidateKind.DIFFERENCE,
                 first.kind.SETTINGS[setting].group.value,
                 (written(values[0]), written(values[1])),
                 (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
@@ -228,7 +228,7 @@ def _away_from_default(configuration: Configuration, side: int) -> Iterator[Cand
             continue
         yield Candidate(
             f"{configuration.kind.TITLE}'s {setting}",
-            Kind.DEFAULT,
+            CandidateKind.DEFAULT,
             declared.group.value,
             (written(given[setting]), written(declared.default)),
             (f"{name}.{setting}",),
@@ -240,7 +240,7 @@ def _away_from_default(configuration: Configuration, side: int) -> Iterator[Cand
             if value != declared.default:
                 yield Candidate(
                     _of_pair(configuration.kind.TITLE, setting, pair),
-                    Kind.DEFAULT,
+                    CandidateKind.DEFAULT,
                     declared.group.value,
                     (written(value), written(declared.default)),
                     (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
@@ -256,7 +256,9 @@ def probes(pair: Pair) -> Iterator[Candidate]:
     yield from _refinements(pair)
     for name, (acts, without) in REMOVALS.items():
         if any(acts(side.world) for side in pair):
-            yield Candidate(f"no {name}", Kind.REMOVAL, name, ("as it is", "none"), (name,), _both_worlds(without))
+            yield Candidate(
+                f"no {name}", CandidateKind.REMOVAL, name, ("as it is", "none"), (name,), _both_worlds(without)
+            )
 
 
 def _alternatives(configuration: Configuration, side: int) -> Iterator[Candidate]:
@@ -276,7 +278,7 @@ def _alternatives(configuration: Configuration, side: int) -> Iterator[Candidate
                 continue
             yield Candidate(
                 f"{configuration.kind.TITLE}'s {setting}: {written(value)}",
-                Kind.ALTERNATIVE,
+                CandidateKind.ALTERNATIVE,
                 declared.group.value,
                 (written(at_work[setting]), written(value)),
                 (f"{name}.{setting}",),
@@ -287,13 +289,18 @@ def _alternatives(configuration: Configuration, side: int) -> Iterator[Candidate
 def _refinements(pair: Pair) -> Iterator[Candidate]:
     steps = tuple(f"{side.world.physics.timestep:g} s" for side in pair)
     yield Candidate(
-        "timestep halved", Kind.REFINEMENT, "timestep", (steps[0], "half"), ("timestep",), _both_worlds(_halved)
+        "timestep halved",
+        CandidateKind.REFINEMENT,
+        "timestep",
+        (steps[0], "half"),
+        ("timestep",),
+        _both_worlds(_halved),
     )
     if any(_finer(side) for side in pair):
         yield Candidate(
             "solvers' accuracy",
-            Kind.REFINEMENT,
-            Group.ACCURACY.value,
+            CandidateKind.REFINEMENT,
+            SettingGroup.ACCURACY.value,
             ("as it is", "finer"),
             tuple(f"{side.kind.NAME}.{setting}" for side in pair for setting in _finer(side)),
             lambda sides: (sides[0].with_settings(_finer(sides[0])), sides[1].with_settings(_finer(sides[1]))),
@@ -303,7 +310,7 @@ def _refinements(pair: Pair) -> Iterator[Candidate]:
             if any(side.world.contact.friction_cone != cone for side in pair):
                 yield Candidate(
                     f"friction cone: {cone}",
-                    Kind.REFINEMENT,
+                    CandidateKind.REFINEMENT,
                     "friction cone",
                     (pair[0].world.contact.friction_cone, cone),
                     ("friction cone",),
@@ -313,7 +320,7 @@ def _refinements(pair: Pair) -> Iterator[Candidate]:
 
 def _finer(side: Configuration) -> dict[str, Value]:
     finer = finer_settings(side.kind, side.settings)
-    return {name: value for name, value in finer.items() if side.kind.SETTINGS[name].group is Group.ACCURACY}
+    return {name: value for name, value in finer.items() if side.kind.SETTINGS[name].group is SettingGroup.ACCURACY}
 
 
 def _both_worlds(change: Callable[[World], World]) -> Callable[[Pair], Pair]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simspec.attribution.candidates import Candidate, Kind, Pair
+from simspec.attribution.candidates import Candidate, CandidateKind, Pair
 from simspec.attribution.configuration import Configuration, Floats
 from simspec.attribution.measure import Interval, Swap
 from simspec.attribution.windows import Windows, exact, touching_pairs
@@ -46,7 +46,7 @@ APPROXIMATED: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Declared:
+class DeclaredDeviation:
     """A declared deviation that fits.
 
     engine      whose it is, in words
@@ -198,10 +198,10 @@ Tried = Sequence[tuple[Candidate, Swap]]
 """Candidates, and what came of each."""
 
 
-def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterator[Declared]:
+def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterator[DeclaredDeviation]:
     """Declared deviations of both sides that count for what touches, with the share of what was left that goes when what they
     act on is taken away, and what swaps that take them away close."""
-    removed = {swap.group: swap for _, swap in tried if swap.kind == Kind.REMOVAL.value and swap.largest > 0.0}
+    removed = {swap.group: swap for _, swap in tried if swap.kind == CandidateKind.REMOVAL.value and swap.largest > 0.0}
     before = [_declared(side, touching) for side in pair]
     fitting = [[(what, acts) for what, acts in side if acts in removed] for side in before]
     after = list(_with_swaps(pair, touching, tried)) if any(fitting) else []
@@ -216,7 +216,7 @@ def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterato
             closed = {} if best is None else {name: share for name, share in best.share.items() if share > 0.0}
             interval = dict(removed[acts].interval)
             name = "" if best is None else best.name
-            yield Declared(side.kind.TITLE, what, acts, False, closing, interval, name, closed)
+            yield DeclaredDeviation(side.kind.TITLE, what, acts, False, closing, interval, name, closed)
 
 
 def _with_swaps(
@@ -224,7 +224,7 @@ def _with_swaps(
 ) -> Iterator[tuple[Swap, list[list[tuple[str, str]]]]]:
     """Declarations of both sides with each swap that was tried, where contact remains."""
     for candidate, swap in tried:
-        if swap.failed is None and candidate.kind is not Kind.REMOVAL:
+        if swap.failed is None and candidate.kind is not CandidateKind.REMOVAL:
             yield swap, [_declared(side, touching) for side in candidate.apply(pair)]
 
 

@@ -6,18 +6,18 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from simspec.attribution.candidates import Candidate, Kind, Pair, causes, probes
+from simspec.attribution.candidates import Candidate, CandidateKind, Pair, causes, probes
 from simspec.attribution.configuration import Asking, Configuration, ModelProof, listed_faults
-from simspec.attribution.declared import Declared, RecoveryShift, located, recoveries, touching_names
+from simspec.attribution.declared import DeclaredDeviation, RecoveryShift, located, recoveries, touching_names
 from simspec.attribution.differences import differences
 from simspec.attribution.measure import (
     ENOUGH,
     RUN,
     SMALLEST_SHARE,
-    Gap,
+    BodyGap,
+    CombinedSwap,
     Gaps,
     Interval,
-    Joint,
     Judge,
     Swap,
     acting,
@@ -73,14 +73,14 @@ class Explanation:
     floor: Mapping[str, float]
     contact: FirstContact | None
     causes: tuple[Swap, ...]
-    caused: Joint
+    caused: CombinedSwap
     probes: tuple[Swap, ...]
-    probed: Joint
+    probed: CombinedSwap
     unexplained: Mapping[str, float]
     restart: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     exchanged: Explanation | None = None
     notes: tuple[str, ...] = ()
-    declared: tuple[Declared, ...] = ()
+    declared: tuple[DeclaredDeviation, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Explanation of {self.first} and {self.second}: {len(self.causes)} differences>"
@@ -159,18 +159,18 @@ def _from_first(
     if gaps.not_finite:
         notes.append(f"{gaps.not_finite} windows are not looked at: a state at their end is not finite")
     windows = gaps.windows
-    declared: list[Declared] = []
+    declared: list[DeclaredDeviation] = []
     met: dict[str, float] = dict(caused.gap)
     touching = touching_names(first.world, run)
     if not same and judge.open(met) and (said := recoveries(left, touching)):
         found, rest = _recovered(gaps, left, rest, floor, said, run)
-        declared, met = found, ({**met, **judge.means(Gap(rest.windows))} if found else met)
-    probed, further = Joint((), met, {}), list[Swap]()
+        declared, met = found, ({**met, **judge.means(BodyGap(rest.windows))} if found else met)
+    probed, further = CombinedSwap((), met, {}), list[Swap]()
     if not same and judge.open(met):
-        second_judge = Judge(gaps, left, Gap(rest.windows), floor, progress)
+        second_judge = Judge(gaps, left, BodyGap(rest.windows), floor, progress)
         candidates = list(probes(left))
         further = second_judge.each(candidates)
-        closing = [both for both in zip(candidates, further, strict=True) if both[0].kind is not Kind.REMOVAL]
+        closing = [both for both in zip(candidates, further, strict=True) if both[0].kind is not CandidateKind.REMOVAL]
         probed, _, _ = second_judge.together([both[0] for both in closing], [both[1] for both in closing])
         declared += located(left, touching, list(zip(candidates, further, strict=True)))
     unexplained = {name: 1.0 - share for name, share in judge.shares({**caused.gap, **probed.gap}).items()}
@@ -199,11 +199,11 @@ def _from_first(
 
 
 def _recovered(
-    gaps: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
-) -> tuple[list[Declared], Gap]:
+    gaps: Gaps, pair: Pair, gap: BodyGap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
+) -> tuple[list[DeclaredDeviation], BodyGap]:
     """The part of a gap that declared laws of recovery account for, and the rest; later gaps are without this part. Nothing
     where they close no share that may be claimed."""
-    judge = Judge(gaps, pair, Gap(gap.windows), floor, lambda *_: None)
+    judge = Judge(gaps, pair, BodyGap(gap.windows), floor, lambda *_: None)
     gaps.shift = RecoveryShift(gaps.windows, run)
     after = gaps.of(pair)
     means, intervals = judge.means(after), judge.intervals(after)
@@ -212,7 +212,7 @@ def _recovered(
         gaps.shift = None
         return [], gap
     engines, whats = (" and ".join(dict.fromkeys(words)) for words in zip(*said, strict=True))
-    return [Declared(engines, whats, "recovery of overlaps", True, share, intervals)], after
+    return [DeclaredDeviation(engines, whats, "recovery of overlaps", True, share, intervals)], after
 
 
 def _in_whole_runs(
@@ -321,7 +321,9 @@ def _nothing(explanation: Explanation) -> Iterable[str]:
 
 def _cause(swap: Swap, telling: Sequence[str]) -> str:
     before, after = swap.values
-    values = f"{before} in A, {after} in B" if swap.kind == Kind.DIFFERENCE.value else f"{before}, default {after}"
+    values = (
+        f"{before} in A, {after} in B" if swap.kind == CandidateKind.DIFFERENCE.value else f"{before}, default {after}"
+    )
     name = f"{swap.name[:1].upper()}{swap.name[1:]} ({values})"
     closing = {kind: share for kind, share in swap.share.items() if share > 0.0}
     if closing:
@@ -384,7 +386,7 @@ def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
     ways = [
         swap
         for swap in useful(explanation.probes)
-        if swap.kind != Kind.REMOVAL.value and swap.share.get(ALL, 0.0) > 0.0
+        if swap.kind != CandidateKind.REMOVAL.value and swap.share.get(ALL, 0.0) > 0.0
     ]
     ways.sort(key=lambda swap: -swap.share[ALL])
     given = [name for name in explanation.telling if name != RUN]
@@ -396,7 +398,7 @@ def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
 
 
 def _places(explanation: Explanation) -> Iterable[str]:
-    places = [swap for swap in useful(explanation.probes) if swap.kind == Kind.REMOVAL.value]
+    places = [swap for swap in useful(explanation.probes) if swap.kind == CandidateKind.REMOVAL.value]
     for swap in places:
         if swap.share.get(ALL, 0.0) > 0.5:
             yield f"With {swap.name}, {percent(swap.share[ALL])} of it is gone: it is there that the two differ."
@@ -439,7 +441,11 @@ def _left(explanation: Explanation) -> Iterable[str]:
 
 
 def _located(
-    explanation: Explanation, acts: str, some: Sequence[Declared], parts: Mapping[str, float], left: Mapping[str, float]
+    explanation: Explanation,
+    acts: str,
+    some: Sequence[DeclaredDeviation],
+    parts: Mapping[str, float],
+    left: Mapping[str, float],
 ) -> Iterable[str]:
     """Declarations on ``acts``, where ``parts`` of the rest ``left`` are, and how much of these they account for: at most the
     share that a swap closes by removing the deviation, and nothing where that swap was made already."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.attribution.candidates import CAUSES, Candidate, Kind, Pair
+from simspec.attribution.candidates import CAUSES, Candidate, CandidateKind, Pair
 from simspec.attribution.configuration import Asking, Configuration, run_operation, windows_operation
 from simspec.attribution.configuration import Floats as ConfigurationFloats
 from simspec.attribution.windows import (
@@ -45,7 +45,7 @@ def negligible(floor: float) -> float:
 
 
 @dataclass(frozen=True)
-class Gap:
+class BodyGap:
     """A gap (m): of each window and body (k, bodies), and the mean of whole runs (rows) by body (bodies); None where that was
     not requested."""
 
@@ -73,7 +73,7 @@ class Gaps:
         self.not_finite = 0
         """Windows that are not looked at, since a state at their end is not finite."""
 
-    def begin(self, pair: Pair, run: Answer) -> tuple[Gap, Gap, FirstContact | None]:
+    def begin(self, pair: Pair, run: Answer) -> tuple[BodyGap, BodyGap, FirstContact | None]:
         """Of the two sides as they are: the gap, the first side's noise, and the first contact of ``run``, the first side's.
         Windows in which the noise hides the gap do not count, here and later.
 
@@ -95,8 +95,8 @@ class Gaps:
         moved = poses_at_ends(pair[0], windows, ours[-1])
         here, there, moved = self._finite(pair, [*poses, moved])
         self._ends = {pair[0].key: here, pair[1].key: there}
-        gap = Gap(gaps(windows.world, here, there))
-        noise = Gap(gaps(windows.world, here, moved))
+        gap = BodyGap(gaps(windows.world, here, there))
+        noise = BodyGap(gaps(windows.world, here, moved))
         self.quiet = noise.of_windows <= np.maximum(NEGLIGIBLE, gap.of_windows / FLOOR_FACTOR)
         return gap, noise, first_contact(pair, [ours[1], theirs[1]]) if contact else None
 
@@ -112,7 +112,7 @@ class Gaps:
         self.windows = self.windows.only(kept)
         return [pose[kept] for pose in poses]
 
-    def restarted(self, pair: Pair, run: Answer) -> tuple[Gap, Gap]:
+    def restarted(self, pair: Pair, run: Answer) -> tuple[BodyGap, BodyGap]:
         """How far each side is from its own run where it begins windows in that run's states: nothing, where the state is all
         that an engine has; more, where it remembers contact points of earlier steps, say. ``run``: the first side's. Raises
         EngineError."""
@@ -131,26 +131,26 @@ class Gaps:
         (answer,) = self._asking.ask(second, again)
         there = ends(second, windows, answer)
         here = ordered_poses(second.world, windows.world, course.arrays["pose"][windows.numbers + 1])
-        return Gap(ours), Gap(gaps(windows.world, there, here))
+        return BodyGap(ours), BodyGap(gaps(windows.world, there, here))
 
-    def of(self, pair: Pair, runs: bool = False) -> Gap:
+    def of(self, pair: Pair, runs: bool = False) -> BodyGap:
         """The gap of a pair, whatever is accepted or not: a counterfactual is no claim. ``runs``: of whole runs, too. Raises
         UnsupportedError, SpecError and EngineError."""
         first, second = (side.accepting() for side in pair)
         return self._between(first, second, runs, None if self.shift is None else self.shift((first, second)))
 
-    def moved(self, before: Pair, after: Pair, runs: bool = False) -> Gap:
+    def moved(self, before: Pair, after: Pair, runs: bool = False) -> BodyGap:
         """How far a change moves the sides: the gap between each side before and after it, the sum of both sides'."""
         parts = [
             self._between(configuration.accepting(), other.accepting(), runs)
             for configuration, other in zip(before, after, strict=True)
         ]
         run = None if parts[0].run is None or parts[1].run is None else parts[0].run + parts[1].run
-        return Gap(parts[0].windows + parts[1].windows, run)
+        return BodyGap(parts[0].windows + parts[1].windows, run)
 
     def _between(
         self, first: Configuration, second: Configuration, runs: bool, shift: ConfigurationFloats | None = None
-    ) -> Gap:
+    ) -> BodyGap:
         world = self.windows.world
         theirs = self._end(second)
         if shift is not None:
@@ -158,10 +158,10 @@ class Gaps:
             theirs[..., :3] += shift
         found = gaps(world, self._end(first), theirs)
         if not runs:
-            return Gap(found)
+            return BodyGap(found)
         poses = [self._whole(side) for side in (first, second)]
         rows = min(map(len, poses))
-        return Gap(found, gaps(world, poses[0][:rows], poses[1][:rows]).mean(axis=0))
+        return BodyGap(found, gaps(world, poses[0][:rows], poses[1][:rows]).mean(axis=0))
 
     def _end(self, side: Configuration) -> ConfigurationFloats:
         if side.key not in self._ends:
@@ -288,7 +288,7 @@ class Swap:
 
 
 @dataclass(frozen=True)
-class Joint:
+class CombinedSwap:
     """Swaps made together: their names, the gap that they leave by class (m), and the share that they close, with intervals."""
 
     names: tuple[str, ...]
@@ -300,13 +300,13 @@ class Joint:
 class Judge:
     """Shares of a pair's gap that swaps close. ``floor``: by class the noise (m)."""
 
-    def __init__(self, gaps: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], progress: Callable[..., None]):
+    def __init__(self, gaps: Gaps, pair: Pair, gap: BodyGap, floor: Mapping[str, float], progress: Callable[..., None]):
         self._gaps, self._pair, self._whole, self._floor, self._progress = gaps, pair, gap, floor, progress
         self._runs = gap.run is not None
         self._draws = Draws(gaps.windows, gaps.quiet)
         self.gap = self.means(gap)
 
-    def means(self, gap: Gap) -> dict[str, float]:
+    def means(self, gap: BodyGap) -> dict[str, float]:
         """By class the mean gap (m)."""
         means = {
             name: float(value) for name, value in self._gaps.windows.means(gap.of_windows, self._gaps.quiet).items()
@@ -327,7 +327,7 @@ class Judge:
         """The share that is closed, by class, of the gaps that are more than round-off."""
         return {name: 1.0 - gap[name] / self.gap[name] for name in self.telling if name in gap}
 
-    def intervals(self, gap: Gap) -> dict[str, Interval]:
+    def intervals(self, gap: BodyGap) -> dict[str, Interval]:
         """Where these shares lie, with other windows."""
         intervals = self._draws.share(gap.of_windows, self._whole.of_windows)
         return {name: intervals[name] for name in self.telling if name in intervals}
@@ -376,18 +376,18 @@ class Judge:
             {} if moved is None else self._effect(moved),
         )
 
-    def _effect(self, moved: Gap) -> dict[str, float]:
+    def _effect(self, moved: BodyGap) -> dict[str, float]:
         parts = {name: value / self.gap[name] for name, value in self.means(moved).items() if name in self.telling}
         return {name: part for name, part in parts.items() if part >= self._least(name, SMALLEST_EFFECT)}
 
-    def together(self, candidates: Sequence[Candidate], swaps: Iterable[Swap]) -> tuple[Joint, Pair, Gap]:
+    def together(self, candidates: Sequence[Candidate], swaps: Iterable[Swap]) -> tuple[CombinedSwap, Pair, BodyGap]:
         """All differences of the two sides' values, and of the other candidates those that close more of the gap when added to
         those before them, the largest share first. And the pair that they leave, with its gap."""
         tried = [(swap, candidate) for swap, candidate in zip(swaps, candidates, strict=True) if swap.failed is None]
-        tried.sort(key=lambda both: (both[1].kind is not Kind.DIFFERENCE, -both[0].largest))
+        tried.sort(key=lambda both: (both[1].kind is not CandidateKind.DIFFERENCE, -both[0].largest))
         pair, gap, names, about = self._pair, self._whole, list[str](), set[str]()
         for swap, candidate in tried:
-            given = candidate.kind is Kind.DIFFERENCE
+            given = candidate.kind is CandidateKind.DIFFERENCE
             if about & set(candidate.about) or not (given or (swap.largest > 0.0 and self.open(self.means(gap)))):
                 continue
             self._progress(f"adding {candidate.name}")
@@ -398,9 +398,9 @@ class Judge:
             names.append(candidate.name)
             about |= set(candidate.about)
         means = self.means(gap)
-        return Joint(tuple(names), means, self.shares(means), self.intervals(gap) if names else {}), pair, gap
+        return CombinedSwap(tuple(names), means, self.shares(means), self.intervals(gap) if names else {}), pair, gap
 
-    def _joint(self, pair: Pair, candidate: Candidate) -> tuple[Pair, Gap] | None:
+    def _joint(self, pair: Pair, candidate: Candidate) -> tuple[Pair, BodyGap] | None:
         """The pair with one more change, and its gap; None where that is not possible: each by itself could be tried, and the
         share of this one stays in what is left."""
         try:
@@ -426,5 +426,5 @@ def acting(swaps: Iterable[Swap]) -> list[Swap]:
     defaults; of each the largest share first, then the largest effect."""
     found = [swap for swap in swaps if swap.acts or swap.largest > 0.0]
     return sorted(
-        found, key=lambda swap: (swap.kind != Kind.DIFFERENCE.value, -swap.largest, -max(swap.effect.values()))
+        found, key=lambda swap: (swap.kind != CandidateKind.DIFFERENCE.value, -swap.largest, -max(swap.effect.values()))
     )

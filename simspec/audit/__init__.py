@@ -24,7 +24,7 @@ class What(StrEnum):
     """The engine's process ended, or did not answer in time."""
 
 
-class Severity(StrEnum):
+class FindingSeverity(StrEnum):
     """The effect of a finding on a simulation of the file."""
 
     PHYSICS = "physics"
@@ -38,18 +38,18 @@ class Severity(StrEnum):
     """Another form of the same model."""
 
 
-SILENT = (Severity.PHYSICS,)
+SILENT = (FindingSeverity.PHYSICS,)
 """Severities that an audit fails for."""
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class AuditFinding:
     """One thing: ``element`` and ``quantity`` (words of the language: ``upper``, ``joint.axis``), the place in the file,
     and both values as texts. ``size``: their difference, relative or in ``unit``, where that is a number."""
 
     engine: str
     what: What
-    severity: Severity
+    severity: FindingSeverity
     element: str
     quantity: str
     file_value: str = ""
@@ -72,14 +72,14 @@ class EngineAudit:
     engine: str
     how: str
     loaded: bool
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[AuditFinding, ...] = ()
     compared: int = 0
     version: str = ""
     seconds: float = 0.0
     log: tuple[str, ...] = ()
 
     @property
-    def silent(self) -> tuple[Finding, ...]:
+    def silent(self) -> tuple[AuditFinding, ...]:
         """Findings that the audit fails for."""
         return tuple(finding for finding in self.findings if finding.silent)
 
@@ -90,7 +90,7 @@ class EngineAudit:
 
 
 @dataclass(frozen=True, slots=True)
-class Compiled:
+class CompiledProof:
     """The proof's result for the same file, compiled by simspec: ``valid`` None where it was not compiled, and ``why``."""
 
     engine: str
@@ -109,7 +109,7 @@ class FileAudit:
     language: str
     meaning: str
     engines: tuple[EngineAudit, ...]
-    compiled: tuple[Compiled, ...] = ()
+    compiled: tuple[CompiledProof, ...] = ()
     defects: tuple[str, ...] = ()
     losses: int = 0
     losses_of_physics: int = 0
@@ -130,27 +130,27 @@ class FileAudit:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class FindingGroup:
     """Findings of one engine that say the same of several elements."""
 
     engine: str
     what: What
-    severity: Severity
+    severity: FindingSeverity
     quantity: str
-    findings: tuple[Finding, ...]
+    findings: tuple[AuditFinding, ...]
 
     @property
-    def worst(self) -> Finding:
+    def worst(self) -> AuditFinding:
         """The one that is furthest off."""
         return max(self.findings, key=lambda finding: finding.size or 0.0)
 
 
-def grouped(findings: Sequence[Finding]) -> list[Group]:
+def grouped(findings: Sequence[AuditFinding]) -> list[FindingGroup]:
     """Findings by engine, kind and quantity, the gravest first."""
-    groups: dict[tuple[str, What, Severity, str], list[Finding]] = {}
+    groups: dict[tuple[str, What, FindingSeverity, str], list[AuditFinding]] = {}
     for finding in findings:
         key = (finding.engine, finding.what, finding.severity, finding.quantity)
         groups.setdefault(key, []).append(finding)
-    order = list(Severity)
-    made = [Group(*key, tuple(members)) for key, members in groups.items()]
+    order = list(FindingSeverity)
+    made = [FindingGroup(*key, tuple(members)) for key, members in groups.items()]
     return sorted(made, key=lambda group: order.index(group.severity))

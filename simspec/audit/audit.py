@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.audit import Compiled, EngineAudit, FileAudit, Finding, Severity, What
-from simspec.audit.compare import Comparison, compare
+from simspec.audit import AuditFinding, CompiledProof, EngineAudit, FileAudit, FindingSeverity, What
+from simspec.audit.compare import FileComparison, compare
 from simspec.audit.meaning import Meaning, file_name, match, meaning_of
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.foreign import MESH, Reads
@@ -19,8 +19,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, Problem, SpecError, clipped
 from simspec.files import scratch_folder
 from simspec.imports.files import Files
-from simspec.language.foreign import ImportOptions
-from simspec.language.foreign import Severity as LossSeverity
+from simspec.language.foreign import ImportOptions, LossSeverity
 from simspec.language.sources import project_folder
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
@@ -62,7 +61,7 @@ def audit(
     actual = dict(zip(readers, replies, strict=True))
     meaning = _defined(meaning, actual, {name: readers[name] for name in readers})
     audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in actual.items())
-    results: tuple[Compiled, ...] = ()
+    results: tuple[CompiledProof, ...] = ()
     if prove and meaning.world is not None:
         progress(f"{path.name}: compiling and proving")
         results = proven(meaning.world, list(engines), meaning.locate, pythons, deadline, warm)
@@ -108,7 +107,7 @@ def readers_of(language: str, engines: Iterable[str]) -> tuple[dict[str, Reads],
     return readers, skipped
 
 
-class Loaded:
+class LoadedFile:
     """The result of loading a file in one engine: its answer, or the error."""
 
     def __init__(self, reply: Reply | None, error: EngineError | None, seconds: float):
@@ -136,7 +135,7 @@ def loaded(
     deadline: float,
     warm: WarmProcesses | None = None,
     roots: Sequence[str] = (),
-) -> Loaded:
+) -> LoadedFile:
     """Load a file in an engine, in a process of its own that may open what is below ``roots`` (default: the file's folder) and
     what the engine needs (``confinement``)."""
     parameters = {
@@ -150,12 +149,12 @@ def loaded(
         try:
             operations = [Operation("foreign", parameters)]
             with start(engine, nothing, operations, python=python, deadline=deadline, warm=warm) as running:
-                return Loaded(running.wait(), None, time.perf_counter() - begun)
+                return LoadedFile(running.wait(), None, time.perf_counter() - begun)
         except EngineError as error:
-            return Loaded(None, error, time.perf_counter() - begun)
+            return LoadedFile(None, error, time.perf_counter() - begun)
 
 
-def _defined(meaning: Meaning, actual: Mapping[str, Loaded], readers: Mapping[str, Reads]) -> Meaning:
+def _defined(meaning: Meaning, actual: Mapping[str, LoadedFile], readers: Mapping[str, Reads]) -> Meaning:
     """The meaning of a file that simspec does not import: the model in the engine that defines the language."""
     if meaning.bodies:
         return meaning
@@ -168,14 +167,14 @@ def _defined(meaning: Meaning, actual: Mapping[str, Loaded], readers: Mapping[st
     return dataclasses.replace(meaning, source="not known: simspec does not import the file")
 
 
-def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) -> EngineAudit:
+def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: LoadedFile) -> EngineAudit:
     reply, error = loading.reply, loading.error
     if error is not None or reply is None or reply.answers[0].read_back is None:
         refused = error is not None and error.refused
         text = str(error).removeprefix(f"{name}: ")
         what = What.REFUSED if refused else What.DIED
         given = clipped(text.removeprefix("refuses the file: "), 600)
-        finding = Finding(name, what, Severity.PHYSICS, "the file", "file", "", given, why=given)
+        finding = AuditFinding(name, what, FindingSeverity.PHYSICS, "the file", "file", "", given, why=given)
         return EngineAudit(name, reads.how, False, (finding,), seconds=loading.seconds)
     answer = reply.answers[0]
     read_back = reply.answers[0].read_back
@@ -192,7 +191,7 @@ def proven(
     pythons: Mapping[str, str] | None = None,
     deadline: float = DEADLINE,
     warm: WarmProcesses | None = None,
-) -> tuple[Compiled, ...]:
+) -> tuple[CompiledProof, ...]:
     """The proof's results in each of ``engines`` for a world of a robot file, as simspec compiles it. ``locate``: places in the
     file, by dotted paths of the world."""
     from simspec.proof.verify import verify
@@ -200,7 +199,7 @@ def proven(
 
     world = accepting(world, engines)
     compiled, left = supporting(world, engines, locate, pythons)
-    results = {name: Compiled(name, None, clipped(reason.reason)) for name, reason in left.items()}
+    results = {name: CompiledProof(name, None, clipped(reason.reason)) for name, reason in left.items()}
     if compiled:
         certificate = verify(
             world,
@@ -215,7 +214,7 @@ def proven(
         for name, proof in certificate.engines.items():
             wrong = [check for check in proof.checks if not check.passed]
             why = "" if not wrong else f"{wrong[0].level} {wrong[0].name} {wrong[0].where} {wrong[0].detail}"
-            results[name] = Compiled(name, not wrong and bool(proof.checks), clipped(why.strip()))
+            results[name] = CompiledProof(name, not wrong and bool(proof.checks), clipped(why.strip()))
     return tuple(results[name] for name in engines if name in results)
 
 
@@ -245,7 +244,7 @@ class PairAudit:
     second: str
     matched: int
     compared: int
-    findings: tuple[Finding, ...]
+    findings: tuple[AuditFinding, ...]
     only_first: tuple[str, ...]
     only_second: tuple[str, ...]
     notes: tuple[str, ...] = ()
@@ -274,12 +273,12 @@ def pair(
     shared = frozenset(matched.partners)
     partners = frozenset(body.name for body in matched.partners.values())
     read_back = ReadBack(tuple(map(_as_read_back, other.bodies)), other.gravity or (0.0, 0.0, 0.0), 0.0)
-    compared = Comparison(SECOND, dataclasses.replace(entry, gravity=None), read_back, {}).run()
+    compared = FileComparison(SECOND, dataclasses.replace(entry, gravity=None), read_back, {}).run()
     findings = tuple(
         finding
         for finding in compared.findings
         if not (finding.quantity == "body" and finding.what in (What.DROPPED, What.ADDED, What.MERGED))
-        and finding.severity is not Severity.DEFAULT
+        and finding.severity is not FindingSeverity.DEFAULT
     )
     return PairAudit(
         *names,

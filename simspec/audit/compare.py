@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.audit import Finding, Severity, What
+from simspec.audit import AuditFinding, FindingSeverity, What
 from simspec.audit.meaning import WORLD, Meaning, folded, full, groups_of, match, parents_first, plain_text, zero_poses
-from simspec.engines.kit.foreign import AXES, MESH, Addition, directions
+from simspec.engines.kit.foreign import AXES, MESH, EngineAddition, directions
 from simspec.imports.draft import NOT_POSITIVE
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.language.moments import principal_moments
@@ -27,7 +27,7 @@ MESH_SHARE: Final = 2e-4
 """Share of a mesh's extent by which an engine may round its vertices."""
 
 
-def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], actual: Sequence[Shape]) -> None:
+def compare_shapes(comparison: FileComparison, body: Body, said: Sequence[Shape], actual: Sequence[Shape]) -> None:
     """Add findings about the shapes of a body."""
     solid = [shape for shape in said if shape.collision]
     left = [shape for shape in actual if shape.collision]
@@ -38,20 +38,20 @@ def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], ac
             return
         near = min(left, key=lambda other: _distance(shape, other), default=None)
         if near is None:
-            comparison.add(What.DROPPED, Severity.PHYSICS, body, "shapes", shape_text(shape), None)
+            comparison.add(What.DROPPED, FindingSeverity.PHYSICS, body, "shapes", shape_text(shape), None)
             continue
         left.remove(near)
         distance = _distance(shape, near)
         if distance > (max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE):
             size = None if math.isinf(distance) else distance
             comparison.add(
-                What.CHANGED, Severity.PHYSICS, body, "shapes", shape_text(shape), shape_text(near), "", size
+                What.CHANGED, FindingSeverity.PHYSICS, body, "shapes", shape_text(shape), shape_text(near), "", size
             )
     for shape in left:
-        comparison.add(What.ADDED, Severity.PHYSICS, body, "shapes", None, shape_text(shape))
+        comparison.add(What.ADDED, FindingSeverity.PHYSICS, body, "shapes", None, shape_text(shape))
     seen, actual_seen = (sum(shape.visual for shape in shapes) for shapes in (said, actual))
     if seen and not actual_seen:
-        comparison.add(What.DROPPED, Severity.APPEARANCE, body, "shapes", f"{seen} that are seen", "none")
+        comparison.add(What.DROPPED, FindingSeverity.APPEARANCE, body, "shapes", f"{seen} that are seen", "none")
 
 
 def _extent(shape: Shape) -> float:
@@ -111,12 +111,12 @@ SCALARS: Final = {
 """Numbers of a joint, what stands for none of it, and their unit."""
 
 
-class Comparison:
+class FileComparison:
     """Collects findings of one engine about one file; ``compared`` counts values that were actual against each other."""
 
-    def __init__(self, engine: str, meaning: Meaning, actual: ReadBack, extras: Mapping[str, Addition]):
+    def __init__(self, engine: str, meaning: Meaning, actual: ReadBack, extras: Mapping[str, EngineAddition]):
         self.engine, self._meaning, self._actual, self._extras = engine, meaning, actual, extras
-        self.findings: list[Finding] = []
+        self.findings: list[AuditFinding] = []
         self.compared = 0
         imported = meaning.imported
         lost = imported.losses() if imported is not None else []
@@ -129,7 +129,7 @@ class Comparison:
         self._at, self._actual_at = zero_poses(meaning.bodies), zero_poses(actual.bodies)
         self._group, self._actual_group = groups_of(meaning.bodies), groups_of(actual.bodies)
 
-    def run(self) -> Comparison:
+    def run(self) -> FileComparison:
         """Compare everything."""
         if self._meaning.bodies:
             self._missing()
@@ -138,7 +138,7 @@ class Comparison:
                 if partner is not None:
                     self._body(body, partner)
                 elif body.joint.kind in TREE_JOINTS:
-                    self.add(What.DROPPED, Severity.PHYSICS, body, "joint", body.joint.kind, None)
+                    self.add(What.DROPPED, FindingSeverity.PHYSICS, body, "joint", body.joint.kind, None)
             self._static()
             self._extra()
         self._inventory()
@@ -147,7 +147,7 @@ class Comparison:
     def add(
         self,
         what: What,
-        severity: Severity,
+        severity: FindingSeverity,
         body: Body | None,
         quantity: str,
         file_value: Any,
@@ -160,7 +160,7 @@ class Comparison:
         path = f"bodies.{body.name}.{quantity}" if body is not None else quantity
         location = self._meaning.locate(path) if body is not None or quantity == "gravity" else None
         values = plain_text(file_value), plain_text(engine_value)
-        self.findings.append(Finding(self.engine, what, severity, element, quantity, *values, location, why, size))
+        self.findings.append(AuditFinding(self.engine, what, severity, element, quantity, *values, location, why, size))
 
     def compares(self, body: Body, quantity: str) -> bool:
         """Whether a value of the file can be actual against the engine's; counts it."""
@@ -178,15 +178,15 @@ class Comparison:
             if carrier == body.name:
                 continue
             if carrier is None:
-                self.add(What.DROPPED, Severity.PHYSICS, body, "body", "a body", None)
+                self.add(What.DROPPED, FindingSeverity.PHYSICS, body, "body", "a body", None)
             elif body.joint.kind == "free":
                 severity, why, share = self._stuck(body)
                 value = f"part of {carrier}, {100.0 * share:.3g} % of the mass cannot move"
                 self.add(What.MERGED, severity, body, "body", "a body", value, why)
             else:
-                self.add(What.MERGED, Severity.INFORMATION, body, "body", "a body", f"part of {carrier}", "")
+                self.add(What.MERGED, FindingSeverity.INFORMATION, body, "body", "a body", f"part of {carrier}", "")
 
-    def _stuck(self, root: Body) -> tuple[Severity, str, float]:
+    def _stuck(self, root: Body) -> tuple[FindingSeverity, str, float]:
         """The effect of an engine that fixes a free root to the world: severity, why, and the share of the tree's mass that
         cannot move then."""
         actual_group = self._actual_group
@@ -203,16 +203,16 @@ class Comparison:
                 fixed += body.inertial.mass
         share = fixed / total if total else 0.0
         if share >= STUCK:
-            return Severity.PHYSICS, f"{NO_ROOT}, and {fixed:.4g} kg of {total:.4g} kg cannot move", share
-        return Severity.DEFAULT, NO_ROOT, share
+            return FindingSeverity.PHYSICS, f"{NO_ROOT}, and {fixed:.4g} kg of {total:.4g} kg cannot move", share
+        return FindingSeverity.DEFAULT, NO_ROOT, share
 
     def _extra(self) -> None:
         for body in self._matched.extra:
             moves = self._actual_group[body.name] != WORLD
             if body.inertial.mass and moves:
-                self.add(What.ADDED, Severity.PHYSICS, body, "body", None, f"{body.inertial.mass:.6g} kg")
+                self.add(What.ADDED, FindingSeverity.PHYSICS, body, "body", None, f"{body.inertial.mass:.6g} kg")
             elif body.joint.kind != "fixed":
-                self.add(What.ADDED, Severity.INFORMATION, body, "body", None, f"a {body.joint.kind} joint")
+                self.add(What.ADDED, FindingSeverity.INFORMATION, body, "body", None, f"a {body.joint.kind} joint")
 
     def _body(self, body: Body, partner: Body) -> None:
         carried = [entry for entry in self._meaning.bodies if self._matched.carrier[entry.name] == body.name]
@@ -224,7 +224,7 @@ class Comparison:
         compare_shapes(self, body, shapes, partner.shapes)
 
     def _inertial(self, body: Body, said: Inertial, inertial: Inertial, moves: bool) -> None:
-        severity = Severity.PHYSICS if moves else Severity.INFORMATION
+        severity = FindingSeverity.PHYSICS if moves else FindingSeverity.INFORMATION
         why = "" if moves else "it cannot move"
         what = What.ADDED if not said.mass else What.DROPPED if not inertial.mass else What.CHANGED
         if self.compares(body, "mass") and relative(said.mass, inertial.mass) > SAME:
@@ -246,7 +246,7 @@ class Comparison:
         if off > SAME:
             self.add(What.CHANGED, severity, body, "inertia", tensor_values(said), tensor_values(inertial), why, off)
 
-    def _replaced(self, body: Body, inertial: Inertial, severity: Severity) -> None:
+    def _replaced(self, body: Body, inertial: Inertial, severity: FindingSeverity) -> None:
         """Another tensor in place of one that no body has: the file's own is repaired, and not compared."""
         self.compared += 1
         low, middle, high = principal_moments(inertial.inertia)
@@ -284,11 +284,20 @@ class Comparison:
         away = math.dist(said.position, actual.position)
         turned = turn_between(said.quaternion, actual.quaternion)
         if away > SAME * max(1.0, math.hypot(*said.position)):
-            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.origin.xyz", said.position, actual.position, "", away)
+            self.add(
+                What.CHANGED,
+                FindingSeverity.PHYSICS,
+                body,
+                "joint.origin.xyz",
+                said.position,
+                actual.position,
+                "",
+                away,
+            )
         if turned > SAME:
             self.add(
                 What.CHANGED,
-                Severity.PHYSICS,
+                FindingSeverity.PHYSICS,
                 body,
                 "joint.origin.rpy",
                 said.quaternion,
@@ -305,7 +314,7 @@ class Comparison:
             return  # one position is left to it, the one that the file says
         if said.kind != joint.kind:
             roots = said.parent is None and joint.parent is None and {said.kind, joint.kind} == {"fixed", "free"}
-            severity, why = (Severity.DEFAULT, NO_ROOT) if roots else (Severity.PHYSICS, "")
+            severity, why = (FindingSeverity.DEFAULT, NO_ROOT) if roots else (FindingSeverity.PHYSICS, "")
             what = What.DROPPED if joint.kind == "fixed" and not roots else What.CHANGED
             if roots and said.kind == "free":
                 severity, why, _ = self._stuck(body)
@@ -313,7 +322,7 @@ class Comparison:
             return
         if said.kind in SCALAR_JOINTS:
             if self.compares(body, "joint.axis") and (away := math.dist(said.axis, joint.axis)) > SAME:
-                self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, joint.axis, "", away)
+                self.add(What.CHANGED, FindingSeverity.PHYSICS, body, "joint.axis", said.axis, joint.axis, "", away)
             self._limits(body, said, joint)
         if said.kind == "fixed":
             return
@@ -329,16 +338,16 @@ class Comparison:
             return
         if entry is None or other is None:
             what = What.DROPPED if other is None else What.ADDED
-            self.add(what, Severity.PHYSICS, body, "joint.limits", entry, other)
+            self.add(what, FindingSeverity.PHYSICS, body, "joint.limits", entry, other)
         elif (away := max(abs(a - b) for a, b in zip(entry, other, strict=True))) > SAME:
-            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.limits", entry, other, "", away)
+            self.add(What.CHANGED, FindingSeverity.PHYSICS, body, "joint.limits", entry, other, "", away)
 
     def _scalar(self, body: Body, name: str, said: float | None, actual: float | None, nothing: float | None) -> None:
         entry, other = (nothing if value is None or value == 0.0 else value for value in (said, actual))
         if entry == other or (entry is not None and other is not None and relative(entry, other) <= SAME):
             return
         what = What.ADDED if entry == nothing else What.DROPPED if other == nothing else What.CHANGED
-        severity = Severity.RATING if name in RATINGS else Severity.PHYSICS
+        severity = FindingSeverity.RATING if name in RATINGS else FindingSeverity.PHYSICS
         off = relative(entry or 0.0, other or 0.0) if what is What.CHANGED else None
         self.add(what, severity, body, f"joint.{name}", said, actual, "", off)
 
@@ -357,7 +366,7 @@ class Comparison:
         if meaning.gravity is not None:
             self.compared += 1
             if math.dist(meaning.gravity, back.gravity) > SAME:
-                self.add(What.CHANGED, Severity.PHYSICS, None, "gravity", meaning.gravity, back.gravity)
+                self.add(What.CHANGED, FindingSeverity.PHYSICS, None, "gravity", meaning.gravity, back.gravity)
         for name, extra in self._extras.items():
             if name not in back.inventory:
                 continue
@@ -365,10 +374,10 @@ class Comparison:
             self.compared += extra.meaning is not None
             if extra.meaning is None:
                 if value or isinstance(value, bool):
-                    self.add(What.ADDED, Severity(extra.changes), None, name, None, value, extra.why)
+                    self.add(What.ADDED, FindingSeverity(extra.changes), None, name, None, value, extra.why)
             elif not _same(extra.meaning, value):
                 what = What.CHANGED if extra.meaning else What.ADDED
-                self.add(what, Severity(extra.changes), None, name, extra.meaning, value, extra.why)
+                self.add(what, FindingSeverity(extra.changes), None, name, extra.meaning, value, extra.why)
         frictions = sorted(
             {
                 surface.friction
@@ -381,7 +390,7 @@ class Comparison:
         )
         if frictions:
             shown = " to ".join(plain_text(value) for value in dict.fromkeys((frictions[0], frictions[-1])))
-            self.add(What.ADDED, Severity.DEFAULT, None, "friction", None, shown, "sliding friction of shapes")
+            self.add(What.ADDED, FindingSeverity.DEFAULT, None, "friction", None, shown, "sliding friction of shapes")
 
 
 def tensor_values(inertial: Inertial) -> tuple[float, ...]:
@@ -397,8 +406,8 @@ def _same(said: EngineValue | None, engine_value: EngineValue) -> bool:
 
 
 def compare(
-    engine: str, meaning: Meaning, back: ReadBack, extras: Mapping[str, Addition]
-) -> tuple[Sequence[Finding], int]:
+    engine: str, meaning: Meaning, back: ReadBack, extras: Mapping[str, EngineAddition]
+) -> tuple[Sequence[AuditFinding], int]:
     """Findings of what an engine holds of a file, and how many values were compared."""
-    done = Comparison(engine, meaning, back, extras).run()
+    done = FileComparison(engine, meaning, back, extras).run()
     return done.findings, done.compared

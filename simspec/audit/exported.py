@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from simspec.audit import Finding, Severity, What
-from simspec.audit.compare import Comparison
+from simspec.audit import AuditFinding, FindingSeverity, What
+from simspec.audit.compare import FileComparison
 from simspec.audit.libraries import LIBRARIES
 from simspec.audit.meaning import Meaning, match, parents_first
 from simspec.control.reference import drives
@@ -66,7 +66,7 @@ LOST_BY_FORMAT: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Reader:
+class FormatReader:
     """A program or library that reads a format. ``engine``: whether it is one of simspec's."""
 
     name: str
@@ -89,21 +89,21 @@ class Reader:
 class ReaderLoss:
     """One thing that a reader does to the files of a world, and to which bodies (empty: to the files as a whole)."""
 
-    reader: Reader
+    reader: FormatReader
     element: str
     what: str
     bodies: tuple[str, ...]
 
 
-def readers(language: str) -> tuple[Reader, ...]:
+def readers(language: str) -> tuple[FormatReader, ...]:
     """The programs and libraries whose treatment of a format's plain files is known, installed or not."""
     found = [
-        Reader(name, engine.TITLE or name, engine.FOREIGN[language], True)
+        FormatReader(name, engine.TITLE or name, engine.FOREIGN[language], True)
         for name, engine in engines().items()
         if language in engine.FOREIGN and engine.FOREIGN[language].version
     ]
     found += [
-        Reader(name, library.title, library.reads[language], False)
+        FormatReader(name, library.title, library.reads[language], False)
         for name, library in LIBRARIES.items()
         if language in library.reads
     ]
@@ -144,7 +144,7 @@ class Foreseen:
         return unforeseen, missing
 
 
-def foreseen_differences(reader: Reader, exported: Exported, profile: str, losses: Iterable[Loss]) -> Foreseen:
+def foreseen_differences(reader: FormatReader, exported: Exported, profile: str, losses: Iterable[Loss]) -> Foreseen:
     """The differences that the rules foresee for a file in a reader."""
     rows = foreseen(reader.reads.effects, exported, profile)
     pairs = {
@@ -157,7 +157,7 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
     return Foreseen(frozenset(exactly - lost), frozenset(pairs["may"]), frozenset(pairs["elsewhere"]))
 
 
-def differences(reader: Reader, exported: Exported, back: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
+def differences(reader: FormatReader, exported: Exported, back: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
     """The differences of a file in a reader from the world, without the losses of the format itself."""
     world, support = exported.world, exported.written.SUPPORT
     back = dataclasses.replace(back, bodies=tuple(map(_without_stand_ins, back.bodies)))
@@ -165,7 +165,7 @@ def differences(reader: Reader, exported: Exported, back: ReadBack, losses: Iter
     bodies = tuple(_as_said(exported))
     meaning = Meaning(Path(), exported.language, bodies=bodies, gravity=gravity)
     extras = engines()[reader.name].FOREIGN_ADDITIONS if reader.engine else {}
-    comparison = Comparison(reader.name, meaning, back, extras).run()
+    comparison = FileComparison(reader.name, meaning, back, extras).run()
     found = {difference for finding in comparison.findings if (difference := _difference(finding)) is not None}
     carried = support[Feature.TIMESTEP].level is Level.EXACT
     if carried and back.timestep and abs(back.timestep - world.physics.timestep) > ROUND_OFF:
@@ -211,12 +211,14 @@ def _rating(value: float | None) -> float | None:
     return None if value is None or value >= UNLIMITED else value
 
 
-def _difference(finding: Finding) -> Difference | None:
+def _difference(finding: AuditFinding) -> Difference | None:
     """The difference of a finding of the comparison; None for another form of the same model, and for values that files leave
     open."""
     quantity = finding.quantity
     if finding.what is What.MERGED:
-        return ("joint.type", finding.element) if finding.severity is not Severity.INFORMATION else None  # a free root
+        return (
+            ("joint.type", finding.element) if finding.severity is not FindingSeverity.INFORMATION else None
+        )  # a free root
     if quantity == "body" and finding.what is What.ADDED:
         mass = finding.engine_value.split()[0]
         return ("mass", finding.element) if mass[0].isdigit() and float(mass) > SMALLEST_MASS else None
@@ -224,7 +226,7 @@ def _difference(finding: Finding) -> Difference | None:
         quantity = "joint.origin.xyz"
     if quantity == "joint":
         quantity = "body"
-    wanted = finding.severity in (Severity.PHYSICS, Severity.RATING) or quantity == "joint.type"
+    wanted = finding.severity in (FindingSeverity.PHYSICS, FindingSeverity.RATING) or quantity == "joint.type"
     return (quantity, finding.element) if wanted else None
 
 

@@ -43,7 +43,7 @@ DESCRIBED: Final[Mapping[str, str]] = {"Fixed": "fixed", "Revolute": "hinge", "P
 
 
 @dataclass(frozen=True, slots=True)
-class Library:
+class AuditLibrary:
     """A library: its ``title``, the ``module`` to import, how it is called for each language, and what it makes of a file."""
 
     title: str
@@ -333,8 +333,8 @@ def _usd_shape(kind: str, actual: Any, prim: Any) -> Shape:
     return Shape(str(prim.GetName()), kind.lower(), size, pose, visual=False)
 
 
-LIBRARIES: Final[Mapping[str, Library]] = {
-    "pinocchio": Library(
+LIBRARIES: Final[Mapping[str, AuditLibrary]] = {
+    "pinocchio": AuditLibrary(
         "Pinocchio",
         "pinocchio",
         {
@@ -345,13 +345,13 @@ LIBRARIES: Final[Mapping[str, Library]] = {
         },
         _pinocchio,
     ),
-    "yourdfpy": Library(
+    "yourdfpy": AuditLibrary(
         "yourdfpy",
         "yourdfpy",
         {"urdf": Reads("yourdfpy.URDF.load(file)", (".urdf",), "robot", version="0.0.60", effects=(FIXED,))},
         _yourdfpy,
     ),
-    "usd-core": Library(
+    "usd-core": AuditLibrary(
         "usd-core",
         "pxr",
         {"usd": Reads("UsdPhysics.LoadUsdPhysicsFromRange(stage, ['/'])", (".usda", ".usdc"), "", version="26.11")},

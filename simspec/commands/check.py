@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from simspec.commands.loading import Loaded, load_spec
+from simspec.commands.loading import LoadedSpec, load_spec
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CheckOptions
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
@@ -28,7 +28,7 @@ def check(options: CheckOptions) -> int:
     options = replace(options, engine=options.chosen)
     names = names_alone(options.chosen)
     problems: list[Problem] = []
-    rows: list[tuple[str, Loaded, Plausibility]] = []
+    rows: list[tuple[str, LoadedSpec, Plausibility]] = []
     short: list[str] = []
     ways: dict[str, WaysOut] = {}
     for name in options.specs:
@@ -80,7 +80,7 @@ def check(options: CheckOptions) -> int:
     return EXIT_OK
 
 
-def _checked(name: str, loaded: Loaded, plausibility: Plausibility) -> dict[str, Any]:
+def _checked(name: str, loaded: LoadedSpec, plausibility: Plausibility) -> dict[str, Any]:
     world = loaded.world
     return {
         "spec": name,

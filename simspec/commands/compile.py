@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated, selection
-from simspec.commands.loading import Loaded, load_all, spec_file
+from simspec.commands.loading import LoadedSpec, load_all, spec_file
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.generated import GENERATED, Built, Written
+from simspec.generated import GENERATED, CompiledSpec, Written
 from simspec.outputs.targets import COMPILED, check_folder, demand, folder_problem
 from simspec.report.screen import console, say
 from simspec.selection import Selection
@@ -77,10 +77,10 @@ def _compile(options: CompileOptions, names: Sequence[str]) -> int:
 
 
 def _built(
-    loaded: Sequence[Loaded], engines: Selection, problems: Sequence[Problem]
-) -> tuple[list[Built], list[Selection]]:
+    loaded: Sequence[LoadedSpec], engines: Selection, problems: Sequence[Problem]
+) -> tuple[list[CompiledSpec], list[Selection]]:
     """The compiled specs, and the engines of each. Raises SpecError with ``problems`` and those of all specs."""
-    built: list[Built] = []
+    built: list[CompiledSpec] = []
     chosen: list[Selection] = []
     ways: dict[str, WaysOut] = {}
     every = list(problems)
@@ -104,7 +104,7 @@ def _built(
     return built, chosen
 
 
-def _explain(built: Built) -> None:
+def _explain(built: CompiledSpec) -> None:
     """Print how engines realise a scenario."""
     from simspec.report.explain import control_table, forces_table, tables
 
@@ -117,7 +117,7 @@ def _explain(built: Built) -> None:
             console().print(table)
 
 
-def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named: bool) -> int:
+def _check(built: Sequence[CompiledSpec], folders: Sequence[Path], as_json: bool, named: bool) -> int:
     stale = [
         line
         for scenario, folder in zip(built, folders, strict=True)
@@ -134,7 +134,7 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named
     return EXIT_FAILED if stale else EXIT_OK
 
 
-def _data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
+def _data(built: CompiledSpec, written: Written, explain: bool) -> dict[str, Any]:
     from simspec.report.explain import explained
 
     reasons = {name: explained(built.world, compiled) for name, compiled in built.compiled.items()} if explain else {}

@@ -13,7 +13,7 @@ from simspec.commands.files import generated_files
 from simspec.commands.options import demand_trusted, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit import registry
-from simspec.engines.kit.environments import State, compile_parts, diagnose
+from simspec.engines.kit.environments import InstallState, compile_parts, diagnose
 from simspec.engines.kit.installed import instances
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SimspecError, SpecError
@@ -98,7 +98,10 @@ def doctor(options: DoctorOptions) -> int:
         label
         for label, row in rows.items()
         if row["state"] != WORKS
-        and (label in wanted or row["state"] not in (State.ABSENT, State.IMPOSSIBLE, State.FILES, NOT_TRUSTED))
+        and (
+            label in wanted
+            or row["state"] not in (InstallState.ABSENT, InstallState.IMPOSSIBLE, InstallState.FILES, NOT_TRUSTED)
+        )
     ]
     code = EXIT_ENGINE if wrong or broken else EXIT_OK
     if options.as_json:
@@ -134,7 +137,7 @@ def examined(label: str, python: str | None, problem: str | None) -> dict[str, A
     engine = find_engine(label)
     found = diagnose(engine)
     state, problems = str(found.state), list(found.problems)
-    if python is not None or found.state is State.WHOLE:
+    if python is not None or found.state is InstallState.WHOLE:
         problems = [problem] if problem is not None else list(compile_parts(engine))
     row: dict[str, Any] = {
         "version": found.version,
@@ -147,7 +150,7 @@ def examined(label: str, python: str | None, problem: str | None) -> dict[str, A
         "height_error": None,
     }
     if problems:
-        return row | {"state": FAILS if found.state is State.WHOLE or python is not None else state}
+        return row | {"state": FAILS if found.state is InstallState.WHOLE or python is not None else state}
     try:
         seen = fall(label, python)
     except SimspecError as error:

@@ -17,12 +17,12 @@ from typing import Any, Final
 
 from simspec import generated
 from simspec.audit.exported import ReaderLoss, reader_losses
-from simspec.commands.loading import Loaded, load_all
+from simspec.commands.loading import LoadedSpec, load_all
 from simspec.commands.options import print_json
 from simspec.commands.scenario_options import ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.files import NotReadableError, read_bytes
-from simspec.formats.kit.contract import Format, Plain, formats
+from simspec.formats.kit.contract import Format, PlainFiles, formats
 from simspec.formats.kit.text import json_text
 from simspec.outputs.targets import LARGEST_MARKER, PLAIN, demand, file_problem, folder_problem
 from simspec.outputs.writing import update_folder, write_file
@@ -43,9 +43,9 @@ DIGEST: Final = "file_sha256"
 class Export:
     """One spec in plain files: where they go, and what they do not carry."""
 
-    loaded: Loaded
+    loaded: LoadedSpec
     format_name: str
-    plain: Plain
+    plain: PlainFiles
     folder: Path
     profile: str = ""
     """The layout of the files, where the format has several."""

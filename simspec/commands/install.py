@@ -14,8 +14,8 @@ from typing import Any
 from simspec.commands.experiment_options import InstallOptions
 from simspec.commands.options import print_json
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.environments import State, diagnose, making, python_of
-from simspec.engines.kit.installed import Instance, instances
+from simspec.engines.kit.environments import InstallState, diagnose, making, python_of
+from simspec.engines.kit.installed import EngineInstance, instances
 from simspec.engines.kit.registry import EngineId, engines, find_engine, parse
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
 from simspec.outputs.cache import is_complete, mark_begun, mark_complete
@@ -61,11 +61,11 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
     """Install an engine, or list its commands; the result as plain data. Each line is printed at once, unless as JSON."""
     found = diagnose(engine)
     row: dict[str, Any] = {"state": str(found.state), "version": found.version, "commands": [], "problem": None}
-    if found.state is State.WHOLE:
+    if found.state is InstallState.WHOLE:
         _tell(as_json, f"{engine.NAME}: {found.version} is installed")
         return row
-    if found.state in (State.IMPOSSIBLE, State.FILES):
-        row["problem"] = "; ".join([*found.problems, *([found.install] if found.state is State.FILES else [])])
+    if found.state in (InstallState.IMPOSSIBLE, InstallState.FILES):
+        row["problem"] = "; ".join([*found.problems, *([found.install] if found.state is InstallState.FILES else [])])
     commands = [] if row["problem"] else words(engine)
     if not row["problem"] and not commands:
         row["problem"] = f"{engine.NAME} does not say how it is installed"
@@ -89,7 +89,7 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
 
 def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
     """The same for a version, which has an environment of its own."""
-    row: dict[str, Any] = {"state": str(State.ABSENT), "version": None, "commands": [], "problem": None}
+    row: dict[str, Any] = {"state": str(InstallState.ABSENT), "version": None, "commands": [], "problem": None}
     try:
         commands = making(label)
     except EngineError as error:
@@ -112,7 +112,7 @@ def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
     if whole and found is not None:
         row |= {"version": found.version, "problem": found.problem}
         if found.problem is None:
-            row["state"] = str(State.WHOLE)
+            row["state"] = str(InstallState.WHOLE)
             _tell(as_json, f"{label.label}: {found.version} is installed in {place}")
     if row["problem"]:
         _tell(as_json, f"{label.label}: {row['problem']}")
@@ -138,7 +138,7 @@ def installed_version(label: EngineId, yes: bool) -> str:
     return str(python_of(place))
 
 
-def _instance(label: EngineId, place: Path) -> Instance:
+def _instance(label: EngineId, place: Path) -> EngineInstance:
     """The instance of a label in the interpreter of an environment."""
     requested = instances({label.label: str(python_of(place))})
     return next(instance for instance in requested if instance.label == label.label)

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from simspec.commands.options import Options, RobotFiles, engine_names, interpreters
+from simspec.commands.options import Options, RobotFileOptions, engine_names, interpreters
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.files import find_spec
@@ -22,7 +22,7 @@ OF_A_MODEL: Final = "1s"
 """Duration of the run of a model whose file does not give one: robot files have no element for it."""
 
 
-class Loaded(NamedTuple):
+class LoadedSpec(NamedTuple):
     """A spec, its world, the warnings about it, the overrides with which it was read, and its file."""
 
     spec: Spec
@@ -41,7 +41,7 @@ def load_spec(
     warn: bool = True,
     starts: bool = True,
     duration: str = "",
-) -> Loaded:
+) -> LoadedSpec:
     """Read and resolve a spec. Warnings are printed on standard error (with ``--json`` the command's answer has them); with
     ``--strict`` they are raised.
 
@@ -75,7 +75,7 @@ def load_spec(
         from simspec.report.problems import show_warnings
 
         show_warnings(found)
-    return Loaded(spec, world, found, sets, spec_file(name))
+    return LoadedSpec(spec, world, found, sets, spec_file(name))
 
 
 def accepted_sets(options: Options, name: str, sets: list[str] | None = None, starts: bool = True) -> list[str]:
@@ -129,10 +129,10 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
     return [*sets, *entries]
 
 
-def load_all(options: CompileOptions | ExportOptions, names: Sequence[str]) -> tuple[list[Loaded], list[Problem]]:
+def load_all(options: CompileOptions | ExportOptions, names: Sequence[str]) -> tuple[list[LoadedSpec], list[Problem]]:
     """The specs that can be read, and the problems of all others. With ``--check`` nothing is warned of: that was done when the
     files were written."""
-    loaded: list[Loaded] = []
+    loaded: list[LoadedSpec] = []
     problems: list[Problem] = []
     for name in names:
         try:
@@ -163,11 +163,11 @@ def spec_file(name: str) -> Path:
     return packaged(text, suffixes()).path if is_packaged(text) else Path(text)
 
 
-def source_of(name: str, sets: list[str] | None, spec: Spec, robot_files: RobotFiles) -> dict[str, Any]:
+def source_of(name: str, sets: list[str] | None, spec: Spec, robot_files: RobotFileOptions) -> dict[str, Any]:
     """The source of a run's world, for its provenance: the file ``name``, from which ``spec`` was read, the overrides, repairs
     of robot files, and of files of installed packages their versions and digests."""
     path = spec_file(name)
-    read: dict[str, Any] = {"robot_files": asdict(robot_files)} if robot_files != RobotFiles() else {}
+    read: dict[str, Any] = {"robot_files": asdict(robot_files)} if robot_files != RobotFileOptions() else {}
     if repairs := repaired(spec.source.all()):
         read["repairs"] = repairs_data(repairs)
     if packages := spec.packages():

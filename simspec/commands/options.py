@@ -123,12 +123,12 @@ class Options:
     as_json: Annotated[bool, Option("--json", help="Print one JSON object instead of tables.")] = False
 
     @cached_property
-    def robot_files(self) -> RobotFiles:
+    def robot_files(self) -> RobotFileOptions:
         """How robot files are read: by these options, then by the project file. Raises SpecError."""
         given: dict[str, Any] = {
             name: () if (value := getattr(self, name)) is None else value for name in ROBOT_OPTIONS
         }
-        return RobotFiles(**given, **_project_folders())
+        return RobotFileOptions(**given, **_project_folders())
 
     @cached_property
     def chosen(self) -> list[str]:
@@ -191,7 +191,7 @@ def function_of(kind: type[Options]) -> Callable[..., int]:
 
 
 @dataclass(frozen=True)
-class RobotFiles:
+class RobotFileOptions:
     """How robot files of other languages are read, in the words of the command line and of the project file."""
 
     repair: Sequence[str] = ()
@@ -252,7 +252,7 @@ def _pairs(words: Sequence[str], option: str, form: str) -> dict[str, str]:
 
 
 def _project_folders() -> dict[str, Any]:
-    """The folders of the project file, by fields of :class:`RobotFiles`."""
+    """The folders of the project file, by fields of :class:`RobotFileOptions`."""
     from simspec.project import load_project
 
     project = load_project()

@@ -12,7 +12,7 @@ from rich.console import Console
 from simspec import generated
 from simspec.commands.accept import is_writable
 from simspec.commands.diff import diff_code
-from simspec.commands.loading import OF_A_MODEL, Loaded, load_spec, source_of
+from simspec.commands.loading import OF_A_MODEL, LoadedSpec, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import reporting, reports_of, write_page
 from simspec.commands.scenario_options import RunOptions
@@ -84,7 +84,7 @@ class Results(Arrivals):
 
     def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
         open_folder(self._folder, STUDY)
-        built = generated.Built(self._world, compiled, files)
+        built = generated.CompiledSpec(self._world, compiled, files)
         generated.write(built, self._folder / COMPILED_FOLDER)
 
     def certificate(self, certificate: Certificate) -> None:
@@ -214,7 +214,7 @@ def run(options: RunOptions) -> int:
 
 
 def run_world(
-    options: RunOptions, world: World, selection: Selection, folder: Path, loaded: Loaded | None = None
+    options: RunOptions, world: World, selection: Selection, folder: Path, loaded: LoadedSpec | None = None
 ) -> int:
     """Study ``world``, of the spec ``loaded``, in the engines of ``selection``, write ``folder``, and print.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.commands.experiment_options import SweepOptions
-from simspec.commands.loading import Loaded, load_spec, source_of
+from simspec.commands.loading import LoadedSpec, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import SWEEP_FOLDER, Reports, reporting, reports_of
 from simspec.errors import EXIT_OK, Problem, SpecError
@@ -112,7 +112,7 @@ def is_csv(content: bytes) -> bool:
 
 
 def _show(
-    options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: Loaded, reports: Reports
+    options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: LoadedSpec, reports: Reports
 ) -> int:
     """Write and print the results; the exit code."""
     csv, warnings = options.csv, loaded.warnings

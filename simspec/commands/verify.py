@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from simspec import generated
 from simspec.commands.accept import is_writable
-from simspec.commands.loading import Loaded, load_spec
+from simspec.commands.loading import LoadedSpec, load_spec
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import reporting, reports_of
 from simspec.commands.scenario_options import VerifyOptions
@@ -58,7 +58,7 @@ def verify(options: VerifyOptions) -> int:
             return _verify(options, loaded, selection)
 
 
-def _demand_targets(options: VerifyOptions, loaded: Loaded) -> None:
+def _demand_targets(options: VerifyOptions, loaded: LoadedSpec) -> None:
     """Raise SpecError when a target may not be written: before anything is compiled or proven."""
     folder = options.out or generated.GENERATED / loaded.world.name
     problems = [folder_problem(folder, COMPILED, [loaded.file])]
@@ -68,7 +68,7 @@ def _demand_targets(options: VerifyOptions, loaded: Loaded) -> None:
     demand(problems)
 
 
-def _verify(options: VerifyOptions, loaded: Loaded, selection: Selection) -> int:
+def _verify(options: VerifyOptions, loaded: LoadedSpec, selection: Selection) -> int:
     """Compile a world into its generated folder, verify these files, and write the certificate.
 
     Reports, verdict and exit code are of the engines that are verified now. Proofs of others stay in the file while they hold.

@@ -97,7 +97,7 @@ def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
     return _Rows(columns, columns >= 0, implicit, torque, gravity, stiffness, damping, divisor, limit, hold)
 
 
-class _Group:
+class _JointGroup:
     """The driven joints of one tree; with dynamics, all its joints, in Pinocchio's order."""
 
     def __init__(self, world: World, bodies: tuple[Body, ...], reference: Reference):
@@ -205,9 +205,9 @@ def _dynamics(world: World, bodies: tuple[Body, ...], controllers: list[Controll
             f"{unexpected[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
         )
     try:
-        from simspec.dynamics.oracle_tree import Tree
+        from simspec.dynamics.oracle_tree import OracleTree
 
-        return Tree(dataclasses.replace(world, bodies=bodies))
+        return OracleTree(dataclasses.replace(world, bodies=bodies))
     except ModuleNotFoundError as error:
         raise ControlError(
             f"the law needs Pinocchio in the engine's environment ({error.name} is missing): pip install 'simspec-physics[pin]'"
@@ -230,7 +230,7 @@ class Control:
         self.native = Native(world, reference) if natives(world) else None
         world = dataclasses.replace(world, controllers=lawful)
         self._groups = [
-            _Group(world, bodies, reference)
+            _JointGroup(world, bodies, reference)
             for bodies in trees(world).values()
             if any(body.joint.name in lawful_joints for body in bodies)
         ]

@@ -158,7 +158,7 @@ def natives(world: World) -> tuple[Controller, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class ActuatorDrive:
     """A driven joint as a file with actuators can say it: an effort of kp (position − q) + kd (velocity − v) + effort, within
     ± ``effort_limit`` (None: unlimited), in SI units.
 
@@ -175,7 +175,7 @@ class Drive:
     effort: float
 
 
-def drives(world: World) -> tuple[Drive, ...]:
+def drives(world: World) -> tuple[ActuatorDrive, ...]:
     """The driven joints of a world, in the order of its controllers."""
     if not world.controllers:
         return ()
@@ -192,7 +192,7 @@ def drives(world: World) -> tuple[Drive, ...]:
         for name, kp, kd, limit in rows:
             column = columns[name]
             start = (float(row[0, column]) for row in (position, velocity, efforts))
-            found.append(Drive(name, kp, kd, limit, *start))
+            found.append(ActuatorDrive(name, kp, kd, limit, *start))
     return tuple(found)
 
 

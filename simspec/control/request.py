@@ -177,7 +177,7 @@ SHARES: Mapping[str, tuple[float, ...]] = {
 """Share of an angle at the share of the time, by interpolation: coefficients, the highest power first."""
 
 
-class Curve:
+class PoseCurve:
     """Where a kinematic body is."""
 
     def __init__(self, motion: Motion, place: Piecewise):
@@ -198,9 +198,9 @@ class Curve:
         return place, multiply(self._turns[row], exponential(share[:, None] * self._angles[row]))
 
 
-def curve(motion: Motion) -> Curve:
+def curve(motion: Motion) -> PoseCurve:
     """A motion that gives places; needs scipy where it is smooth."""
-    return Curve(motion, _place(motion))
+    return PoseCurve(motion, _place(motion))
 
 
 def _place(motion: Motion) -> Piecewise:
@@ -214,7 +214,7 @@ CHUNK = 1000
 class Prescribed:
     """The kinematic bodies of a world at work."""
 
-    def __init__(self, world: World, curves: Sequence[Curve]):
+    def __init__(self, world: World, curves: Sequence[PoseCurve]):
         where = layout_of(world)
         rows = {body.name: row for row, body in enumerate(world.bodies)}
         self.nv = where.nv
@@ -295,7 +295,7 @@ def motions_from_request(parameters: Mapping[str, Any], arrays: Mapping[str, Arr
         return None
     world: World = from_plain(World, content)
     curves = [
-        Curve(
+        PoseCurve(
             motion,
             Piecewise(*(arrays[f"{MOTION_PREFIX}{number}.{field.name}"] for field in dataclasses.fields(Piecewise))),
         )

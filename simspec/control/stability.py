@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.world.actions import Controller
 from simspec.world.kinematics import initial_state, layout, sprung_trees, within
 from simspec.world.passive_forces import JointSums
@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Instability:
+class ControlInstability:
     """A controller that diverges: the world's timestep (s), the largest step (s) at which it would not, and by what factor the
     fastest growing deviation grows in a step."""
 
@@ -54,7 +54,7 @@ class Instability:
     """For how many steps efforts are held at most."""
 
 
-def unstable(world: World) -> list[Instability]:
+def unstable(world: World) -> list[ControlInstability]:
     """The explicit controllers that are unstable at the world's timestep. Those of one tree, or of several that sums join, are
     looked at together, and blamed together when each alone is stable; implicit ones only take energy out, and are left out."""
     instabilities, timestep = [], world.physics.timestep
@@ -75,7 +75,7 @@ def unstable(world: World) -> list[Instability]:
         }
         for name, systems in (blamed or together).items():
             hold = max(int(system.hold.max(initial=1)) for system in systems)
-            instabilities.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep), hold))
+            instabilities.append(ControlInstability(name, timestep, _largest(systems), _worst(systems, timestep), hold))
     return instabilities
 
 
@@ -114,7 +114,7 @@ def _systems(
     world: World, bodies: tuple[Body, ...], controllers: Sequence[Controller], postures: Sequence[np.ndarray]
 ) -> list[System]:
     local_world = within(world, bodies)
-    tree = Tree(local_world)
+    tree = OracleTree(local_world)
     where = {body.joint.name: part.start for body, part in zip(bodies, tree.layout.velocity, strict=True)}
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(bodies, tree.layout.velocity, strict=True):

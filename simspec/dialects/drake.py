@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import Addition, Inert, table
+from simspec.dialects.kit.mutations import FileAddition, Inert, table
 from simspec.dialects.kit.world import WorldDialect
 from simspec.support import classes
 from simspec.support.declarations import Table
@@ -35,9 +35,9 @@ DEFECTS: Mapping[str, Plant | str] = {
 TABLE = table(
     {"contact_approximation": ("auto", "sap", "tamsi")},
     (
-        Addition("", "9.81", "strength"),
-        Addition("settings", "true", "sleeping"),
-        Addition("settings", "true", "hydroelastic_faces"),
+        FileAddition("", "9.81", "strength"),
+        FileAddition("settings", "true", "sleeping"),
+        FileAddition("settings", "true", "hydroelastic_faces"),
     ),
     (Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),),
 )

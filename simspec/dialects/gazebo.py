@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, Addition, Inert, table
+from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, FileAddition, Inert, table
 from simspec.dialects.kit.world import WorldDialect
 from simspec.support import classes
 from simspec.support.declarations import Table, exact
@@ -42,9 +42,9 @@ NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 TABLE = table(
     {"contact_solver": ("dantzig", "pgs")},
     (
-        Addition("", "9.81", "strength"),
-        Addition("settings", "true", "sleeping"),
-        Addition("settings", "0.01", "softness"),
+        FileAddition("", "9.81", "strength"),
+        FileAddition("settings", "true", "sleeping"),
+        FileAddition("settings", "0.01", "softness"),
     ),
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, table
+from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, table
 from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
 
@@ -35,11 +35,11 @@ NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 TABLE = table(
     {"solver": ("step", "quick-step")},
     (
-        Addition("", "9.81", "strength"),
-        Addition("settings", "true", "sleeping"),
-        Addition("settings", "true", "native_motion"),
-        Addition("laws", ADDED_LAW),
-        Addition("laws.*", "0.1", "adhesion"),
+        FileAddition("", "9.81", "strength"),
+        FileAddition("settings", "true", "sleeping"),
+        FileAddition("settings", "true", "native_motion"),
+        FileAddition("laws", ADDED_LAW),
+        FileAddition("laws.*", "0.1", "adhesion"),
     ),
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),

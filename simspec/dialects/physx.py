@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, in_single_precision, table
+from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, in_single_precision, table
 from simspec.dialects.kit.sidecar import Sidecar, Target
 from simspec.dialects.kit.world import WorldDialect, WorldSidecar
 from simspec.formats.world import JsonWorld
@@ -97,7 +97,7 @@ up to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-
 
 TABLE = table(
     {},
-    (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
+    (FileAddition("", "9.81", "strength"), FileAddition("settings", "true", "sleeping")),
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
         *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),

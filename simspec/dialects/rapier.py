@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, in_single_precision, table
+from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, in_single_precision, table
 from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
 
@@ -37,10 +37,10 @@ SPREAD = 0.1
 TABLE = table(
     {},
     (
-        Addition("", "9.81", "strength"),
-        Addition("settings", "true", "sleeping"),
-        Addition("laws", ADDED_LAW),
-        Addition("laws.*", "0.1", "adhesion"),
+        FileAddition("", "9.81", "strength"),
+        FileAddition("settings", "true", "sleeping"),
+        FileAddition("laws", ADDED_LAW),
+        FileAddition("laws.*", "0.1", "adhesion"),
     ),
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.mapped import blocks
 from simspec.world.actions import Force, JointSum
@@ -49,7 +49,7 @@ BEYOND = 0.02
 
 
 def constrained_position(
-    tree: Tree, wanted: np.ndarray, start: np.ndarray, generator: np.random.Generator
+    tree: OracleTree, wanted: np.ndarray, start: np.ndarray, generator: np.random.Generator
 ) -> np.ndarray:
     """A position (nq,) at which the constraints hold: near ``wanted`` where joints are coupled alone; where loops are closed
     some way from ``start``, at which they hold, towards anywhere."""
@@ -64,7 +64,7 @@ def constrained_position(
     return start
 
 
-def away_from_limits(tree: Tree, q: np.ndarray) -> np.ndarray:
+def away_from_limits(tree: OracleTree, q: np.ndarray) -> np.ndarray:
     """A position (nq,) at which the constraints hold as they do at ``q``, with the joints as far inside their limits as steps
     along the constraints lead: ``q`` itself where all are, and what came nearest where some cannot be."""
     layout = layout_of(tree.world)
@@ -169,8 +169,8 @@ class Oracle:
         self.nq, self.nv = self.layout.nq, self.layout.nv
         self.timestep = world.physics.timestep
         index = {body.name: number for number, body in enumerate(world.bodies)}
-        self._parts: list[tuple[Tree, list[int], np.ndarray, np.ndarray]] = []
-        models: dict[object, Tree] = {}
+        self._parts: list[tuple[OracleTree, list[int], np.ndarray, np.ndarray]] = []
+        models: dict[object, OracleTree] = {}
         for bodies in _grouped(constrained_trees(world)):
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
@@ -179,7 +179,7 @@ class Oracle:
             part = within(world, bodies) if joined else dataclasses.replace(world, bodies=bodies)
             key = model_key(bodies, part.constraints, part.sums)
             if key not in models:
-                models[key] = Tree(part, constrained=True)
+                models[key] = OracleTree(part, constrained=True)
             self._parts.append((models[key], rows, at_q, at_v))
 
     @property

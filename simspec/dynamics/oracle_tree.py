@@ -83,7 +83,7 @@ def _whole(jacobian: np.ndarray) -> np.ndarray:
     return jacobian.reshape(6, -1)
 
 
-class Tree:
+class OracleTree:
     """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates. The world's
     constraints have a part in ``step`` and ``settled`` alone, and only where ``constrained``: all else is of the trees as such.
 

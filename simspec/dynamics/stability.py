@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle import model_key, random_states
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.kinematics import initial_state, layout_of, sprung_trees, trees, within
 from simspec.world.passive_forces import JointSums
@@ -38,7 +38,7 @@ BOUND = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Instability:
+class JointInstability:
     """Bodies whose joints' damping or springs diverge, the strongest first: at the world's timestep (s) the fastest growing
     deviation grows by ``growth`` in a step; up to ``largest_stable_step`` (s) none does. ``initially``: at the initial posture
     already, or only at others within the limits. ``damping``: whether damping is more of the cause than springs. ``along``: the
@@ -76,10 +76,10 @@ class SingularError(ArithmeticError):
         self.root = root
 
 
-def unstable(world: World) -> list[Instability]:
+def unstable(world: World) -> list[JointInstability]:
     """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once. Raises
     SingularError."""
-    known: dict[object, tuple[tuple[int, ...], int | None, Instability] | None] = {}
+    known: dict[object, tuple[tuple[int, ...], int | None, JointInstability] | None] = {}
     instabilities = []
     for bodies in sprung_trees(world):
         part = within(world, bodies)
@@ -102,10 +102,10 @@ def unstable(world: World) -> list[Instability]:
     return instabilities
 
 
-def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] | None:
+def _unstable(world: World) -> tuple[tuple[int, ...], int | None, JointInstability] | None:
     """The rows of the bodies to blame, the sum that is more to blame (None: none is), and the instability without their names;
     None where the tree is stable."""
-    tree, step = Tree(world), world.physics.timestep
+    tree, step = OracleTree(world), world.physics.timestep
     owner = np.array([row for row, body in enumerate(world.bodies) for _ in body.joint.velocity], dtype=int)
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(world.bodies, layout_of(world).velocity, strict=True):
@@ -153,7 +153,7 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
     blame = (step**2 * along.stiffness + 2.0 * step * along.damping) * (along.weights[:, acting] @ motion) ** 2
     summed = int(np.argmax(blame)) if len(blame) and blame.sum() > values[-1] / 2.0 else None
     fluid = step * float(motion @ (d - local) @ motion) / values[-1] > (sprung + 2.0 * damped) / 4.0
-    found = Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung), fluid=fluid)
+    found = JointInstability((), step, largest, growth, initially, bool(2.0 * damped >= sprung), fluid=fluid)
     return rows, None if fluid else summed, found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, trees
 from simspec.world.types import Body, Pose, World
@@ -56,7 +56,7 @@ class Tool:
 
     def __init__(self, world: World, body: str, pose: Pose, joints: Sequence[str]):
         self.bodies = tree_of(world, body)
-        self._tree = tree = Tree(dataclasses.replace(world, bodies=self.bodies))
+        self._tree = tree = OracleTree(dataclasses.replace(world, bodies=self.bodies))
         self._pin, self._model, self._data = tree.pin, tree.model, tree.data
         index = [member.name for member in self.bodies].index(body)
         offset = tree.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))

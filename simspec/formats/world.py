@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 
 from simspec.errors import SpecError
 from simspec.files import NotReadableError, parse_json
-from simspec.formats.kit.contract import Format, Plain
+from simspec.formats.kit.contract import Format, PlainFiles
 from simspec.formats.kit.forms import NamePairs, check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
 from simspec.language.vocabulary import FRICTION_CONES
@@ -242,9 +242,9 @@ class WorldJson(Format):
         """``world.json``."""
         return {WORLD: json_text(plain(tree))}
 
-    def plain(self, world: World) -> Plain:
+    def plain(self, world: World) -> PlainFiles:
         """The resolved world itself, as canonical JSON; nothing of it is lost."""
-        return Plain({WORLD: canonical_json(world) + "\n"}, ())
+        return PlainFiles({WORLD: canonical_json(world) + "\n"}, ())
 
     def read(self, folder: Path) -> JsonWorld:
         """The document in ``folder``, checked: its form, and that its names fit together, so that an engine need not.

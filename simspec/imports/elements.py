@@ -14,11 +14,11 @@ from typing import Final, TypeVar
 from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
 from simspec.formats.kit.xml_elements import XmlElement, XmlError, parse_xml
-from simspec.language.foreign import Account, Fate, Severity
+from simspec.language.foreign import Account, Fate, LossSeverity
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
 
 CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
-PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
+PHYSICS, APPEARANCE, INFORMATION = LossSeverity.PHYSICS, LossSeverity.APPEARANCE, LossSeverity.INFORMATION
 
 LARGEST_FILE: Final = 64 * 2**20
 """Bytes of one file; the largest robot of the measured corpora has 3 million."""
@@ -69,7 +69,7 @@ WATCHES: Final = re.compile(
 """Names of plugins that control, measure or report."""
 
 
-def plugin_loss(element: Element) -> tuple[Severity, str]:
+def plugin_loss(element: Element) -> tuple[LossSeverity, str]:
     """The effect of the loss of a plugin, by its names: a program of another simulator, of which nothing else is known."""
     said = " ".join(element.attributes.get(name, "") for name in ("name", "filename"))
     if ACTS.search(said):
@@ -84,7 +84,7 @@ class _Set:
     """The fate of an element or attribute that an importer does not carry, or carries without effect."""
 
     fate: Fate
-    severity: Severity
+    severity: LossSeverity
     reason: str
     hint: str
 
@@ -222,7 +222,7 @@ class Element:
         """Whether the element is taken or set aside."""
         return self._fate is not False
 
-    def leave(self, reason: str, severity: Severity) -> None:
+    def leave(self, reason: str, severity: LossSeverity) -> None:
         """Say of what was neither taken nor set aside, of this element or in it, that it is lost."""
         waiting = [self]
         while waiting:
@@ -236,7 +236,7 @@ class Element:
                 waiting += element._children
 
     def set_aside(
-        self, name: str | None, fate: Fate, reason: str, severity: Severity = PHYSICS, hint: str = ""
+        self, name: str | None, fate: Fate, reason: str, severity: LossSeverity = PHYSICS, hint: str = ""
     ) -> None:
         """Say what becomes of an attribute, or (None) of this element with all that is in it and was not taken."""
         said = _Set(fate, severity, reason, hint)
@@ -245,30 +245,30 @@ class Element:
         elif name in self.attributes:
             self._fates[name] = said
 
-    def lose(self, name: str | None, reason: str, severity: Severity = PHYSICS, hint: str = "") -> None:
+    def lose(self, name: str | None, reason: str, severity: LossSeverity = PHYSICS, hint: str = "") -> None:
         """Say that the spec does not have an attribute, or (None) this element with all that is in it and was not taken."""
         self.set_aside(name, LOST, reason, severity, hint)
 
-    def ignore(self, name: str | None, reason: str, severity: Severity = INFORMATION) -> None:
+    def ignore(self, name: str | None, reason: str, severity: LossSeverity = INFORMATION) -> None:
         """Say that an attribute, or (None) this element, has no effect in the spec."""
         self.set_aside(name, UNUSED, reason, severity)
 
-    def set_aside_whole(self, fate: Fate, reason: str, severity: Severity) -> None:
+    def set_aside_whole(self, fate: Fate, reason: str, severity: LossSeverity) -> None:
         """Say what becomes of this element and of each of its attributes."""
         for name in (None, *self.attributes):
             self.set_aside(name, fate, reason, severity)
 
-    def lose_children(self, tags: str, reason: str, severity: Severity = PHYSICS, hint: str = "") -> None:
+    def lose_children(self, tags: str, reason: str, severity: LossSeverity = PHYSICS, hint: str = "") -> None:
         """Say that no child of these tags (a text of words) is in the spec."""
         for child in self.look(*tags.split()):
             child.lose(None, reason, severity, hint)
 
-    def lose_child(self, tag: str, reason: str, severity: Severity = PHYSICS) -> None:
+    def lose_child(self, tag: str, reason: str, severity: LossSeverity = PHYSICS) -> None:
         """Say that the first child of a tag, if any, is not in the spec."""
         for child in self.look(tag)[:1]:
             child.lose(None, reason, severity)
 
-    def ignore_child(self, tag: str, reason: str, severity: Severity = INFORMATION) -> None:
+    def ignore_child(self, tag: str, reason: str, severity: LossSeverity = INFORMATION) -> None:
         """Say that the first child of a tag, if any, has no effect in the spec."""
         for child in self.look(tag)[:1]:
             child.ignore(None, reason, severity)

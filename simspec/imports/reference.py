@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from simspec.language.foreign import Fate, Severity, importers
+from simspec.language.foreign import Fate, LossSeverity, importers
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class ElementRow:
     becomes: str = ""
     """The words of the spec; "" for what is not carried."""
     fate: Fate = Fate.CARRIED
-    severity: Severity = Severity.PHYSICS
+    severity: LossSeverity = LossSeverity.PHYSICS
     reason: str = ""
     hint: str = ""
     when: str = ""
@@ -50,7 +50,7 @@ def _fate(row: ElementRow) -> str:
     return f"{row.when}: {said}" if row.when else said
 
 
-def losses_markdown(losses: Sequence[tuple[str, Severity, str, str]]) -> Iterator[str]:
+def losses_markdown(losses: Sequence[tuple[str, LossSeverity, str, str]]) -> Iterator[str]:
     """The losses of a language, as a table: their places, the effect, the reason, and the way out."""
     yield "| element or attribute | changes | why it is not carried |"
     yield "|---|---|---|"

@@ -16,7 +16,7 @@ from simspec.errors import Location, Problem, SpecError, visible
 from simspec.language.beginning import begin_within
 from simspec.language.document import MOST_EVENTS, Key, build, event_count, events
 from simspec.language.foreign import Imported
-from simspec.language.formatting import WIDTH, Entry, Node, lines, node_of
+from simspec.language.formatting import WIDTH, CommentedEntry, CommentedNode, lines, node_of
 from simspec.language.load import Spec
 from simspec.language.packages import Package
 from simspec.language.shapes import named_files
@@ -181,13 +181,13 @@ def _comment(sentence: str) -> Iterator[str]:
         yield f"# {line}"
 
 
-Index = dict[int, dict[str, Entry]]
+Index = dict[int, dict[str, CommentedEntry]]
 """The entries of a node by name, by the ``id`` of the node: a file of many bodies has as many comments."""
 
 
-def _entry(root: Node, path: str, index: Index) -> Entry | None:
+def _entry(root: CommentedNode, path: str, index: Index) -> CommentedEntry | None:
     """The entry at a dotted path, or the nearest one around it; None for the whole spec."""
-    entry: Entry | None = None
+    entry: CommentedEntry | None = None
     node = root
     for depth, step in enumerate(path.split(".")):
         if depth > 0 and node.kind == "scalar":

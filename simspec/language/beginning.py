@@ -23,7 +23,7 @@ FULL_TURN: Final = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class LimitStart:
     """A joint that begins at a limit and not where the file says, or at 0 where the file says nothing. ``joint``: its name in
     the model; ``path``: of the body or of the state in the spec's data; ``state``: the named state, "" for the model itself;
     positions in rad or m."""
@@ -63,12 +63,12 @@ class _Joint:
         self.data["position"] = f"{value!r} rad" if turn else value
 
 
-def begin_within(data: dict[str, Any], comments: dict[str, str]) -> list[Start]:
+def begin_within(data: dict[str, Any], comments: dict[str, str]) -> list[LimitStart]:
     """Move initial positions of joints in the ``data`` of an imported spec to the nearest ones at which the joints, and those
     that follow them, are within their limits. Each is returned, and has a sentence in ``comments`` (by dotted paths). Joints of
     loops stay, since others would open the loops: the world of such a spec is refused where they are beyond their limits. So do
     leaders of joints for which there is no position, and ball joints."""
-    starts: list[Start] = []
+    starts: list[LimitStart] = []
     for around, holder in _models(data):
         joints = dict(_joints(holder["bodies"], (*around, "bodies")))
         constraints = holder.get("constraints", {})
@@ -87,7 +87,7 @@ def begin_within(data: dict[str, Any], comments: dict[str, str]) -> list[Start]:
                 low, high = (max(low, ends[0]), min(high, ends[1])) if ends else (low, high)
             if not low <= high or within(joint.begins, (low, high)) == joint.begins:
                 continue
-            start = Start(name, joint.path, nearest(joint.begins, (low, high)), joint.begins)
+            start = LimitStart(name, joint.path, nearest(joint.begins, (low, high)), joint.begins)
             joint.begin(start.position)
             starts.append(start)
             why = f"at {start.instead_of:g} it{' or what follows it' if chain else ''} would be beyond its limits"
@@ -171,7 +171,7 @@ def _chains(constraints: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str,
     return chains
 
 
-def listed(starts: Sequence[Start], most: int = 4) -> str:
+def listed(starts: Sequence[LimitStart], most: int = 4) -> str:
     """Joints with their positions, at most so many."""
     more = f", and {len(starts) - most} more" if len(starts) > most else ""
     return ", ".join(start.shown() for start in starts[:most]) + more

@@ -170,7 +170,7 @@ def parse(text: str, file: str) -> Document:
 
 def build(stream: Iterable[Any], file: str) -> Document:
     """The document of a parser's events."""
-    builder = _Builder(file)
+    builder = _DocumentBuilder(file)
     for event in stream:
         builder.take(event)
     data, mark = builder.result
@@ -255,7 +255,7 @@ def scalar(text: str) -> Any:
     return INVALID if _NOT_FINITE.fullmatch(text) else text
 
 
-class _Builder:
+class _DocumentBuilder:
     """Data and marks from events, one at a time, without recursion."""
 
     def __init__(self, file: str):

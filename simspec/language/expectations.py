@@ -25,7 +25,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ExpectationKind:
     """A kind of expectation: its requirement, its parameters, and parameters of which exactly one must be given.
 
     ``of_end`` says whether a run that is cut short cannot answer it: it looks at the end of the run ("always"), or does so
@@ -73,23 +73,23 @@ _BODY = Parameter(Name(path=True), "Full name of a body")
 _AT = Parameter(_TIME, "A recorded time; default: the end", required=False)
 _POINT = Vector(Number("length"))
 
-KINDS: Mapping[str, Kind] = {
-    "energy_never_rises": Kind(
+KINDS: Mapping[str, ExpectationKind] = {
+    "energy_never_rises": ExpectationKind(
         "The total energy is never above its lowest value before",
         {"tolerance": Parameter(_SHARE, "Largest rise, as a share of the run's energy scale")},
     ),
-    "energy_conserved": Kind(
+    "energy_conserved": ExpectationKind(
         "The total energy remains at its initial value",
         {"tolerance": Parameter(_SHARE, "Largest deviation, as a share of the run's energy scale")},
     ),
-    "momentum_conserved": Kind(
+    "momentum_conserved": ExpectationKind(
         "Linear momentum and angular momentum about the world's origin remain constant; requires zero gravity",
         {"tolerance": Parameter(_SHARE, "Largest deviation of each momentum, as a fraction of its scale")},
     ),
-    "no_penetration_deeper_than": Kind(
+    "no_penetration_deeper_than": ExpectationKind(
         "Contact depth never exceeds a bound", {"depth": Parameter(_LENGTH, "Largest depth of a contact")}
     ),
-    "comes_to_rest": Kind(
+    "comes_to_rest": ExpectationKind(
         "All centres of mass are slow at the end",
         {
             "speed": Parameter(Number("velocity", 0), "Largest speed of a centre of mass"),
@@ -97,7 +97,7 @@ KINDS: Mapping[str, Kind] = {
         },
         of_end="before",
     ),
-    "follows_oracle": Kind(
+    "follows_oracle": ExpectationKind(
         "Body frames follow the motion without contact that an independent implementation computes with the same "
         "integrator and timestep",
         {
@@ -105,7 +105,7 @@ KINDS: Mapping[str, Kind] = {
             "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
         },
     ),
-    "position": Kind(
+    "position": ExpectationKind(
         "A body's frame is at a position",
         {
             "body": _BODY,
@@ -115,7 +115,7 @@ KINDS: Mapping[str, Kind] = {
         },
         of_end="at",
     ),
-    "at_target": Kind(
+    "at_target": ExpectationKind(
         "All given bodies' frames are at their positions",
         {
             "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
@@ -124,7 +124,7 @@ KINDS: Mapping[str, Kind] = {
         },
         of_end="at",
     ),
-    "displacement": Kind(
+    "displacement": ExpectationKind(
         "A body's frame has moved by a vector, or by a distance in any direction",
         {
             "body": _BODY,
@@ -136,7 +136,7 @@ KINDS: Mapping[str, Kind] = {
         alternatives=("xyz", "distance"),
         of_end="at",
     ),
-    "apex_height": Kind(
+    "apex_height": ExpectationKind(
         "Greatest height z of a body's frame after a time; not measured if the frame still rises at the end of the run",
         {
             "body": _BODY,
@@ -146,7 +146,7 @@ KINDS: Mapping[str, Kind] = {
         },
         of_end="always",
     ),
-    "angular_speed": Kind(
+    "angular_speed": ExpectationKind(
         "A body turns at a speed, about any axis",
         {
             "body": _BODY,
@@ -156,7 +156,7 @@ KINDS: Mapping[str, Kind] = {
         },
         of_end="at",
     ),
-    "stays_within": Kind(
+    "stays_within": ExpectationKind(
         "A body's frame never leaves a box",
         {
             "body": _BODY,
@@ -164,7 +164,7 @@ KINDS: Mapping[str, Kind] = {
             "upper": Parameter(_POINT, "Corner of the largest coordinates"),
         },
     ),
-    "keeps_place": Kind(
+    "keeps_place": ExpectationKind(
         "A body's frame keeps its position in another body's frame, as for a held object that does not slip",
         {
             "body": _BODY,
@@ -174,7 +174,7 @@ KINDS: Mapping[str, Kind] = {
             "distance": Parameter(_LENGTH, "Largest distance from the reference position"),
         },
     ),
-    "bodies_apart": Kind(
+    "bodies_apart": ExpectationKind(
         "The origins of two bodies' frames never come closer than a distance",
         {
             "first": _BODY,
@@ -208,7 +208,7 @@ class _Parameters(Strict):
             yield Fault(("second",), "first and second are the same body", show(data["second"]))
 
 
-def _model(name: str, kind: Kind) -> type[Strict]:
+def _model(name: str, kind: ExpectationKind) -> type[Strict]:
     fields: dict[str, Any] = {
         key: (
             Annotated[Any, parameter.reader],

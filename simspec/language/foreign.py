@@ -21,7 +21,7 @@ from pydantic import Field
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, open_regular
-from simspec.language.beginning import Start, begin_within
+from simspec.language.beginning import LimitStart, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
 from simspec.language.packages import Package, shown_path
 from simspec.language.shapes import NameOf
@@ -48,7 +48,7 @@ class Fate(StrEnum):
     """The spec does not say it."""
 
 
-class Severity(StrEnum):
+class LossSeverity(StrEnum):
     """The effect of a loss."""
 
     PHYSICS = "physics"
@@ -64,7 +64,7 @@ class Account:
     location: Location
     what: str
     fate: Fate
-    severity: Severity = Severity.PHYSICS
+    severity: LossSeverity = LossSeverity.PHYSICS
     reason: str = ""
     hint: str = ""
 
@@ -214,7 +214,7 @@ class Imported:
     suspicious: list[Problem] = field(default_factory=list)
     """Warnings: values that are allowed and look like slips of the file, such as lengths in millimetres."""
 
-    starts: list[Start] = field(default_factory=list)
+    starts: list[LimitStart] = field(default_factory=list)
     """Joints that begin at a limit, since the position of the file, or 0 where it has none, is beyond it."""
 
     def losses(self) -> list[Account]:
@@ -367,11 +367,11 @@ class Import(Strict):
 # The losses and repairs of an import as text: counted, grouped, and as warnings.
 
 _IN_BRACKETS: Final = re.compile(r"\[[^\]]*\]")
-ORDER: Final = (Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION)
+ORDER: Final = (LossSeverity.PHYSICS, LossSeverity.APPEARANCE, LossSeverity.INFORMATION)
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class AccountGroup:
     """Accounts that say the same of the same kind of thing; the first of them stands for all."""
 
     first: Account
@@ -383,20 +383,20 @@ def kind_of(account: Account) -> str:
     return _IN_BRACKETS.sub("", account.what)
 
 
-def grouped(accounts: Iterable[Account]) -> list[Group]:
+def grouped(accounts: Iterable[Account]) -> list[AccountGroup]:
     """Losses by kind and reason, those that change physics first, each kind in the order of the file."""
     groups: dict[tuple[Any, ...], list[Account]] = {}
     for account in accounts:
         key = (kind_of(account), account.severity, account.reason)
         groups.setdefault(key, []).append(account)
-    rows = [Group(members[0], len(members)) for members in groups.values()]
+    rows = [AccountGroup(members[0], len(members)) for members in groups.values()]
     return sorted(rows, key=lambda group: ORDER.index(group.first.severity))
 
 
 def counts(imported: Imported) -> dict[str, int]:
     """How many elements and attributes have which fate, and how many of the lost ones change physics."""
     fates = Counter(account.fate for account in imported.accounts)
-    physics = sum(account.severity is Severity.PHYSICS for account in imported.losses())
+    physics = sum(account.severity is LossSeverity.PHYSICS for account in imported.losses())
     return {
         "carried": fates[Fate.CARRIED],
         "carried_but_unused": fates[Fate.UNUSED],
@@ -407,7 +407,7 @@ def counts(imported: Imported) -> dict[str, int]:
 
 def of_physics(imported: Imported) -> list[Account]:
     """The losses that change physics."""
-    return [account for account in imported.losses() if account.severity is Severity.PHYSICS]
+    return [account for account in imported.losses() if account.severity is LossSeverity.PHYSICS]
 
 
 def problems(accounts: Sequence[Account]) -> Iterator[Problem]:

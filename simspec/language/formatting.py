@@ -54,23 +54,23 @@ _IN_FLOW = re.compile(r"[\[\]{},]|: |\s#")
 
 
 @dataclass
-class Node:
+class CommentedNode:
     """A value: a scalar with its text, or a mapping or list with its entries. ``value`` is a scalar's value where the text
     must be chosen anew (many lines, or a place where it does not fit as it was written)."""
 
     kind: str
     text: str = ""
     value: Any = None
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[CommentedEntry] = field(default_factory=list)
     flow: bool = False
 
 
 @dataclass
-class Entry:
+class CommentedEntry:
     """A key with its value, or an item of a list; comments above it, at the end of its line, and below its content. "" among
     the comments is an empty line."""
 
-    node: Node
+    node: CommentedNode
     key: str | None = None
     name: str | None = None
     above: list[str] = field(default_factory=list)
@@ -78,14 +78,14 @@ class Entry:
     below: list[str] = field(default_factory=list)
 
 
-def node_of(data: Any) -> Node:
+def node_of(data: Any) -> CommentedNode:
     """The node of plain data."""
     if isinstance(data, Mapping):
-        entries = [Entry(node_of(value), scalar_text(str(key)), str(key)) for key, value in data.items()]
-        return Node("mapping", entries=entries)
+        entries = [CommentedEntry(node_of(value), scalar_text(str(key)), str(key)) for key, value in data.items()]
+        return CommentedNode("mapping", entries=entries)
     if isinstance(data, (list, tuple)):
-        return Node("list", entries=[Entry(node_of(item)) for item in data])
-    return Node("scalar", scalar_text(data), data)
+        return CommentedNode("list", entries=[CommentedEntry(node_of(item)) for item in data])
+    return CommentedNode("scalar", scalar_text(data), data)
 
 
 def scalar_text(value: Any) -> str:
@@ -104,7 +104,7 @@ def scalar_text(value: Any) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
-def lines(root: Node, header: list[str], footer: list[str]) -> list[str]:
+def lines(root: CommentedNode, header: list[str], footer: list[str]) -> list[str]:
     """The whole document."""
     text_lines = [*header]
     if root.kind == "mapping" and root.entries:
@@ -114,7 +114,7 @@ def lines(root: Node, header: list[str], footer: list[str]) -> list[str]:
     return _tidy([*text_lines, *footer])
 
 
-def _model_of(root: Node) -> type[Strict]:
+def _model_of(root: CommentedNode) -> type[Strict]:
     """The model of a document, by its version's key; a spec's where it has none."""
     names = {entry.name for entry in root.entries}
     return next((model for key, model in OTHER_FILES.items() if key in names), File)
@@ -131,14 +131,14 @@ def _tidy(lines: list[str]) -> list[str]:
     return tidy
 
 
-def _ordered(node: Node, kind: Any) -> list[Entry]:
+def _ordered(node: CommentedNode, kind: Any) -> list[CommentedEntry]:
     words = problems.keys(kind)
     if node.kind != "mapping" or not words:
         return node.entries
     return sorted(node.entries, key=lambda entry: words.index(entry.name) if entry.name in words else len(words))
 
 
-def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) -> list[str]:
+def _block(node: CommentedNode, kind: Any, indent: int, field_name: str | None = None) -> list[str]:
     lines: list[str] = []
     space = " " * indent
     for index, entry in enumerate(_ordered(node, kind)):
@@ -155,7 +155,9 @@ def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) ->
     return lines
 
 
-def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, field_name: str | None) -> list[str]:
+def _entry(
+    entry: CommentedEntry, head: str, kind: Any, indent: int, inner: str | None, field_name: str | None
+) -> list[str]:
     node = entry.node
     alongside = f"  {' '.join(entry.trailing)}" if entry.trailing else ""
     if node.kind == "scalar":
@@ -171,7 +173,7 @@ def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, f
     return [f"{head}{alongside}", *block]
 
 
-def _scalar(node: Node, head: str, text: str, indent: int) -> list[str]:
+def _scalar(node: CommentedNode, head: str, text: str, indent: int) -> list[str]:
     if "\n" not in node.text:
         return [f"{head} {node.text}{text}".rstrip()]
     value = str(node.value)
@@ -185,7 +187,7 @@ def _scalar(node: Node, head: str, text: str, indent: int) -> list[str]:
     return [f"{head} |{chomp}{text}", *(f"{space}{line}" if line else "" for line in body.split("\n")), *ends]
 
 
-def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str | None:
+def _flow(node: CommentedNode, kind: Any, name: str | None, item_of: str | None) -> str | None:
     """The value on one line, or None where it must not be: it is a block by the layout, or has comments in it."""
     if node.entries and (name in BLOCK_FIELDS or item_of in BLOCK_ITEMS):
         return None
@@ -208,7 +210,7 @@ def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str |
     return f"{{{', '.join(parts)}}}" if node.kind == "mapping" else f"[{', '.join(parts)}]"
 
 
-def _inline(node: Node) -> str:
+def _inline(node: CommentedNode) -> str:
     """A scalar as it may stand inside brackets."""
     if node.kind != "scalar":
         return "{}" if node.kind == "mapping" else "[]"
@@ -217,7 +219,7 @@ def _inline(node: Node) -> str:
     return scalar_text(node.value)
 
 
-def comments(root: Node) -> Iterator[str]:
+def comments(root: CommentedNode) -> Iterator[str]:
     """Every comment below a node."""
     waiting = [root]
     while waiting:
@@ -251,14 +253,14 @@ def format_text(text: str, file: str) -> str:
     return result
 
 
-def _read(text: str, file: str) -> tuple[Document, _Reader | None]:
+def _read(text: str, file: str) -> tuple[Document, _CommentReader | None]:
     """The text's data, and its nodes; None where it has what a spec must not have, such as a list for a key."""
     stream = list(events(text, file))
     document = build(stream, file)
-    return document, None if document.problems else _Reader(text, stream)
+    return document, None if document.problems else _CommentReader(text, stream)
 
 
-def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
+def _check(before: Document, reader: _CommentReader, result: str, file: str) -> None:
     """The promise of the layout: the same data, the same comments."""
     after, again = _read(result, file)
     same = again is not None and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
@@ -281,7 +283,7 @@ class _Comment:
 class _Placed:
     """An entry with its place in the text, in the order of the text; ``above`` is the entry that holds it."""
 
-    entry: Entry
+    entry: CommentedEntry
     index: int
     line: int
     column: int
@@ -289,7 +291,7 @@ class _Placed:
     item: bool
 
 
-class _Reader:
+class _CommentReader:
     """Nodes with their comments, from text."""
 
     def __init__(self, text: str, stream: Sequence[Any]):
@@ -304,9 +306,9 @@ class _Reader:
         self.footer: list[str] = []
         self._attach()
 
-    def _build(self, stream: Sequence[Any]) -> Node:
-        root = Node("scalar")
-        stack: list[tuple[Node, _Placed | None]] = []
+    def _build(self, stream: Sequence[Any]) -> CommentedNode:
+        root = CommentedNode("scalar")
+        stack: list[tuple[CommentedNode, _Placed | None]] = []
         pending: tuple[str, str, Any] | None = None  # a key's text, its name, its mark
         for event in stream:
             kind = type(event).__name__
@@ -325,7 +327,7 @@ class _Reader:
                 root = node
             else:
                 mark = pending[2] if pending else event.start_mark
-                entry = Entry(node, *(pending[:2] if pending else (None, None)))
+                entry = CommentedEntry(node, *(pending[:2] if pending else (None, None)))
                 holder[0].entries.append(entry)
                 placed = _Placed(entry, mark.index, mark.line, mark.column, holder[1], pending is None)
                 if placed.item and not holder[0].flow:
@@ -346,9 +348,9 @@ class _Reader:
             placed.index, placed.line = dash, self._line(dash)
             placed.column = dash - self._starts[placed.line]
 
-    def _node(self, event: Any, kind: str) -> Node:
+    def _node(self, event: Any, kind: str) -> CommentedNode:
         if kind != "ScalarEvent":
-            return Node("mapping" if kind == "MappingStartEvent" else "list", flow=bool(event.flow_style))
+            return CommentedNode("mapping" if kind == "MappingStartEvent" else "list", flow=bool(event.flow_style))
         start, end = event.start_mark.index, event.end_mark.index
         self._spans.append((start, end))
         text = self._text[start:end]
@@ -357,7 +359,7 @@ class _Reader:
             text = "\n"
         elif "\n" in text:  # a scalar over several lines becomes one line
             text = json.dumps(event.value, ensure_ascii=False)
-        return Node("scalar", text.strip() if plain else text, scalar(event.value) if plain else event.value)
+        return CommentedNode("scalar", text.strip() if plain else text, scalar(event.value) if plain else event.value)
 
     def _find_comments(self) -> list[_Comment]:
         comments: list[_Comment] = []

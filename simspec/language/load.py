@@ -15,7 +15,7 @@ from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, check_sweep, overridden, without_effect
 from simspec.language.packages import Package, digests, is_packaged, packaged
 from simspec.language.problems import in_order
-from simspec.language.sources import Collector, Source, of_package, open_document, project_folder, validate
+from simspec.language.sources import Source, SourceCollector, of_package, open_document, project_folder, validate
 from simspec.language.strict import ABSENT, bounded_suggestions
 from simspec.language.trees import too_much
 from simspec.methods import Method
@@ -31,14 +31,14 @@ class Spec:
     ``source`` the file with its line numbers and the model files that it uses.
     """
 
-    def __init__(self, source: Source, path: Path | None = None, collector: Collector | None = None):
+    def __init__(self, source: Source, path: Path | None = None, collector: SourceCollector | None = None):
         if source.file is None:
             raise ValueError("a spec needs a file without errors")
         self.source = source
         self.path = path
         self.data: File = source.file
         self._place = path or source.folder / "<data>"
-        self._collector = collector or Collector(project_folder(self._place))
+        self._collector = collector or SourceCollector(project_folder(self._place))
 
     @property
     def name(self) -> str:
@@ -174,7 +174,7 @@ def _checked(
     project = package.root if package is not None else project_folder(place)
     # the package of a file is not that of the files that it uses
     others = replace(options, package=None) if options is not None else None
-    collector = Collector(None if allow_outside else project, others)
+    collector = SourceCollector(None if allow_outside else project, others)
     changed = {text.partition("=")[0].strip() for text in sets}
     return _validated(document, folder, path, place, collector, problems, changed, imported, package)
 
@@ -184,7 +184,7 @@ def _validated(
     folder: Path,
     path: Path | None,
     place: Path,
-    collector: Collector,
+    collector: SourceCollector,
     problems: Sequence[Problem],
     changed: Set[str],
     imported: Imported | None = None,

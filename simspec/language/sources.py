@@ -134,7 +134,7 @@ def _noted(source: Source, found: Path | PackagedFile) -> Path:
     return found.path
 
 
-class Collector:
+class SourceCollector:
     """Reads the files that a file uses, and theirs; collects every problem."""
 
     def __init__(self, project: Path | None, options: ImportOptions | None = None):
@@ -145,9 +145,9 @@ class Collector:
         self.problems: list[Problem] = []
         self._read: dict[tuple[Path, str], Source | None] = {}
 
-    def again(self) -> Collector:
+    def again(self) -> SourceCollector:
         """A collector for the same spec with other values: it does not read again the files that this one has read."""
-        other = Collector(self.project, self.options)
+        other = SourceCollector(self.project, self.options)
         other._read = {key: source for key, source in self._read.items() if source is not None}
         return other
 

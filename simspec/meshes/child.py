@@ -36,7 +36,7 @@ Read = tuple[np.ndarray, np.ndarray, dict[str, Any]]
 """Vertices (n, 3), faces (m, 3), and what the file says of itself: ``unit`` (m), ``up``."""
 
 
-class RefusedError(ValueError):
+class RefusedMeshError(ValueError):
     """Unread content of a file."""
 
 
@@ -99,7 +99,7 @@ def _answer(answers: IO[bytes], suffix: str, content: bytes, buffers: Mapping[st
         _check(vertices, faces)
         head: dict[str, Any] = {"vertices": len(vertices), "faces": len(faces), **said}
         body = np.ascontiguousarray(vertices, "<f8").tobytes() + np.ascontiguousarray(faces, "<i8").tobytes()
-    except (RefusedError, MeshError) as error:
+    except (RefusedMeshError, MeshError) as error:
         head, body = {"error": str(error)}, b""
     except MemoryError:
         head, body = {"error": "reading it takes more memory than is allowed"}, b""
@@ -130,13 +130,13 @@ def _answer_pieces(answers: IO[bytes], vertices: np.ndarray, faces: np.ndarray) 
 
 def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
     if len(faces) == 0:
-        raise RefusedError("it has no faces")
+        raise RefusedMeshError("it has no faces")
     if len(faces) > MOST_FACES:
-        raise RefusedError(f"it has {len(faces):,} faces, more than the {MOST_FACES:,} that are read")
+        raise RefusedMeshError(f"it has {len(faces):,} faces, more than the {MOST_FACES:,} that are read")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise RefusedError("a face has a vertex that does not exist")
+        raise RefusedMeshError("a face has a vertex that does not exist")
     if not np.isfinite(vertices[np.unique(faces)]).all():
-        raise RefusedError("a vertex is not finite")
+        raise RefusedMeshError("a vertex is not finite")
 
 
 class Sidecars(Mapping[str, bytes]):
@@ -146,9 +146,9 @@ class Sidecars(Mapping[str, bytes]):
         self._contents = contents or {}
 
     def __getitem__(self, name: str) -> bytes:
-        """The content of another file. Raises RefusedError for one that did not come with the request."""
+        """The content of another file. Raises RefusedMeshError for one that did not come with the request."""
         if name not in self._contents:
-            raise RefusedError(f"it names another file, {str(name)[:80]!r}, which is not read")
+            raise RefusedMeshError(f"it names another file, {str(name)[:80]!r}, which is not read")
         return self._contents[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -168,13 +168,13 @@ def _stl(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     text = content[:5].lower() == b"solid"
     if len(content) == 84 + 50 * count:
         if count > MOST_FACES:
-            raise RefusedError(f"it has {count:,} faces, more than the {MOST_FACES:,} that are read")
+            raise RefusedMeshError(f"it has {count:,} faces, more than the {MOST_FACES:,} that are read")
         made = stl.load_stl_binary(io.BytesIO(content)) if count else {}
     elif text:
         made = stl.load_stl_ascii(io.BytesIO(content))
     else:
         expected = f"{84 + 50 * count:,} bytes for its {count:,} faces" if count >= 0 else "at least 84 bytes"
-        raise RefusedError(f"{len(content):,} bytes, where a binary STL has {expected}")
+        raise RefusedMeshError(f"{len(content):,} bytes, where a binary STL has {expected}")
     read = _of_mesh(made)
     if text and len(content) != 84 + 50 * count:
         written = content.lower().count(b"endfacet")
@@ -192,7 +192,7 @@ def _obj(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     corners = [len(line.split()) - 1 for line in lines if line.lstrip()[:2] in (b"f ", b"f\t")]
     written = sum(count - 2 for count in corners)
     if written > MOST_FACES:
-        raise RefusedError(f"it has {written:,} faces, more than the {MOST_FACES:,} that are read")
+        raise RefusedMeshError(f"it has {written:,} faces, more than the {MOST_FACES:,} that are read")
     read = _of_scene(load_scene(io.BytesIO(content), "obj", Sidecars(), skip_materials=True, process=False))
     _demand_all(len(read[1]), written)
     return read
@@ -204,7 +204,7 @@ RELATIVE = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t\v/])?(?:-|0+(?![\d.]))", re.
 
 def _counted(text: bytes) -> bytes:
     """An OBJ file whose corners are counted from the beginning: trimesh counts relative ones from the end of the file, and
-    takes 0 for the last. Raises RefusedError at a corner that is before the first."""
+    takes 0 for the last. Raises RefusedMeshError at a corner that is before the first."""
     counts = {b"v": 0, b"vt": 0, b"vn": 0}
     lines = []
     place = 1
@@ -227,9 +227,11 @@ def _corner(word: bytes, counts: tuple[int, ...], line: int) -> bytes:
             continue  # empty, or damaged: the reader sees it
         number = int(part)
         if number == 0:
-            raise RefusedError(f"line {line}: the corner {word.decode('ascii', 'replace')[:40]}: numbers begin with 1")
+            raise RefusedMeshError(
+                f"line {line}: the corner {word.decode('ascii', 'replace')[:40]}: numbers begin with 1"
+            )
         if number < -count:
-            raise RefusedError(
+            raise RefusedMeshError(
                 f"line {line}: the corner {word.decode('ascii', 'replace')[:40]} is before the first one"
             )
         parts[place] = b"%d" % (number if number > 0 else count + 1 + number)
@@ -252,9 +254,9 @@ def _msh(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     counts = struct.unpack("<4i", content[:16]) if len(content) >= 16 else (-1,) * 4
     points, normals, places, faces = counts
     if min(counts) < 0 or len(content) != 16 + 12 * points + 12 * normals + 8 * places + 12 * faces:
-        raise RefusedError(f"{len(content):,} bytes, which is not as long as its numbers say")
+        raise RefusedMeshError(f"{len(content):,} bytes, which is not as long as its numbers say")
     if not faces:
-        raise RefusedError("it has no faces")
+        raise RefusedMeshError("it has no faces")
     vertices = np.frombuffer(content, "<f4", 3 * points, 16).reshape(-1, 3)
     corners = np.frombuffer(content, "<i4", 3 * faces, len(content) - 12 * faces).reshape(-1, 3)
     return vertices.astype(np.float64), corners.astype(np.int64), {}
@@ -266,7 +268,7 @@ def _gltf(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     header = gltf_header(content)
     needed = sorted(set(map(str, header.get("extensionsRequired", []))) - HARMLESS)
     if needed:
-        raise RefusedError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
+        raise RefusedMeshError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
     _demand_trees(header.get("nodes", []))
     kind = "glb" if content[:4] == b"glTF" else "gltf"
     scene = load_scene(io.BytesIO(content), kind, Sidecars(buffers), skip_materials=True, process=False)
@@ -275,17 +277,17 @@ def _gltf(content: bytes, buffers: Mapping[str, bytes]) -> Read:
 
 
 def _demand_trees(nodes: Any) -> None:
-    """Raise RefusedError unless the nodes of a glTF are trees, as its specification demands: otherwise a mesh would be placed
-    twice, or for ever."""
+    """Raise RefusedMeshError unless the nodes of a glTF are trees, as its specification demands: otherwise a mesh would be
+    placed twice, or for ever."""
     if not isinstance(nodes, list):
-        raise RefusedError("damaged: its nodes are no list")
+        raise RefusedMeshError("damaged: its nodes are no list")
     above: dict[int, int] = {}
     for number, node in enumerate(nodes):
         for child in node.get("children", []) if isinstance(node, dict) else ():
             if not isinstance(child, int) or not 0 <= child < len(nodes):
-                raise RefusedError(f"nodes/{number}: its child {str(child)[:40]} does not exist")
+                raise RefusedMeshError(f"nodes/{number}: its child {str(child)[:40]} does not exist")
             if child in above:
-                raise RefusedError(f"nodes/{number}: its child {child} is a child of node {above[child]} too")
+                raise RefusedMeshError(f"nodes/{number}: its child {child} is a child of node {above[child]} too")
             above[child] = number
     rooted: set[int] = set()
     for number in above:
@@ -293,9 +295,9 @@ def _demand_trees(nodes: Any) -> None:
         while node in above and node not in rooted:
             node = above[node]
             if node == number:
-                raise RefusedError(f"nodes/{number}: a node within itself")
+                raise RefusedMeshError(f"nodes/{number}: a node within itself")
             if len(path) > len(nodes):
-                raise RefusedError(f"nodes/{node}: a node within itself")
+                raise RefusedMeshError(f"nodes/{node}: a node within itself")
             path.append(node)
         rooted.update(path)
 
@@ -309,18 +311,18 @@ def _dae(content: bytes, buffers: Mapping[str, bytes]) -> Read:
 
     for word in (b"<!DOCTYPE", b"<!ENTITY"):
         if word in content:
-            raise RefusedError(f"{word.decode()} is not read")
+            raise RefusedMeshError(f"{word.decode()} is not read")
     if b"\0" in content:
-        raise RefusedError("it is not UTF-8")
+        raise RefusedMeshError("it is not UTF-8")
     ignored = [collada.common.DaeError]
     document = collada.Collada(io.BytesIO(content), ignore=ignored, aux_file_loader=_no_file)
     if document.scene is None:
-        raise RefusedError("it has no scene")
+        raise RefusedMeshError("it has no scene")
     wrong = [error for error in document.errors if not _of_appearance(error)]
     if wrong:
-        raise RefusedError(f"damaged: {' '.join(str(wrong[0]).split())[:200]}")
+        raise RefusedMeshError(f"damaged: {' '.join(str(wrong[0]).split())[:200]}")
     if next(document.scene.objects("controller"), None) is not None:
-        raise RefusedError("it has a skin or a morph, which simspec does not support")
+        raise RefusedMeshError("it has a skin or a morph, which simspec does not support")
     vertices: list[np.ndarray] = []
     faces: list[np.ndarray] = []
     count = 0
@@ -335,7 +337,7 @@ def _dae(content: bytes, buffers: Mapping[str, bytes]) -> Read:
             faces.append(np.asarray(triangles.vertex_index, np.int64) + count)
             count += len(triangles.vertex)
     if not faces:
-        raise RefusedError("it has no faces")
+        raise RefusedMeshError("it has no faces")
     asset = document.assetInfo
     up = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}[asset.upaxis] if asset.upaxis is not None else "y"
     unit = 1.0 if asset.unitmeter is None else float(asset.unitmeter)
@@ -349,13 +351,13 @@ def _of_appearance(error: Exception) -> bool:
 
 
 def _no_file(name: str) -> bytes:
-    raise RefusedError("it names another file")
+    raise RefusedMeshError("it names another file")
 
 
 def _of_mesh(made: Mapping[str, Any]) -> Read:
     """The result of trimesh's readers of one mesh."""
     if "vertices" not in made or "faces" not in made:
-        raise RefusedError("it has no faces")
+        raise RefusedMeshError("it has no faces")
     return np.asarray(made["vertices"], np.float64), np.asarray(made["faces"], np.int64).reshape(-1, 3), {}
 
 
@@ -371,20 +373,20 @@ def _of_scene(scene: Any) -> Read:
             continue  # lines, points
         total += len(mesh.faces)
         if total > MOST_FACES:
-            raise RefusedError(f"it has more than the {MOST_FACES:,} faces that are read")
+            raise RefusedMeshError(f"it has more than the {MOST_FACES:,} faces that are read")
         values = np.asarray(mesh.vertices, np.float64)
         vertices.append(values @ place[:3, :3].T + place[:3, 3])
         mirrored = np.linalg.det(place[:3, :3]) < 0.0
         faces.append(np.asarray(mesh.faces, np.int64)[:, :: -1 if mirrored else 1] + count)
         count += len(values)
     if not faces:
-        raise RefusedError("it has no faces")
+        raise RefusedMeshError("it has no faces")
     return np.concatenate(vertices), np.concatenate(faces), {}
 
 
 def _demand_all(read: int, written: int) -> None:
     if read != written:
-        raise RefusedError(f"{written:,} triangles are written in it, and {read:,} can be read")
+        raise RefusedMeshError(f"{written:,} triangles are written in it, and {read:,} can be read")
 
 
 READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".msh": _msh, ".gltf": _gltf, ".glb": _gltf, ".dae": _dae}

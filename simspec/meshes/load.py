@@ -22,7 +22,7 @@ from simspec.files import NotReadableError, parse_json, read_bytes
 from simspec.language.shapes import FEWEST, MOST_HEIGHTS
 from simspec.language.units import LARGEST as UnitsLARGEST
 from simspec.meshes.hulls import Enclosed, enclosed, merged, reduced
-from simspec.meshes.reading import MeshError, MeshFile, Surface, open_mesh, read_surfaces
+from simspec.meshes.reading import MeshError, MeshFile, MeshSurface, open_mesh, read_surfaces
 from simspec.outputs.collection import Entries
 from simspec.stored import MeshEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
@@ -54,7 +54,7 @@ class MeshOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Convex:
+class ConvexSolid:
     """A convex solid: ``size`` as a world's shape has it, ``pose`` of its frame in the mesh's frame, the largest distance (m)
     from the hull of which it has only some of the vertices, and how many that has."""
 
@@ -69,7 +69,7 @@ class MadeMesh:
     """The geometry made of a file: its ``parts``, of the volume ``hull_volume`` (m³) the hull of all; the solid that its
     surface encloses, None where ``open_because`` says why that is not closed, and of how many closed ``surfaces`` it has."""
 
-    parts: tuple[Convex, ...]
+    parts: tuple[ConvexSolid, ...]
     hull_volume: float
     enclosed: Solid | None
     open_because: str = ""
@@ -84,7 +84,7 @@ class FlatMeshError(MeshError):
     """All points of a mesh are in one plane, or nearly so."""
 
 
-def made(surface: Surface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
+def made(surface: MeshSurface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
     """The geometry that a world takes from ``surface``; a hull whose options allow any number of vertices may have
     ``most_vertices``. Raises MeshError where no solid can be made of it, before a hull with too many is computed."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
@@ -136,7 +136,7 @@ def _check_readable(vertices: int) -> None:
         raise MeshError(f"its hull has {vertices:,} vertices, more than the {LARGEST:,} that a file's may have")
 
 
-def _convex(points: Points, most: int | None) -> Convex:
+def _convex(points: Points, most: int | None) -> ConvexSolid:
     """A hull in its own frame, in which all its vertices are corners still: round-off of the rotation may put one into a
     plane, and it is then left out, since whoever computes the faces from the vertices would miss it."""
     kept, error = (points, 0.0) if most is None else reduced(points, most)
@@ -144,11 +144,11 @@ def _convex(points: Points, most: int | None) -> Convex:
         pose, local = centred(kept)
         chosen = corners(local)
         if len(chosen) == len(kept):
-            return Convex(mesh_size(local), pose, error, len(points))
+            return ConvexSolid(mesh_size(local), pose, error, len(points))
         kept = kept[chosen]
 
 
-def _placed(surface: Surface, options: MeshOptions) -> Points:
+def _placed(surface: MeshSurface, options: MeshOptions) -> Points:
     """The vertices in m, in the shape's axes: unit, then the axis that is up (as COLLADA defines x, y and z up), then scale."""
     unit = options.unit if options.unit is not None else surface.unit if surface.unit is not None else 1.0
     if not (math.isfinite(unit) and unit > 0.0):

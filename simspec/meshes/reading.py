@@ -170,7 +170,7 @@ INSTALL = "pip install 'simspec-physics[meshes]'"
 
 
 @dataclass(frozen=True)
-class Surface:
+class MeshSurface:
     """Triangles of a file, in its own unit and axes; ``unit`` (m) and ``up`` where the file says them."""
 
     vertices: Points
@@ -179,12 +179,12 @@ class Surface:
     up: str | None = None
 
 
-def read_surfaces(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
+def read_surfaces(files: Sequence[MeshFile]) -> list[MeshSurface | MeshError]:
     """The content of each file, or why it is not read, in order."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         return [MeshError(f"reading meshes needs packages that are not installed: {INSTALL}") for _ in files]
-    answers: list[Surface | MeshError] = []
+    answers: list[MeshSurface | MeshError] = []
     while len(answers) < len(files):
         answers += _read(_next_batch(files[len(answers) :]))
     return answers
@@ -199,7 +199,7 @@ def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
     return files[:BATCH]
 
 
-def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
+def _read(files: Sequence[MeshFile]) -> list[MeshSurface | MeshError]:
     """The answers that one process gives; at least one, the last of which may be that it ended."""
     needed = ("collada",) if any(file.suffix == ".dae" for file in files) else ()
     output, why = _process(
@@ -262,10 +262,10 @@ def _request(file: MeshFile) -> bytes:
     return json.dumps(head).encode() + b"\n" + file.content + b"".join(file.buffers.values())
 
 
-def _answers(output: bytes, most: int) -> list[Surface | MeshError]:
+def _answers(output: bytes, most: int) -> list[MeshSurface | MeshError]:
     """The whole answers in an output."""
     stream = io.BytesIO(output)
-    answers: list[Surface | MeshError] = []
+    answers: list[MeshSurface | MeshError] = []
     while len(answers) < most:
         line = stream.readline()
         if not line.endswith(b"\n"):
@@ -285,6 +285,6 @@ def _answers(output: bytes, most: int) -> list[Surface | MeshError]:
             break
         vertices = np.frombuffer(places, "<f8").reshape(-1, 3)
         answers.append(
-            Surface(vertices, np.frombuffer(corners, "<i8").reshape(-1, 3), head.get("unit"), head.get("up"))
+            MeshSurface(vertices, np.frombuffer(corners, "<i8").reshape(-1, 3), head.get("unit"), head.get("up"))
         )
     return answers

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from simspec.audit import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
+from simspec.audit import AuditFinding, EngineAudit, FileAudit, FindingGroup, FindingSeverity, What, grouped
 from simspec.audit.audit import PairAudit
 from simspec.errors import clipped, visible
 from simspec.report.page.document import Section, Sentence
@@ -16,7 +16,7 @@ from simspec.report.screen import console
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
 from simspec.report.tested import Entry, Status, Suite
 
-TONES = {Severity.PHYSICS: BAD, Severity.RATING: WARNING, Severity.APPEARANCE: WARNING}
+TONES = {FindingSeverity.PHYSICS: BAD, FindingSeverity.RATING: WARNING, FindingSeverity.APPEARANCE: WARNING}
 LONGEST_VALUE = 46
 """Characters of a value in a table; JSON has it whole."""
 MOST_DEFECTS = 5
@@ -58,10 +58,10 @@ def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
     return [_engines(audit), *([_findings(audit, details)] if _shown(audit, details) else [])]
 
 
-def _shown(audit: FileAudit, details: bool) -> list[Group]:
+def _shown(audit: FileAudit, details: bool) -> list[FindingGroup]:
     """The groups of findings of a table. Values that the file leaves open are lines, unless ``details`` are requested."""
     groups = [group for engine in audit.engines for group in grouped(engine.findings)]
-    return [group for group in groups if details or group.severity is not Severity.DEFAULT]
+    return [group for group in groups if details or group.severity is not FindingSeverity.DEFAULT]
 
 
 def choices(audit: FileAudit) -> list[str]:
@@ -72,7 +72,7 @@ def choices(audit: FileAudit) -> list[str]:
             f"{'' if finding.element == 'the file' else f'{finding.element} '}{finding.quantity.replace('_', ' ')} "
             f"{finding.engine_value}"
             for finding in engine.findings
-            if finding.severity is Severity.DEFAULT
+            if finding.severity is FindingSeverity.DEFAULT
         ]
         if texts:
             lines.append(f"{engine.engine} chooses what the file leaves open: {', '.join(texts)}")
@@ -124,13 +124,13 @@ def _findings(audit: FileAudit, details: bool) -> Table:
     return shown
 
 
-def _where(finding: Finding, more: int) -> str:
+def _where(finding: AuditFinding, more: int) -> str:
     place = f":{finding.location.line}" if finding.location is not None else ""
     others = f" and {more} more" if more else ""
     return f"{finding.element}{place}{others}"
 
 
-def _how_much(finding: Finding) -> str:
+def _how_much(finding: AuditFinding) -> str:
     if finding.what in (What.REFUSED, What.DIED):
         return clipped(finding.why, 200)
     size = ""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from simspec.attribution.candidates import Kind
+from simspec.attribution.candidates import CandidateKind
 from simspec.attribution.configuration import model_lines
 from simspec.attribution.explanation import WORDS as CLASS_WORDS
 from simspec.attribution.explanation import Explanation, percent, ranged, verdict
@@ -341,7 +341,7 @@ def swaps_table(explanation: Explanation) -> Table:
             cells = ["not possible"] + [""] * (len(classes) - 1) if classes else []
         elif not swap.share and classes:
             cells[0] = "none"
-        before, after = swap.values if swap.kind != Kind.DIFFERENCE.value else swap.values[::-1]
+        before, after = swap.values if swap.kind != CandidateKind.DIFFERENCE.value else swap.values[::-1]
         shown.add(swap.name, before, after, *cells)
     if len(swaps) > MOST_ROWS:
         shown.add(f"and {len(swaps) - MOST_ROWS} more (--json)", "", "", *[""] * len(classes))
@@ -398,6 +398,6 @@ def _ranked_swaps(causes: tuple[Swap, ...], probes: tuple[Swap, ...]) -> list[Sw
     """The differences that act, the engines' other choices that help, and the parts without which nothing differs; of
     each the largest first."""
     ranked = sorted(useful(probes), key=lambda swap: -swap.largest)
-    chosen = [swap for swap in ranked if swap.kind != Kind.REMOVAL.value]
-    places = [swap for swap in ranked if swap.kind == Kind.REMOVAL.value]
+    chosen = [swap for swap in ranked if swap.kind != CandidateKind.REMOVAL.value]
+    places = [swap for swap in ranked if swap.kind == CandidateKind.REMOVAL.value]
     return [*acting(causes)[:MOST], *chosen[:MOST], *places[:MOST]]

@@ -25,7 +25,7 @@ from simspec.support.features import MEANING, Feature
 from simspec.world.types import Hardness, PairContact
 
 if TYPE_CHECKING:
-    from simspec.engines.kit.installed import Instance
+    from simspec.engines.kit.installed import EngineInstance
 
 
 # Effects of contact that are absent in an engine: a declared deviation is so wide that an engine without the effect would pass
@@ -348,7 +348,7 @@ def short_reason(engine: str, feature: str, said: str) -> str:
 # Tables of engines on terminals.
 
 
-def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width: int) -> list[Table]:
+def engine_tables(instances: Sequence[EngineInstance], data: Mapping[str, Any], width: int) -> list[Table]:
     """The engines with their versions, and what each engine of ``data`` supports."""
     versions = Table("Engines", "engine", "version", "format", "dialect", "python", "")
     for instance in instances:

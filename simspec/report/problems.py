@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec.engines.kit.registry import engine_name
-from simspec.errors import MOST_PROBLEMS, Location, Problem, Refusal, SimspecError, SpecError, UnsupportedError
-from simspec.language.foreign import Group, Repair, kind_of
+from simspec.errors import MOST_PROBLEMS, EngineRefusal, Location, Problem, SimspecError, SpecError, UnsupportedError
+from simspec.language.foreign import AccountGroup, Repair, kind_of
 from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility
 from simspec.report.plain import plain
 from simspec.report.screen import console
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # Imports: losses and repairs.
 
 
-def losses_table(file: str, groups: Sequence[Group]) -> Table:
+def losses_table(file: str, groups: Sequence[AccountGroup]) -> Table:
     """One row for each kind of loss, with the place of the first and the number of all."""
     rows = Table(
         f"Elements that the import of {file} does not carry", "what", "changes", "why", "line", "count", right=(3, 4)
@@ -197,7 +197,7 @@ def show_error(error: SimspecError) -> None:
         return
     brief = error.brief if isinstance(error, UnsupportedError) else ()
     for problem in error.problems[:MOST_PROBLEMS]:
-        if not (brief and isinstance(problem, Refusal)):
+        if not (brief and isinstance(problem, EngineRefusal)):
             screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
     for line in brief:
         screen.print(line, soft_wrap=True)
@@ -312,9 +312,9 @@ def ways_out(
     refuse more. ``writable``: whether ``simspec accept`` can write the file."""
     from simspec.selection import acceptable
 
-    by_engine: dict[str, list[Refusal]] = {}
+    by_engine: dict[str, list[EngineRefusal]] = {}
     for problem in problems:
-        if isinstance(problem, Refusal):
+        if isinstance(problem, EngineRefusal):
             by_engine.setdefault(problem.engine, []).append(problem)
     if not by_engine:
         return None
@@ -360,9 +360,9 @@ def brief(problems: Iterable[Problem]) -> list[str]:
     from simspec.compiler import OPTION_OF
 
     level_of = {option: level for level, option in OPTION_OF.items()}
-    groups: dict[str, list[Refusal]] = {}
+    groups: dict[str, list[EngineRefusal]] = {}
     for problem in problems:
-        if isinstance(problem, Refusal):
+        if isinstance(problem, EngineRefusal):
             groups.setdefault(_subject(problem), []).append(problem)
     lines = []
     for what, refusals in groups.items():
@@ -389,7 +389,7 @@ def with_ways_out(
         raise
 
 
-def _subject(refusal: Refusal) -> str:
+def _subject(refusal: EngineRefusal) -> str:
     """The subject of a refusal: the feature, or for a problem of no feature the part of the message before its reason."""
     if refusal.feature:
         return refusal.feature

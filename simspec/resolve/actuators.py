@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.language.actions import BY_JOINT
-from simspec.language.actions import Grasp as SpecGrasp
+from simspec.language.actions import BY_JOINT, Grasp
 from simspec.language.control import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Details, Key
@@ -342,7 +341,7 @@ def commanded(
 
 
 @dataclass(frozen=True)
-class Grasp:
+class ResolvedGrasp:
     """One grasp of one placed model: ``joints`` (full names), their positions ``open`` and ``closed``, and forces as (body's
     full name, point, force), both in the body's frame."""
 
@@ -366,10 +365,10 @@ class Grasp:
         return total
 
 
-def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem]]:
+def grasps(source: Source, world: World) -> tuple[dict[str, ResolvedGrasp], list[Problem]]:
     """Every grasp of every placed model by MODEL/NAME, those of a model file compiled alone by NAME, and what is wrong with
     them."""
-    resolved: dict[str, Grasp] = {}
+    resolved: dict[str, ResolvedGrasp] = {}
     problems: list[Problem] = []
     bodies = {body.name: body for body in world.bodies}
     joints = {body.joint.name: body for body in world.bodies}
@@ -391,7 +390,7 @@ def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem
     return resolved, problems
 
 
-def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
+def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, Grasp]]:
     """(prefix of names, file, path, grasp's name, grasp) of every grasp of every model, in every copy of it."""
     if (model := model_of(source)) is not None:
         for file, path, name, grasp in _of_files(model.files):
@@ -405,7 +404,7 @@ def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str
                 yield f"{placement}{suffix}/", file, path, name, grasp
 
 
-def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecGrasp]]:
+def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, Grasp]]:
     """The grasps of the model files that lead to a model; the one with its bodies comes first."""
     for file in reversed(files):
         model = file.file.model if file.file is not None else None
@@ -416,11 +415,11 @@ def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...]
 def _grasp(
     prefix: str,
     name: str,
-    written: SpecGrasp,
+    written: Grasp,
     joints: Mapping[str, Body],
     bodies: Mapping[str, Body],
     places: Places,
-) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
+) -> tuple[ResolvedGrasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
     wrong: list[tuple[tuple[Key, ...], str, Details]] = []
     postures: dict[str, list[float]] = {"open": [], "closed": []}
     for posture, values in postures.items():
@@ -462,7 +461,7 @@ def _grasp(
     if wrong:
         return None, wrong
     names = tuple(prefix + joint for joint in written.open)
-    return Grasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []
+    return ResolvedGrasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []
 
 
 def _within(prefix: str, names: Iterable[str]) -> list[str]:

@@ -17,7 +17,7 @@ from simspec.language.models import Use
 from simspec.language.sources import Source
 from simspec.language.strict import near, required
 from simspec.language.trees import model_of, placed
-from simspec.resolve.body_trees import Tree, resolved_trees
+from simspec.resolve.body_trees import BodyTree, resolved_trees
 from simspec.resolve.shapes import (
     ShapeFiles,
     elements,
@@ -162,7 +162,7 @@ class Expansion:
     frames: Mapping[str, WrittenFrame] = field(default_factory=dict)
     """The named frames as they are written, by their full names."""
 
-    def note(self, tree: Tree, copies: Sequence[Body], bodies: trees.Bodies) -> None:
+    def note(self, tree: BodyTree, copies: Sequence[Body], bodies: trees.Bodies) -> None:
         """Remember what is stated of a tree, that of ``bodies``, for one copy of it."""
         self.kinematic += [copies[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
         for body, copy in zip(tree.bodies, copies, strict=True):
@@ -241,7 +241,7 @@ def _only_material(source: Source) -> str | None:
 
 
 def _copy(
-    tree: Tree, prefix: str, suffix: str, model: str, place: Pose, velocity: tuple[Vector3, Vector3]
+    tree: BodyTree, prefix: str, suffix: str, model: str, place: Pose, velocity: tuple[Vector3, Vector3]
 ) -> list[Body]:
     """The tree with full names, its root at ``place``; velocities of a free root in world axes."""
 
@@ -358,7 +358,7 @@ def _touching(
         expansion.excluded += itertools.combinations(colliding, 2)
 
 
-def _begun(tree: Tree, source: Source, bodies: trees.Bodies) -> Tree:
+def _begun(tree: BodyTree, source: Source, bodies: trees.Bodies) -> BodyTree:
     """The tree in the initial state that is chosen for it."""
     chosen = trees.chosen_state(source, bodies)
     if chosen is None:
@@ -371,7 +371,7 @@ def _begun(tree: Tree, source: Source, bodies: trees.Bodies) -> Tree:
     return _positioned(tree, state, trees.followers(source, bodies))
 
 
-def _positioned(tree: Tree, use: Use | State, left_out: Container[str]) -> Tree:
+def _positioned(tree: BodyTree, use: Use | State, left_out: Container[str]) -> BodyTree:
     """The tree with the initial positions and velocities that its placement, or a state, gives; ``left_out``: joints that no
     pattern means."""
     if not use.positions and not use.velocities:

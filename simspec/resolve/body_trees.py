@@ -19,7 +19,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3
 
 
 @dataclass(frozen=True)
-class Tree:
+class BodyTree:
     """A resolved tree with short names; the root stands first. ``placement`` is the root's own pose; ``positions`` and
     ``velocities``: the joints whose initial ones are stated."""
 
@@ -31,7 +31,7 @@ class Tree:
     velocities: frozenset[str] = frozenset()
 
 
-def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles, boxes: bool = False) -> Iterator[Tree]:
+def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles, boxes: bool = False) -> Iterator[BodyTree]:
     """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none; ``boxes``: whether
     bodies with mass get the box by which they would feel a fluid."""
     materials = bodies.source.file.contact.materials if bodies.source.file is not None else {}
@@ -59,7 +59,7 @@ def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles, boxes: b
         yield _tree(current, named, root, bodies)
 
 
-def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) -> Tree:
+def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) -> BodyTree:
     origin = root.pose
     if origin is None and (root.joint is not None or root.joints):
         origin = (root.joint or root.joints[0]).origin
@@ -75,7 +75,7 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) 
             strict=True,
         )
     ]
-    return Tree(
+    return BodyTree(
         tuple(bodies),
         frozenset(named),
         pose(origin),

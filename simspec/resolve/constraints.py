@@ -88,7 +88,7 @@ class _WrittenConstraint:
 def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = ()) -> Constrained:
     """The constraints of a spec, and what they say of the bodies of ``expansion``. ``named``: the frames that may be named in
     place of a body."""
-    draft = _Draft(expansion, named)
+    draft = _ConstraintDraft(expansion, named)
     for written in _all(source, expansion):
         draft.add(written)
     if not draft.problems and not expansion.problems:
@@ -158,7 +158,7 @@ def _named(content: SpecConstraint) -> tuple[str, ...]:
 # --- what they are ---------------------------------------------------------------------------------------------------
 
 
-class _Draft:
+class _ConstraintDraft:
     """Constraints while they are resolved: ``resolved`` and where each was ``written``, by name."""
 
     def __init__(self, expansion: Expansion, named: Iterable[Frame] = ()):

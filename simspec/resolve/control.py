@@ -24,7 +24,7 @@ from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
 
 if TYPE_CHECKING:
-    from simspec.control.stability import Instability
+    from simspec.control.stability import ControlInstability
 
 MOST_NAMED = 8
 """Joints that one message names."""
@@ -152,7 +152,7 @@ def _explicit_hint(world: World, controller: Controller) -> str:
     return f"{hint} can be used: with these gains it is stable up to a physics.timestep of {largest:.3g} s, or use lower gains"
 
 
-def _of_instability(source: Source, instability: Instability, *, implicit: bool) -> Problem:
+def _of_instability(source: Source, instability: ControlInstability, *, implicit: bool) -> Problem:
     """``implicit``: whether its trees can have implicit laws."""
     # controllers of one tree may be unstable together, each of them stable alone
     names = instability.controller.split(", ")

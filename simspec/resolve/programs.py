@@ -21,7 +21,7 @@ from simspec.language.shapes import Pose as SpecPose
 from simspec.language.sources import Source
 from simspec.language.strict import near, required
 from simspec.language.units import article
-from simspec.resolve.actuators import Grasp
+from simspec.resolve.actuators import ResolvedGrasp
 from simspec.resolve.bodies import places_of
 from simspec.world import frames
 from simspec.world.canonical import to_plain
@@ -65,16 +65,16 @@ class _Stop(Exception):
         self.place, self.more = place, more
 
 
-class Program:
+class ProgramSolution:
     """A program being solved, step by step."""
 
-    def __init__(self, source: Source, world: World, known: Mapping[str, Grasp]):
+    def __init__(self, source: Source, world: World, known: Mapping[str, ResolvedGrasp]):
         self._source, self._world, self._grasps = source, world, known
         self._given = required(source.content.trajectory)
         self._steps = required(self._given.program)
         self.problems: list[Problem] = []
         self._driven = {joint for controller in world.controllers for joint in controller.joints}
-        self._grasp: Grasp | None = None
+        self._grasp: ResolvedGrasp | None = None
         self._tool: Any = None
 
     def solve(self) -> Rows | None:
@@ -165,7 +165,7 @@ class Program:
             self._problem(("program",), message, key=True, hint="control: {NAME: {joints: [...]}}")
 
     @property
-    def _chosen_grasp(self) -> Grasp:
+    def _chosen_grasp(self) -> ResolvedGrasp:
         """The grasp; a program that has none, but grips, is refused before its way is worked out."""
         if self._grasp is None:
             raise ValueError("a program without a grasp does not grip")
@@ -413,13 +413,13 @@ _SOLVED: dict[str, Rows] = {}
 """The latest solutions by the hash of what they were solved from."""
 
 
-def solve(source: Source, world: World, known: Mapping[str, Grasp]) -> tuple[Rows | None, list[Problem]]:
+def solve(source: Source, world: World, known: Mapping[str, ResolvedGrasp]) -> tuple[Rows | None, list[Problem]]:
     """The points of a spec's program in its world (no caller changes them), or None with what is wrong. ``known``: the grasps
     of the models."""
     key = hash_of(source, world, known)
     rows = _SOLVED.pop(key, None)
     if rows is None:
-        program = Program(source, world, known)
+        program = ProgramSolution(source, world, known)
         rows = program.solve()
         if rows is None or program.problems:
             return rows, program.problems
@@ -429,7 +429,7 @@ def solve(source: Source, world: World, known: Mapping[str, Grasp]) -> tuple[Row
     return rows, []
 
 
-def hash_of(source: Source, world: World, known: Mapping[str, Grasp]) -> str:
+def hash_of(source: Source, world: World, known: Mapping[str, ResolvedGrasp]) -> str:
     """SHA-256 of all that a program's solution depends on: the program, and the kinematics and grasps of the driven trees."""
     driven = {joint for controller in world.controllers for joint in controller.joints}
     moved = [bodies for bodies in trees(world).values() if any(body.joint.name in driven for body in bodies)]
@@ -456,6 +456,6 @@ def _kinematics(body: Body) -> list[Any]:
     ]
 
 
-def _grasp(grasp: Grasp) -> list[Any]:
+def _grasp(grasp: ResolvedGrasp) -> list[Any]:
     forces = [[body, point.tolist(), force.tolist()] for body, point, force in grasp.forces]
     return [grasp.name, grasp.joints, grasp.open.tolist(), grasp.closed.tolist(), forces]

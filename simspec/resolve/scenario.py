@@ -14,7 +14,7 @@ from simspec.errors import Problem
 from simspec.language.actions import Motion as SpecMotion
 from simspec.language.document import Details, Key
 from simspec.language.engine_options import EngineOptions as SpecOptions
-from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
+from simspec.language.expectations import BODIES, KINDS, TIMES, ExpectationKind
 from simspec.language.models import Physics as SpecPhysics
 from simspec.language.models import Record as SpecRecord
 from simspec.language.models import whole_steps
@@ -265,7 +265,7 @@ ROUND_OFF = 1e-9
 """m: places that are equal but for the arithmetic of poses."""
 
 
-def _later(kind: Kind, values: Mapping[str, Any], time: Physics) -> bool:
+def _later(kind: ExpectationKind, values: Mapping[str, Any], time: Physics) -> bool:
     """Whether an expectation looks at what comes after the run's last step, of a scenario that goes on."""
     if kind.of_end and kind.of_end not in values:
         return True

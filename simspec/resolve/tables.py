@@ -38,7 +38,7 @@ _UNREADABLE = (
 
 
 @dataclass
-class Table:
+class TrajectoryTable:
     """The content of a file: times (n,), joints, and arrays (n, joints) by quantity; ``wrong``: why it cannot be used, where
     the file shows it (message, found, allowed)."""
 
@@ -47,25 +47,25 @@ class Table:
     values: dict[str, np.ndarray] = field(default_factory=dict)
     wrong: list[tuple[str, str | None, str | None]] = field(default_factory=list)
 
-    def refuse(self, message: str, found: str | None = None, allowed: str | None = None) -> Table:
+    def refuse(self, message: str, found: str | None = None, allowed: str | None = None) -> TrajectoryTable:
         """Note why it cannot be used."""
         self.wrong.append((message, found, allowed))
         return self
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> TrajectoryTable:
     """Read a table by its name's ending."""
     readers = {".csv": _read_csv, ".npz": _read_npz}
     if path.suffix not in readers:
-        return Table().refuse("not a readable table", path.name, "a file that ends in .csv or .npz")
+        return TrajectoryTable().refuse("not a readable table", path.name, "a file that ends in .csv or .npz")
     try:
         return readers[path.suffix](path)
     except OSError as error:
-        return Table().refuse(f"cannot be read: {error.strerror}", path.name)
+        return TrajectoryTable().refuse(f"cannot be read: {error.strerror}", path.name)
 
 
-def _read_csv(path: Path) -> Table:
-    table = Table()
+def _read_csv(path: Path) -> TrajectoryTable:
+    table = TrajectoryTable()
     if path.stat().st_size > LARGEST_FILE:
         found, allowed = f"{path.stat().st_size / 1e6:.1f} MB", f"{LARGEST_FILE / 1e6:g} MB"
         return table.refuse("too large a table", found, allowed)
@@ -115,7 +115,7 @@ def _read_csv(path: Path) -> Table:
     return table
 
 
-def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
+def _columns(header: list[str], table: TrajectoryTable) -> dict[str, dict[str, int]]:
     """Where each joint's column of each quantity stands behind the time."""
     columns: dict[str, dict[str, int]] = {}
     for place, name in enumerate(header):
@@ -176,8 +176,8 @@ def _npz_arrays(path: Path) -> dict[str, np.ndarray]:
         return {name: archive[name] for name in archive.files}
 
 
-def _read_npz(path: Path) -> Table:
-    table = Table()
+def _read_npz(path: Path) -> TrajectoryTable:
+    table = TrajectoryTable()
     try:
         arrays = _npz_arrays(path)
     except _UNREADABLE as error:

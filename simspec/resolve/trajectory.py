@@ -14,7 +14,7 @@ from simspec.language.document import Details, Key
 from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
-from simspec.resolve.actuators import Grasp, grasps
+from simspec.resolve.actuators import ResolvedGrasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
 from simspec.world.actions import Trajectory
 from simspec.world.types import World
@@ -38,7 +38,7 @@ MOST_REPORTED = 10
 
 
 @dataclasses.dataclass
-class _Draft:
+class _TrajectoryDraft:
     """Joints, times and arrays by quantity, before they are checked. ``place``: the path in the spec of a row and a joint;
     ``label``: the name of a row in messages, besides its time."""
 
@@ -156,7 +156,7 @@ class _Entries:
         return entries
 
 
-def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
+def _of_points(source: Source, world: World, problems: list[Problem]) -> _TrajectoryDraft | None:
     points = required(required(source.content.trajectory).points)
     entries = _Entries(points, world)
 
@@ -199,10 +199,10 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft 
                         for item in error.faults
                     ]
         values[quantity] = array
-    return _Draft(joints, np.array([point.at for point in points]), values, path)
+    return _TrajectoryDraft(joints, np.array([point.at for point in points]), values, path)
 
 
-def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
+def _of_table(source: Source, world: World, problems: list[Problem]) -> _TrajectoryDraft | None:
     place = ("trajectory", "file")
     if source.table is None:
         raise ValueError("a spec whose table is not found is not resolved")
@@ -230,7 +230,7 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
         refuse(f"{name} are not allowed with interpolation {interpolation}")
     if interpolation == "quintic" and len(present) == 1:
         refuse("quintic requires velocities and accelerations, or neither")
-    return _Draft(
+    return _TrajectoryDraft(
         table.joints,
         table.times,
         table.values,
@@ -239,7 +239,9 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
     )
 
 
-def _of_program(source: Source, world: World, known: Mapping[str, Grasp], problems: list[Problem]) -> _Draft | None:
+def _of_program(
+    source: Source, world: World, known: Mapping[str, ResolvedGrasp], problems: list[Problem]
+) -> _TrajectoryDraft | None:
     from simspec.resolve.programs import solve
 
     rows, wrong = solve(source, world, known)
@@ -249,7 +251,7 @@ def _of_program(source: Source, world: World, known: Mapping[str, Grasp], proble
     values = {"positions": np.array(rows.positions), "efforts": np.array(rows.efforts)}
     if not values["efforts"].any():
         del values["efforts"]
-    return _Draft(
+    return _TrajectoryDraft(
         rows.joints, np.array(rows.times), values, lambda row, joint: ("trajectory", "program", rows.steps[row])
     )
 
@@ -260,7 +262,7 @@ def _of_program(source: Source, world: World, known: Mapping[str, Grasp], proble
 class _Check:
     """The checks of a trajectory: at its points, and between them as it will be followed."""
 
-    def __init__(self, source: Source, world: World, draft: _Draft, made: Trajectory):
+    def __init__(self, source: Source, world: World, draft: _TrajectoryDraft, made: Trajectory):
         self._source, self._draft, self._made = source, draft, made
         by_name = {body.joint.name: body.joint for body in world.bodies}
         self._joints = [by_name[name] for name in made.joints]

@@ -12,7 +12,7 @@ from simspec.errors import Location, Problem
 from simspec.language import problems as walk
 from simspec.language import trees
 from simspec.language.actions import TrajectoryPoint
-from simspec.language.beginning import AT_LIMITS, Start, listed
+from simspec.language.beginning import AT_LIMITS, LimitStart, listed
 from simspec.language.document import Key
 from simspec.language.foreign import of_physics, problems
 from simspec.language.joint_names import initial_meant, matches
@@ -132,7 +132,7 @@ def _names(entries: Iterable[str], joint: str) -> bool:
     return any(matches(entry, joint) for entry in entries)
 
 
-def _at_limits(source: Source, starts: Sequence[Start]) -> Warned:
+def _at_limits(source: Source, starts: Sequence[LimitStart]) -> Warned:
     if starts:
         hint = "positions: where the model is placed"
         yield "start", source.document.problem(starts[0].path, AT_LIMITS, found=listed(starts), hint=hint)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from simspec.errors import Location, Refusal, UnsupportedError
+from simspec.errors import EngineRefusal, Location, UnsupportedError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Absence, Level, Support, Table, acceptance
 from simspec.support.features import MEANING, Feature
@@ -232,7 +232,7 @@ def negotiate(
     """
     options = world.options(target)
     decisions: list[Decision] = []
-    problems: list[Refusal] = []
+    problems: list[EngineRefusal] = []
     for need in [*needs(world), *extra_needs]:
         support = table[need.feature].at_version(title or target, version).in_world(world)
         refused = _refusal(need.feature, support, options, title or target)
@@ -246,7 +246,7 @@ def negotiate(
         meaning = f"{need.feature.value}: {MEANING[need.feature]}"
         place = locate(path)
         problems.append(
-            Refusal(f"{message}{more}", path, place, meaning, None, hint, target, need.feature.value, option)
+            EngineRefusal(f"{message}{more}", path, place, meaning, None, hint, target, need.feature.value, option)
         )
     if problems:
         raise UnsupportedError(problems)

@@ -12,7 +12,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.kit.process import Operation
-from simspec.engines.kit.settings import Group, finer_settings, idle_settings, resolve_settings
+from simspec.engines.kit.settings import SettingGroup, finer_settings, idle_settings, resolve_settings
 from simspec.errors import UnsupportedError
 from simspec.proof.contact.run import measure
 from simspec.proof.selftest_worlds import surfaces
@@ -49,7 +49,7 @@ def as_accurate(bench: Bench, base: World) -> World:
     finer = {
         name: value
         for name, value in finer_settings(bench.kind, settings).items()
-        if bench.kind.SETTINGS[name].group is Group.ACCURACY and name not in idle
+        if bench.kind.SETTINGS[name].group is SettingGroup.ACCURACY and name not in idle
     }
     name = bench.kind.NAME
     return worlds.with_options(

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from simspec.analysis.validity import Trial, limit, trial
+from simspec.analysis.validity import TimestepTrial, limit, trial
 from simspec.errors import SpecError
 from simspec.runner.expectations import Outcome
 from tests.runner.synthetic import free_body, run, world
@@ -16,7 +16,7 @@ MS = 1e-3
 
 def trials(valid: dict[float, list[bool]]):
     return [
-        Trial(step * MS, seed, good, "" if good else f"cup off by {step:g} cm")
+        TimestepTrial(step * MS, seed, good, "" if good else f"cup off by {step:g} cm")
         for step, some in valid.items()
         for seed, good in enumerate(some, 1)
     ]
@@ -59,7 +59,7 @@ def test_a_run_is_valid_where_everything_expected_holds():
     of = run(world(free_body("ball")), seed=3)
     good = Outcome("position", True, 0.001, 0.01, "m", "cup at 8 s")
     bad = dataclasses.replace(good, passed=False, measured=0.012)
-    assert trial(of, [good]) == Trial(0.01, 3, True, "")
+    assert trial(of, [good]) == TimestepTrial(0.01, 3, True, "")
     assert trial(of, [good, bad, bad]).reason == "position: 12 mm, bound 10 mm (cup at 8 s), and 1 more"
     unmeasured = Outcome("no_penetration", False, None, 0.01, "", "no contacts recorded")
     assert trial(of, [unmeasured]).reason == "no penetration: no contacts recorded"

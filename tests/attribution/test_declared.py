@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
-from simspec.attribution.declared import Declared, _carry, _overlaps, located
+from simspec.attribution.declared import DeclaredDeviation, _carry, _overlaps, located
 from simspec.attribution.explanation import Explanation, explain_sides, verdict
-from simspec.attribution.measure import Joint, Swap
+from simspec.attribution.measure import CombinedSwap, Swap
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.capabilities import COMMON, Recovery
 from tests.attribution.planted import world
@@ -134,7 +134,7 @@ def test_the_deepest_point_of_the_first_row_counts():
 
 def explanation_of(**changes):
     """An explanation of made-up figures."""
-    nothing = Joint((), {}, {})
+    nothing = CombinedSwap((), {}, {})
     gap = {"contact": 1e-3, "all": 1e-3}
     plain = Explanation(
         "A",
@@ -164,7 +164,7 @@ def test_a_negative_share_says_that_the_gap_grows():
     causes = tuple(
         Swap(name, "difference", "g", ("1", "2"), share={"contact": 0.5}, effect={"contact": 1.0}) for name in "ab"
     )
-    joint = Joint(("a", "b"), {}, {"contact": -0.3, "all": -0.3})
+    joint = CombinedSwap(("a", "b"), {}, {"contact": -0.3, "all": -0.3})
     lines = explanation_of(causes=causes, caused=joint)
     assert any("account for none of the difference: the gap grows by 30 % in contact" in line for line in lines)
 
@@ -176,7 +176,7 @@ def test_more_than_all_unexplained_has_a_reason():
 
 
 def test_differences_within_a_located_deviation_are_explained():
-    declared = Declared("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
+    declared = DeclaredDeviation("ONE", "slides aside", "friction", False, {"contact": 0.5, "all": 0.5})
     other = dataclasses.replace(declared, engine="OTHER", what="hops")
     lines = explanation_of(declared=(declared, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
@@ -200,10 +200,10 @@ def test_differences_within_a_located_deviation_are_explained():
 def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(closed, made, words):
     """All of it goes without friction, and a seventh with the cone that the engine has: the cone is not the cause of the
     rest; where that swap was made already, what is left is none of it."""
-    declared = Declared(
+    declared = DeclaredDeviation(
         "ONE", "has a pyramid", "friction", False, {"contact": 1.0, "all": 1.0}, {}, "the cone: pyramid", closed
     )
-    lines = explanation_of(declared=(declared,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
+    lines = explanation_of(declared=(declared,), probed=CombinedSwap(("the cone: pyramid",) if made else (), {}, {}))
     share = "15 % in contact" if closed else "nothing"
     assert f"The cone: pyramid takes this deviation of ONE away and closes {share}: it accounts for no more." in lines
     assert f"Within friction, not explained: {words}." in lines

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.audit import FileAudit, Severity, What
+from simspec.audit import FileAudit, FindingSeverity, What
 from simspec.audit.audit import audit
-from simspec.audit.compare import Comparison
+from simspec.audit.compare import FileComparison
 from simspec.audit.meaning import Meaning, meaning_of
 from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError
@@ -71,13 +71,13 @@ def test_places_and_values(audited):
     assert {finding.file_value for finding in dropped} == {"0.1"}
     ratings = [finding for finding in findings if finding.quantity == "joint.velocity_limit"]
     assert ratings
-    assert all(finding.severity is Severity.RATING for finding in ratings)
+    assert all(finding.severity is FindingSeverity.RATING for finding in ratings)
 
 
 def test_merged_bodies_are_no_other_model(audited):
     engine = next(engine for engine in audited.engines if engine.engine == "mujoco")
     merged = {finding.element: finding.severity for finding in engine.findings if finding.what is What.MERGED}
-    assert merged == {"base": Severity.DEFAULT, "flange": Severity.INFORMATION}
+    assert merged == {"base": FindingSeverity.DEFAULT, "flange": FindingSeverity.INFORMATION}
 
 
 def test_the_compiled_model_is_proven(audited):
@@ -91,7 +91,7 @@ def read_back_of(meaning: Meaning) -> ReadBack:
 
 def findings_of(meaning: Meaning, back: ReadBack) -> set[tuple[str, str]]:
     return {
-        (finding.element, finding.quantity) for finding in Comparison("an engine", meaning, back, {}).run().findings
+        (finding.element, finding.quantity) for finding in FileComparison("an engine", meaning, back, {}).run().findings
     }
 
 
@@ -127,7 +127,7 @@ def test_a_repaired_value_is_not_compared(tmp_path):
     meaning = meaning_of(path, ImportOptions())
     assert meaning.defects
     assert meaning.bodies
-    comparison = Comparison("an engine", meaning, read_back_of(meaning), {})
+    comparison = FileComparison("an engine", meaning, read_back_of(meaning), {})
     hand = next(body for body in meaning.bodies if body.name == "hand")
     assert not any(comparison.compares(hand, word) for word in ("mass", "centre_of_mass", "inertia"))
     assert comparison.compares(hand, "joint.type")

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.audit import Severity, What
+from simspec.audit import FindingSeverity, What
 from simspec.audit.audit import plausibility_of
-from simspec.audit.compare import Comparison
+from simspec.audit.compare import FileComparison
 from simspec.audit.meaning import Meaning, meaning_of
 from simspec.language.foreign import ImportOptions
 from simspec.world.types import Body, Inertial, Joint, ReadBack
@@ -36,17 +36,17 @@ def merged(tmp_path, mass: float, world: bool):
     if world:
         actual = (dataclasses.replace(actual_rotor, joint=dataclasses.replace(actual_rotor.joint, parent=None)),)
     meaning = Meaning(tmp_path / "drone.urdf", "urdf", bodies=bodies)
-    found = Comparison("engine", meaning, ReadBack(actual, (0.0, 0.0, -9.81), 0.001), {}).run().findings
+    found = FileComparison("engine", meaning, ReadBack(actual, (0.0, 0.0, -9.81), 0.001), {}).run().findings
     return [finding for finding in found if finding.element == "root" and finding.quantity in ("body", "joint.type")]
 
 
 @pytest.mark.parametrize("world", [True, False])
-@pytest.mark.parametrize(("rotor_mass", "severity"), [(0.09, Severity.PHYSICS), (0.11, Severity.DEFAULT)])
+@pytest.mark.parametrize(("rotor_mass", "severity"), [(0.09, FindingSeverity.PHYSICS), (0.11, FindingSeverity.DEFAULT)])
 def test_a_free_model_whose_mass_is_fixed_is_another_model(tmp_path, world, rotor_mass, severity):
     found = merged(tmp_path, rotor_mass, world)
     assert [entry.severity for entry in found] == [severity]
     assert found[0].what is (What.MERGED if world else What.CHANGED)
-    if severity is Severity.PHYSICS:
+    if severity is FindingSeverity.PHYSICS:
         assert "0.9 kg of 0.99 kg cannot move" in found[0].why
 
 
@@ -73,7 +73,7 @@ def test_tensors_that_no_body_has(tmp_path, actual, what):
         else body
         for body in meaning.bodies
     )
-    found = Comparison("engine", meaning, ReadBack(bodies, (0.0, 0.0, -9.81), 0.001), {}).run().findings
+    found = FileComparison("engine", meaning, ReadBack(bodies, (0.0, 0.0, -9.81), 0.001), {}).run().findings
     tensors = [finding for finding in found if finding.element == "tip" and finding.quantity == "inertia"]
     assert [tensor.what for tensor in tensors] == ([what] if what else [])
     assert all(tensor.silent and "in silence" in tensor.why for tensor in tensors)

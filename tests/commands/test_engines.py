@@ -16,8 +16,8 @@ from simspec import cli
 from simspec.commands import install as installing
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import environments, registry
-from simspec.engines.kit.compiled import Compiled, Needs
-from simspec.engines.kit.environments import State, diagnose
+from simspec.engines.kit.compiled import NativeBinary, Needs
+from simspec.engines.kit.environments import InstallState, diagnose
 from simspec.proof import probes as falling
 from tests.files import program
 
@@ -63,19 +63,23 @@ def packages(tmp_path, monkeypatch):
     [
         (
             {},
-            State.ABSENT,
+            InstallState.ABSENT,
             ["toy-core is not installed: simspec-physics[toy] requires toy-core<2,>=1.0", "toy-oracle is not"],
         ),
-        ({"toy_core": "1.2", "toy_oracle": "3.1"}, State.WHOLE, []),
-        ({"toy": "1.3", "toy_oracle": "3.1"}, State.WHOLE, []),
-        ({"toy_core": "1.2"}, State.HALF, ["toy-oracle is not installed: simspec-physics[toy] requires toy-oracle>=3"]),
+        ({"toy_core": "1.2", "toy_oracle": "3.1"}, InstallState.WHOLE, []),
+        ({"toy": "1.3", "toy_oracle": "3.1"}, InstallState.WHOLE, []),
+        (
+            {"toy_core": "1.2"},
+            InstallState.HALF,
+            ["toy-oracle is not installed: simspec-physics[toy] requires toy-oracle>=3"],
+        ),
         (
             {"toy_core": "2.0", "toy_oracle": "3.1"},
-            State.OTHER_VERSION,
+            InstallState.OTHER_VERSION,
             ["toy-core 2.0 is installed: simspec-physics[toy] requires"],
         ),
-        ({"toy_core": "unknown", "toy_oracle": "3.1"}, State.OTHER_VERSION, ["toy-core unknown is installed"]),
-        ({"toy_core": "1.2", "toy_oracle": "2"}, State.OTHER_VERSION, ["toy-oracle 2 is installed"]),
+        ({"toy_core": "unknown", "toy_oracle": "3.1"}, InstallState.OTHER_VERSION, ["toy-core unknown is installed"]),
+        ({"toy_core": "1.2", "toy_oracle": "2"}, InstallState.OTHER_VERSION, ["toy-oracle 2 is installed"]),
     ],
 )
 def test_packages_that_are_there_in_part_or_in_another_version(packages, versions, state, problems):
@@ -111,7 +115,7 @@ def toys(tmp_path, monkeypatch):
     def engine(text: str, **more) -> type:
         source = tmp_path / "part.c"
         source.write_text(text)
-        part = Compiled("toys", "toys-part", (source,), packages=("toys",), **more)
+        part = NativeBinary("toys", "toys-part", (source,), packages=("toys",), **more)
 
         class Toys(Drake):
             NAME, DISTRIBUTION, EXTRA = "toys", "", ""
@@ -145,21 +149,21 @@ def test_a_library_without_a_compiler_is_a_partial_installation_and_an_old_libra
     toys, tmp_path, monkeypatch
 ):
     engine = toys("int x;\n")
-    assert diagnose(engine).state is State.WHOLE
+    assert diagnose(engine).state is InstallState.WHOLE
     engine.NEEDS = dataclasses.replace(engine.NEEDS, library="toys >= 2")
     old = diagnose(engine)
-    assert (old.state, old.version) == (State.OTHER_VERSION, "1.2")
+    assert (old.state, old.version) == (InstallState.OTHER_VERSION, "1.2")
     assert old.problems == ("version 1.2 of its library is installed: it requires toys >= 2",)
     engine.NEEDS = dataclasses.replace(engine.NEEDS, library="toys")
     monkeypatch.setenv("CC", "no-such-compiler")
     half = diagnose(engine)
-    assert (half.state, half.version) == (State.HALF, "1.2")
+    assert (half.state, half.version) == (InstallState.HALF, "1.2")
     assert "no-such-compiler (the environment variable CC) is not on the path" in half.problems[0]
     (tmp_path / "toys.pc").unlink()
     monkeypatch.setenv("PKG_CONFIG_PATH", str(tmp_path / "nowhere"))
     monkeypatch.delenv("CC")
     gone = diagnose(engine)
-    assert (gone.state, gone.version) == (State.ABSENT, None)
+    assert (gone.state, gone.version) == (InstallState.ABSENT, None)
     assert "pkg-config has no toys" in gone.problems[0]
 
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.commands.loading import source_of
-from simspec.commands.options import RobotFiles
+from simspec.commands.options import RobotFileOptions
 from simspec.imports import writing
 from simspec.imports.writing import is_unchanged
 from simspec.language.document import event_count, events
@@ -182,6 +182,6 @@ def test_check_lists_what_all_repaired_and_a_run_keeps_it(folder):
     (row,) = json.loads(simspec("check", "good.urdf", "--repair", "all", "--json").stdout)["specs"]
     assert row["repairs"] == []
     spec = load("bad.urdf", options=ImportOptions(repair=("all",)))
-    source = source_of("bad.urdf", None, spec, RobotFiles(repair=("all",)))
+    source = source_of("bad.urdf", None, spec, RobotFileOptions(repair=("all",)))
     assert [repair["rule"] for repair in source["repairs"]] == ["triangle-inequality"]
     assert "# repaired (triangle-inequality): " in simspec("import", "bad.urdf", "--repair", "all").stdout

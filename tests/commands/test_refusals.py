@@ -10,7 +10,7 @@ import pytest
 from simspec import cli
 from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines
-from simspec.errors import Problem, Refusal, UnsupportedError
+from simspec.errors import EngineRefusal, Problem, UnsupportedError
 from simspec.language.load import load
 from simspec.report.problems import brief, ways_out
 
@@ -50,7 +50,7 @@ def test_each_refusal_has_its_engine_its_feature_and_the_option_that_accepts_it(
     found = {(refusal.engine, refusal.feature): refusal.option for refusal in refused(rig)}
     assert found["mujoco", "joint.limits.position"] == "accept"
     assert found["rapier", "joint.hinge"] == ""
-    assert all(isinstance(refusal, Refusal) for refusal in refused(rig))
+    assert all(isinstance(refusal, EngineRefusal) for refusal in refused(rig))
 
 
 def test_a_feature_refused_by_all_engines_is_printed_on_a_single_line(rig):
@@ -132,10 +132,10 @@ def test_a_format_that_refuses_despite_acceptance_is_not_suggested(rig, monkeypa
 
 def test_a_problem_of_no_engine_has_no_such_way_out():
     assert ways_out([Problem("a timestep that is wrong")], "rig.yaml", ENGINES) is None
-    (line,) = brief([Refusal("does not write this", "bodies.a", engine="mujoco"), Problem("another")])
+    (line,) = brief([EngineRefusal("does not write this", "bodies.a", engine="mujoco"), Problem("another")])
     assert line == "mujoco: does not write this"
     why = "dart does not support contact between mesh and mesh: an overlap of 1 mm is reported as 69 mm"
-    assert brief([Refusal(why, engine="dart")]) == ["contact between mesh and mesh: not supported by dart"]
+    assert brief([EngineRefusal(why, engine="dart")]) == ["contact between mesh and mesh: not supported by dart"]
 
 
 def test_a_scenario_of_the_library_is_not_to_be_written(capsys):

@@ -6,7 +6,7 @@ import pytest
 
 from simspec import cli
 from simspec.commands.options import COMMANDS as COMMANDS_BY_NAME
-from simspec.commands.options import ROBOT_OPTIONS, RobotFiles
+from simspec.commands.options import ROBOT_OPTIONS, RobotFileOptions
 from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions
 from tests.meshes.solids import box, stl
@@ -126,7 +126,7 @@ def test_import_options_without_a_robot_file_are_an_error(tmp_path, capsys, monk
 @pytest.mark.parametrize("words", [{"package": ["a"]}, {"arg": ["=1"]}, {"package": ["a=b", "a=c"]}])
 def test_words_of_another_form_are_errors(words):
     with pytest.raises(SpecError, match=r"NAME=|given twice"):
-        RobotFiles(**words).options()
+        RobotFileOptions(**words).options()
 
 
 def test_options_of_a_file_are_joined_with_options_of_all_files(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle, random_states
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.engines.kit.capabilities import SINGLE
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.selftest_worlds import constrained, sums
@@ -251,7 +251,7 @@ def stepped(tree, q, v, effort, rounded):
 
 def test_a_number_is_drawn_for_each_coordinate_in_the_world_s_order():
     world = model_worlds.every_joint()
-    tree = Tree(world)
+    tree = OracleTree(world)
     assert (tree.q_index != np.arange(tree.nq)).any()
     q, v = (states[0] for states in random_states(world, 1))
     effort = np.zeros(tree.nv)

@@ -123,7 +123,7 @@ def test_a_posture_other_than_the_initial_counts_and_is_reported():
 
 
 def test_joints_without_friction_and_springs_are_not_checked(monkeypatch):
-    monkeypatch.setattr("simspec.dynamics.stability.Tree", None)
+    monkeypatch.setattr("simspec.dynamics.stability.OracleTree", None)
     assert unstable(worlds.every_joint()) == []
 
 

@@ -11,7 +11,7 @@ import pytest
 from simspec.cli import main
 from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.engines.kit.settings import Group, Setting, check_settings, finer_settings, idle_settings
+from simspec.engines.kit.settings import Setting, SettingGroup, check_settings, finer_settings, idle_settings
 from simspec.errors import Location, UnsupportedError
 from simspec.proof import mutation_worlds
 from simspec.world.types import Contact, EngineOptions
@@ -168,7 +168,7 @@ def test_defaults_without_effect_are_known_and_no_error():
 @pytest.mark.parametrize(("engine", "name"), EVERY)
 def test_every_setting_names_its_features_and_its_finer_value_is_valid(engine, name):
     setting = find_engine(engine).SETTINGS[name]
-    assert setting.group is not Group.OTHER
+    assert setting.group is not SettingGroup.OTHER
     if setting.finer is not None:
         assert type(setting.finer) is type(setting.default)
         assert allowed(setting, setting.finer)

@@ -12,7 +12,7 @@ import pytest
 
 from simspec.audit.audit import loaded
 from simspec.audit.exported import (
-    Reader,
+    FormatReader,
     differences,
     foreseen_differences,
     freedoms,
@@ -37,7 +37,7 @@ LOADED = [(language, profile, reader) for language, profile in LAYOUTS for reade
 NAMED = [f"{language}-{profile or 'only'}-{reader.name}" for language, profile, reader in LOADED]
 
 
-def installed(reader: Reader) -> bool:
+def installed(reader: FormatReader) -> bool:
     if reader.engine:
         return engines()[reader.name].version() is not None
     return importlib.util.find_spec(LIBRARIES[reader.name].module) is not None

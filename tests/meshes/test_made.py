@@ -15,7 +15,7 @@ from simspec.meshes import load as cache
 from simspec.meshes import load as loading
 from simspec.meshes.hulls import enclosed, merged, reduced
 from simspec.meshes.load import ManyVerticesError, MeshOptions, bounded, load, made
-from simspec.meshes.reading import MeshError, MeshFile, Surface
+from simspec.meshes.reading import MeshError, MeshFile, MeshSurface
 from simspec.world import frames
 from simspec.world.hull import corners, hull, mesh_vertices
 from simspec.world.shapes import SHAPES
@@ -32,7 +32,7 @@ def directions(count: int = 2000) -> np.ndarray:
 
 def test_a_box_is_the_box_of_the_language():
     points, faces = box(0.2, 0.3, 0.5)
-    mesh = made(Surface(points, faces), HULL)
+    mesh = made(MeshSurface(points, faces), HULL)
     (part,) = mesh.parts
     assert part.pose.quaternion == (1.0, 0.0, 0.0, 0.0)
     assert part.pose.position == pytest.approx((0.1, 0.15, 0.25), rel=1e-15)
@@ -49,7 +49,7 @@ def test_unit_axes_and_mirrors_are_baked_in():
     """The L of volume 3 in mm, its y turned up, mirrored and stretched: as the same done by hand."""
     points, faces = l_profile()
     scale = (1.0, -2.0, 0.5)
-    mesh = made(Surface(points, faces, 1.0, "z"), MeshOptions(0.001, "y", scale))
+    mesh = made(MeshSurface(points, faces, 1.0, "z"), MeshOptions(0.001, "y", scale))
     x, y, z = points.T * 0.001
     moved = np.stack([x * scale[0], -z * scale[1], y * scale[2]], 1)
     assert mesh.enclosed.volume == pytest.approx(3e-9, rel=1e-14)
@@ -98,7 +98,7 @@ def test_masses_are_those_of_another_reader(seed, kind, place, stretch):
     xx, yy, zz, xy, xz, yz = frames.rotate_inertia(local.solid.frame.quaternion, (*local.solid.moments, 0.0, 0.0, 0.0))
     tensor = other.moment_inertia
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], tensor, atol=1e-12 * np.abs(tensor).max())
-    assert made(Surface(points, faces), HULL).hull_volume >= local.solid.volume * (1.0 - 1e-12)
+    assert made(MeshSurface(points, faces), HULL).hull_volume >= local.solid.volume * (1.0 - 1e-12)
 
 
 def changed(**what: object) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +125,7 @@ def changed(**what: object) -> tuple[np.ndarray, np.ndarray]:
     ],
 )
 def test_open_surfaces_have_a_hull_and_no_mass(surface, why):
-    mesh = made(Surface(*surface), HULL)
+    mesh = made(MeshSurface(*surface), HULL)
     assert mesh.enclosed is None
     assert why in mesh.open_because
     assert mesh.hull_volume == pytest.approx(1.0, rel=1e-14)
@@ -134,21 +134,21 @@ def test_open_surfaces_have_a_hull_and_no_mass(surface, why):
 def test_a_hollow_is_taken_away_and_two_solids_are_counted():
     points, faces = box(1.0, 1.0, 1.0)
     hollow = np.concatenate([points, 0.25 + 0.5 * points])
-    mesh = made(Surface(hollow, np.concatenate([faces, faces[:, ::-1] + 8])), HULL)
+    mesh = made(MeshSurface(hollow, np.concatenate([faces, faces[:, ::-1] + 8])), HULL)
     assert mesh.enclosed.volume == pytest.approx(1 - 1 / 8, rel=1e-14)
     two = np.concatenate([points, points + np.array([3.0, 0.0, 0.0])])
-    mesh = made(Surface(two, np.concatenate([faces, faces + 8])), HULL)
+    mesh = made(MeshSurface(two, np.concatenate([faces, faces + 8])), HULL)
     assert (mesh.surfaces, mesh.enclosed.volume) == (2, pytest.approx(2.0, rel=1e-14))
     over = np.concatenate([points, points + np.array([0.1, 0.0, 0.0])])
-    mesh = made(Surface(over, np.concatenate([faces, faces + 8])), HULL)
+    mesh = made(MeshSurface(over, np.concatenate([faces, faces + 8])), HULL)
     assert "more than its hull" in mesh.open_because
 
 
 def test_corners_without_faces_and_faces_without_area_change_nothing():
     points, faces = l_profile()
     more = np.concatenate([points, [[9.0, 9.0, 9.0]]])
-    surface = Surface(more, np.concatenate([faces, [[0, 0, 1], [5, 5, 5]]]))
-    assert made(surface, HULL) == made(Surface(points, faces), HULL)
+    surface = MeshSurface(more, np.concatenate([faces, [[0, 0, 1], [5, 5, 5]]]))
+    assert made(surface, HULL) == made(MeshSurface(points, faces), HULL)
 
 
 @pytest.mark.parametrize(
@@ -163,13 +163,13 @@ def test_corners_without_faces_and_faces_without_area_change_nothing():
 )
 def test_surfaces_that_enclose_no_solid(points, options, why):
     with pytest.raises(MeshError) as caught:
-        made(Surface(points, BOX_FACES), options)
+        made(MeshSurface(points, BOX_FACES), options)
     assert any(part in str(caught.value) for part in why.split("|"))
 
 
 def test_a_hull_of_too_many_vertices_needs_fewer():
     ball = trimesh.creation.icosphere(subdivisions=3)
-    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    surface = MeshSurface(np.asarray(ball.vertices), np.asarray(ball.faces))
     with pytest.raises(MeshError, match="642 vertices, more than 500; `max_vertices: 64`"):
         bounded(made(surface, HULL), HULL, 500)
     fewer = MeshOptions(max_vertices=64)
@@ -181,7 +181,7 @@ def test_a_hull_of_too_many_vertices_needs_fewer():
 def test_a_hull_of_too_many_vertices_is_refused_before_its_parts_are_made(monkeypatch):
     """Also where fewer are requested: choosing them takes long."""
     ball = trimesh.creation.icosphere(subdivisions=3)
-    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    surface = MeshSurface(np.asarray(ball.vertices), np.asarray(ball.faces))
     monkeypatch.setattr("simspec.meshes.load._convex", None)
     with pytest.raises(ManyVerticesError, match="642 vertices, more than 500; `max_vertices: 64`"):
         made(surface, HULL, 500)
@@ -210,7 +210,7 @@ def test_a_corner_that_the_rotation_puts_into_a_plane_is_left_out(monkeypatch):
     for the rotation, whose own round-off decides over one corner of thousands."""
     monkeypatch.setattr("simspec.meshes.load.centred", lambda points: (Pose(), np.round(points, 1)))
     ball = trimesh.creation.icosphere(subdivisions=3)
-    (part,) = made(Surface(np.asarray(ball.vertices), np.asarray(ball.faces)), HULL).parts
+    (part,) = made(MeshSurface(np.asarray(ball.vertices), np.asarray(ball.faces)), HULL).parts
     vertices = np.array(part.size).reshape(-1, 3)
     assert 50 < len(vertices) < 642
     assert len(corners(vertices)) == len(vertices)
@@ -252,14 +252,14 @@ def test_pieces_fill_what_is_not_convex():
     points, faces = l_profile()
     if find_spec("coacd") is None:
         with pytest.raises(MeshError, match=r"pip install 'simspec-physics\[convex\]'"):
-            made(Surface(points, faces), MeshOptions(pieces=True))
+            made(MeshSurface(points, faces), MeshOptions(pieces=True))
         return
-    mesh = made(Surface(points, faces), MeshOptions(pieces=True))
+    mesh = made(MeshSurface(points, faces), MeshOptions(pieces=True))
     assert len(mesh.parts) == 2
     volumes = [SHAPES["mesh"].volume(part.size) for part in mesh.parts]
     assert sum(volumes) == pytest.approx(3.0, rel=0.01)
     assert mesh.hull_volume == pytest.approx(3.5, rel=1e-14)
-    assert made(Surface(points, faces), MeshOptions(pieces=True)) == mesh
+    assert made(MeshSurface(points, faces), MeshOptions(pieces=True)) == mesh
 
 
 # --- the cache --------------------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def test_the_key_holds_all_that_matters(tmp_path):
 
 def test_vertices_of_parts_are_in_the_frame_of_their_mass():
     points, faces = l_profile()
-    (part,) = made(Surface(points, faces), HULL).parts
+    (part,) = made(MeshSurface(points, faces), HULL).parts
     solid = hull(mesh_vertices(part.size)).solid
     assert np.abs(solid.frame.position).max() < 1e-15
     assert solid.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)

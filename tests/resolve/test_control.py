@@ -258,7 +258,7 @@ def test_on_a_free_base_no_hint_names_a_law_that_is_refused_there():
 def test_an_instability_at_any_timestep_is_reported(monkeypatch):
     from simspec.control import stability
 
-    monkeypatch.setattr(stability, "unstable", lambda world: [stability.Instability("robot", 0.001, 0.0, 1.5)])
+    monkeypatch.setattr(stability, "unstable", lambda world: [stability.ControlInstability("robot", 0.001, 0.0, 1.5)])
     with pytest.raises(SpecError) as caught:
         at(0.001)
     assert "any timestep" in caught.value.problems[0].allowed
@@ -274,7 +274,7 @@ def test_a_spring_without_damping_is_not_called_unstable():
 def test_controllers_that_are_unstable_only_together_are_both_named(monkeypatch):
     from simspec.control import stability
 
-    instability = stability.Instability("first, second", 0.001, 0.0005, 1.5)
+    instability = stability.ControlInstability("first, second", 0.001, 0.0005, 1.5)
     monkeypatch.setattr(stability, "unstable", lambda world: [instability])
     gains = {"kp": 1, "kd": 1}
     with pytest.raises(SpecError) as caught:

@@ -12,7 +12,7 @@ import simspec
 from simspec.language.overrides import Override
 from simspec.resolve import programs
 from simspec.resolve.actuators import grasps
-from simspec.resolve.programs import Program
+from simspec.resolve.programs import ProgramSolution
 from simspec.world.types import Joint
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -54,7 +54,7 @@ OTHER = [
 @pytest.mark.parametrize("values", SAME, ids=lambda values: next(iter(values)))
 def test_changes_without_effect_on_the_motion_share_the_solution(reach, values, monkeypatch):
     spec, world = reach
-    monkeypatch.setattr(programs, "Program", None)  # nothing may be solved
+    monkeypatch.setattr(programs, "ProgramSolution", None)  # nothing may be solved
     other = changed(spec, **values, **({} if "trajectory.until" not in values else {"expect": []})).resolve()
     assert other.trajectory == world.trajectory
 
@@ -65,7 +65,7 @@ def test_changes_of_the_motion_are_solved_again(reach, values):
     other = changed(spec, **values, expect=[])
     assert hash_of(other) != hash_of(spec)
     resolved = other.resolve()
-    rows = Program(other.source, dataclasses.replace(resolved, trajectory=None), {}).solve()
+    rows = ProgramSolution(other.source, dataclasses.replace(resolved, trajectory=None), {}).solve()
     assert np.array_equal(np.array(resolved.trajectory.positions), np.array(rows.positions))
     assert resolved.trajectory != world.trajectory
 

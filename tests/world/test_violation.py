@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.proof.selftest_worlds import constrained
 from simspec.world.constraints import ROWS, Violation, impulse
 from simspec.world.kinematics import initial_state
@@ -12,7 +12,7 @@ from simspec.world.kinematics import initial_state
 
 def test_the_jacobian_is_the_derivative_of_the_violation():
     world = constrained("")
-    tree = Tree(world, constrained=True)
+    tree = OracleTree(world, constrained=True)
     violation = Violation(world.bodies, world.constraints)
     q, _ = initial_state(world)
     assert np.abs(violation.of(q, tree.body_poses(q))).max() < 1e-15
@@ -38,7 +38,7 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
     import pinocchio
 
     world = constrained("")
-    tree = Tree(world, constrained=True)
+    tree = OracleTree(world, constrained=True)
     q, v = initial_state(world)
     v = np.zeros_like(v)
     dt = world.physics.timestep

@@ -16,7 +16,7 @@ from simspec.audit.meaning import content_of, language_of
 from simspec.engines.kit.registry import engines
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import Problem, SpecError, UnsupportedError
-from simspec.language.foreign import Fate, Imported, ImportOptions, Severity, importers, is_foreign
+from simspec.language.foreign import Fate, Imported, ImportOptions, LossSeverity, importers, is_foreign
 from simspec.language.load import load
 from simspec.report.plain import plain
 
@@ -95,12 +95,12 @@ def _repaired(path: Path, options: ImportOptions) -> bool:
 
 
 def _losses(imported: Imported | None) -> dict[str, Any]:
-    lost: dict[str, list[str]] = {severity.value: [] for severity in Severity}
+    lost: dict[str, list[str]] = {severity.value: [] for severity in LossSeverity}
     for account in imported.accounts if imported is not None else ():
         if account.fate is Fate.LOST:
             lost[account.severity.value].append(f"{account.what}: {account.reason}")
     counts = {severity: len(texts) for severity, texts in lost.items()}
-    return {"losses": counts, "lost": lost[Severity.PHYSICS.value][:MOST]}
+    return {"losses": counts, "lost": lost[LossSeverity.PHYSICS.value][:MOST]}
 
 
 def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict[str, Any]:

@@ -25,7 +25,7 @@ Part = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class DartNode:
     """One of DART's body nodes: ``body`` it belongs to, ``index`` among its nodes (0 = the body's own), and its parts."""
 
     body: str
@@ -33,7 +33,7 @@ class Node:
     parts: tuple[Part, ...]
 
 
-class Nodes:
+class DartNodePlan:
     """The nodes of a world's bodies, and which of them must not touch."""
 
     def __init__(self, world: World, plan: ContactPlan):
@@ -43,8 +43,8 @@ class Nodes:
         present = sorted({name for names in materials.values() for name in names})
         self._parts = tuple((name, layer) for name in present for layer in plan.layers(name))
         split = functools.cache(lambda names: self._split([(name, at) for name in names for at in plan.layers(name)]))
-        self.of: Mapping[str, tuple[Node, ...]] = {
-            body: tuple(Node(body, index, parts) for index, parts in enumerate(split(names)))
+        self.of: Mapping[str, tuple[DartNode, ...]] = {
+            body: tuple(DartNode(body, index, parts) for index, parts in enumerate(split(names)))
             for body, names in materials.items()
         }
 
@@ -76,9 +76,9 @@ class Nodes:
         known: dict[tuple[str, str], int | None] = {**self._layer_of, **dict.fromkeys(self._passing, None)}
         return [(*pair, known[pair]) for pair in sorted(known) if present.issuperset(pair)]
 
-    def classes(self) -> dict[tuple[Part, ...], list[Node]]:
+    def classes(self) -> dict[tuple[Part, ...], list[DartNode]]:
         """The nodes that hold the same parts, and so touch the same others; only nodes with shapes."""
-        found: dict[tuple[Part, ...], list[Node]] = {}
+        found: dict[tuple[Part, ...], list[DartNode]] = {}
         for nodes in self.of.values():
             for node in nodes:
                 if node.parts:

@@ -26,7 +26,7 @@ from simspec.dialects.kit.defects import (
     xml,
 )
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
 from simspec.language.vocabulary import JOINT_KINDS
@@ -224,79 +224,79 @@ DOF = '<dof local_index="0">'
 
 SKEL_ADDITIONS = (
     # the world's
-    Addition("physics", "<sub_steps>4</sub_steps>"),
-    Addition("physics", "<solver>pgs</solver>"),
-    Addition("physics", "<split_impulse>true</split_impulse>"),
-    Addition("physics", "<max_contacts>1</max_contacts>"),
-    Addition("world", f'<skeleton name="one-more">{BODY}</skeleton>'),
-    Addition(
+    FileAddition("physics", "<sub_steps>4</sub_steps>"),
+    FileAddition("physics", "<solver>pgs</solver>"),
+    FileAddition("physics", "<split_impulse>true</split_impulse>"),
+    FileAddition("physics", "<max_contacts>1</max_contacts>"),
+    FileAddition("world", f'<skeleton name="one-more">{BODY}</skeleton>'),
+    FileAddition(
         "world",
         f'<skeleton name="one-more">{BODY}<joint type="free" name="one-more"><parent>world</parent><child>one-more</child>'
         "</joint></skeleton>",
     ),
-    Addition("world", "<wind>1 0 0</wind>"),
+    FileAddition("world", "<wind>1 0 0</wind>"),
     # a skeleton's
-    Addition("skeleton", "<transformation>0 0 0.1 0 0 0</transformation>"),
-    Addition("skeleton", "<self_collision>false</self_collision>"),
-    Addition("skeleton", "<gravity>0 0 0</gravity>"),
-    Addition("skeleton", BODY),
-    Addition("skeleton", "false", "mobile"),
+    FileAddition("skeleton", "<transformation>0 0 0.1 0 0 0</transformation>"),
+    FileAddition("skeleton", "<self_collision>false</self_collision>"),
+    FileAddition("skeleton", "<gravity>0 0 0</gravity>"),
+    FileAddition("skeleton", BODY),
+    FileAddition("skeleton", "false", "mobile"),
     # a body's
-    Addition("body", "<self_collide>false</self_collide>"),
-    Addition("body", "<collidable>false</collidable>"),
-    Addition("body", "<friction_coeff>0.1</friction_coeff>"),
-    Addition("body", "<restitution_coeff>0.9</restitution_coeff>"),
-    Addition("body", '<marker name="mark"><offset>0 0 0.1</offset></marker>'),
-    Addition("body", f"<collision_shape>{HERE}{BALL}</collision_shape>"),
-    Addition("body", f"<visualization_shape>{HERE}{BALL}</visualization_shape>"),
-    Addition(
+    FileAddition("body", "<self_collide>false</self_collide>"),
+    FileAddition("body", "<collidable>false</collidable>"),
+    FileAddition("body", "<friction_coeff>0.1</friction_coeff>"),
+    FileAddition("body", "<restitution_coeff>0.9</restitution_coeff>"),
+    FileAddition("body", '<marker name="mark"><offset>0 0 0.1</offset></marker>'),
+    FileAddition("body", f"<collision_shape>{HERE}{BALL}</collision_shape>"),
+    FileAddition("body", f"<visualization_shape>{HERE}{BALL}</visualization_shape>"),
+    FileAddition(
         "body",
         f"<soft_shape><total_mass>1</total_mass>{HERE}<geometry><box><size>0.1 0.1 0.1</size><frags>3 3 3</frags></box>"
         "</geometry>"
         "<kv>500</kv><ke>10</ke><damp>5</damp></soft_shape>",
     ),
-    Addition("body", "soft", "type"),
-    Addition("collision_shape", "<collidable>false</collidable>"),
-    Addition("collision_shape", "<friction>0.1</friction>"),
-    Addition("collision_shape", "<secondary_friction>0.1</secondary_friction>"),
-    Addition("collision_shape", "<restitution>0.9</restitution>"),
-    Addition("visualization_shape", "<hidden>true</hidden>"),
-    Addition("inertia", "<offset>0.1 0 0</offset>"),
+    FileAddition("body", "soft", "type"),
+    FileAddition("collision_shape", "<collidable>false</collidable>"),
+    FileAddition("collision_shape", "<friction>0.1</friction>"),
+    FileAddition("collision_shape", "<secondary_friction>0.1</secondary_friction>"),
+    FileAddition("collision_shape", "<restitution>0.9</restitution>"),
+    FileAddition("visualization_shape", "<hidden>true</hidden>"),
+    FileAddition("inertia", "<offset>0.1 0 0</offset>"),
     # a joint's
     *(
-        Addition("joint", kind, "actuator")
+        FileAddition("joint", kind, "actuator")
         for kind in ("force", "passive", "servo", "mimic", "acceleration", "velocity", "locked")
     ),
-    Addition("joint", "<init_acc>1</init_acc>"),
-    Addition("joint", "<init_force>1</init_force>"),
-    Addition("joint", "<axis2><xyz>1 0 0</xyz></axis2>"),
-    Addition("joint", "<axis><xyz>1 0 0</xyz><dynamics><damping>3</damping></dynamics></axis>"),
-    Addition("joint", '<mimic joint="{joint[0]}"><multiplier>2</multiplier><offset>0.1</offset></mimic>'),
-    Addition("joint", f'{DOF}<position lower="-0.1" upper="0.1" initial="0.05"/></dof>'),
-    Addition("joint", f'{DOF}<velocity lower="-0.1" upper="0.1"/></dof>'),
-    Addition("joint", f'{DOF}<acceleration lower="-0.1" upper="0.1"/></dof>'),
-    Addition("joint", f'{DOF}<force lower="-0.1" upper="0.1"/></dof>'),
-    Addition("joint", f"{DOF}<damping>3</damping></dof>"),
-    Addition("joint", f"{DOF}<friction>2</friction></dof>"),
-    Addition("joint", f"{DOF}<spring_stiffness>50</spring_stiffness></dof>"),
-    Addition("joint", f"{DOF}<spring_rest_position>0.3</spring_rest_position></dof>"),
-    Addition("axis", "<limit><lower>-0.1</lower><upper>0.1</upper></limit>"),
-    Addition("axis", "<damping>3</damping>"),
-    Addition("limit", "<velocity>0.1</velocity>"),
-    Addition("limit", "<force>0.1</force>"),
+    FileAddition("joint", "<init_acc>1</init_acc>"),
+    FileAddition("joint", "<init_force>1</init_force>"),
+    FileAddition("joint", "<axis2><xyz>1 0 0</xyz></axis2>"),
+    FileAddition("joint", "<axis><xyz>1 0 0</xyz><dynamics><damping>3</damping></dynamics></axis>"),
+    FileAddition("joint", '<mimic joint="{joint[0]}"><multiplier>2</multiplier><offset>0.1</offset></mimic>'),
+    FileAddition("joint", f'{DOF}<position lower="-0.1" upper="0.1" initial="0.05"/></dof>'),
+    FileAddition("joint", f'{DOF}<velocity lower="-0.1" upper="0.1"/></dof>'),
+    FileAddition("joint", f'{DOF}<acceleration lower="-0.1" upper="0.1"/></dof>'),
+    FileAddition("joint", f'{DOF}<force lower="-0.1" upper="0.1"/></dof>'),
+    FileAddition("joint", f"{DOF}<damping>3</damping></dof>"),
+    FileAddition("joint", f"{DOF}<friction>2</friction></dof>"),
+    FileAddition("joint", f"{DOF}<spring_stiffness>50</spring_stiffness></dof>"),
+    FileAddition("joint", f"{DOF}<spring_rest_position>0.3</spring_rest_position></dof>"),
+    FileAddition("axis", "<limit><lower>-0.1</lower><upper>0.1</upper></limit>"),
+    FileAddition("axis", "<damping>3</damping>"),
+    FileAddition("limit", "<velocity>0.1</velocity>"),
+    FileAddition("limit", "<force>0.1</force>"),
 )
 
 SIDECAR_ADDITIONS = (
-    Addition("", "9.81", "strength"),
-    Addition("settings", "true", "sleeping"),
-    Addition("settings", "true", "split_impulse"),
-    Addition("damping", '{"body": "absent", "value": 1.0}'),
-    Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
-    Addition("enforce_limits", '"absent"'),
-    Addition("excluded", '["absent", "nothing"]'),
-    Addition("groups", "[]", "one-more"),
-    Addition("filter.classes", "[]", "one-more"),
-    Addition("filter.apart", '["absent", "nothing"]'),
+    FileAddition("", "9.81", "strength"),
+    FileAddition("settings", "true", "sleeping"),
+    FileAddition("settings", "true", "split_impulse"),
+    FileAddition("damping", '{"body": "absent", "value": 1.0}'),
+    FileAddition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+    FileAddition("enforce_limits", '"absent"'),
+    FileAddition("excluded", '["absent", "nothing"]'),
+    FileAddition("groups", "[]", "one-more"),
+    FileAddition("filter.classes", "[]", "one-more"),
+    FileAddition("filter.apart", '["absent", "nothing"]'),
 )
 
 FIRST_ONLY = "DART reads only the first of repeated elements"

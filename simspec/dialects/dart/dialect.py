@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from simspec.contact.plan import ContactPlan
-from simspec.dialects.dart.contact import TINY_FRICTION, Node, Nodes, class_name, detector_of, problems
-from simspec.dialects.dart.sidecar import DartSidecar, JointValue, NodeFilter, ShapeCopy, ShapeEntry, WeldedNode
+from simspec.dialects.dart.contact import TINY_FRICTION, DartNode, DartNodePlan, class_name, detector_of, problems
+from simspec.dialects.dart.sidecar import DartShapeCopy, DartShapeEntry, DartSidecar, NodeFilter, WeldedNode
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import springs_of
+from simspec.dialects.kit.joints import JointValue, springs_of
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
@@ -83,7 +83,7 @@ class DartDialect(Dialect):
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
         at_zero = zero_poses(moved)
-        nodes = Nodes(world, target.plan)
+        nodes = DartNodePlan(world, target.plan)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
         skeletons = tuple(
             format.Skeleton(
@@ -111,7 +111,7 @@ class DartDialect(Dialect):
         return raised(document, sidecar)
 
 
-def node_name(node: Node) -> str:
+def node_name(node: DartNode) -> str:
     """The name of a body's node in the file."""
     name = file_name(node.body)
     return name if node.index == 0 else COPY.format(body=name, index=node.index)
@@ -164,7 +164,7 @@ def rotation_vector(q: Quaternion) -> Vector3:
     return (x * factor, y * factor, z * factor)
 
 
-def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> format.SkelBody:
+def _body(body: Body, node: DartNode, at_zero: Pose, plan: ContactPlan) -> format.SkelBody:
     """A body's own node with what is seen of it, or a further one, without mass."""
     copies = tuple(
         format.SkelShape(shape.kind, shape.size, shape.pose)
@@ -194,12 +194,12 @@ def _joint(body: Body) -> format.SkelJoint:
     )
 
 
-def _weld(node: Node) -> format.SkelJoint:
+def _weld(node: DartNode) -> format.SkelJoint:
     """The joint between a further node and the body's node."""
     return format.SkelJoint(node_name(node), "fixed", file_name(node.body), node_name(node))
 
 
-def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:
+def _sidecar(world: World, target: Target, nodes: DartNodePlan, offsets: Mapping[str, Vector3]) -> DartSidecar:
     settings = {
         **target.settings,
         "contact_solver": contact_solver(world, target),
@@ -224,7 +224,7 @@ def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, V
         ),
         models=tuple(body.model for body in world.bodies),
         shapes=tuple(
-            ShapeEntry(
+            DartShapeEntry(
                 shape.name,
                 body.name,
                 shape.visual,
@@ -253,13 +253,13 @@ def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, V
     )
 
 
-def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> tuple[ShapeCopy, ...]:
+def _surfaces(shape: Shape, nodes: Sequence[DartNode], plan: ContactPlan) -> tuple[DartShapeCopy, ...]:
     """The copies of a shape in the order of their layers: the node each is on, and its numbers there."""
     if not shape.collision:
         return ()
     place = {part: node_name(node) for node in nodes for part in node.parts}
     return tuple(
-        ShapeCopy(
+        DartShapeCopy(
             place[shape.material, layer],
             layer,
             known(plan.numbers[shape.material, layer], "friction"),
@@ -269,7 +269,7 @@ def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> tuple[S
     )
 
 
-def _filter(nodes: Nodes) -> NodeFilter:
+def _filter(nodes: DartNodePlan) -> NodeFilter:
     """Only the classes that a pair names."""
     excluded = nodes.excluded_pairs()
     named = {parts for pair in excluded for parts in pair}

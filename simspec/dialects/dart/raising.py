@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from simspec.dialects.dart.contact import check_filter
-from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
+from simspec.dialects.dart.sidecar import DartShapeEntry, DartSidecar
 from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.kit.xml_elements import XmlElement
@@ -59,7 +59,7 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
         _check_welded(elements[node], elements[body], joints[node])
         nodes.setdefault(body, []).append(node)
     check_filter(sidecar, set(elements), {BACK.get(name, name) for name in _fixed(joints)})
-    shapes: dict[str, list[ShapeEntry]] = {}
+    shapes: dict[str, list[DartShapeEntry]] = {}
     for shape in sidecar.shapes:
         shapes.setdefault(shape.body, []).append(shape)
     bodies: dict[str, Body] = {}
@@ -234,7 +234,7 @@ def _check_meshes(document: skel.SkelDocument) -> None:
 def _shapes(
     nodes: Mapping[str, skel.SkelBodyItem],
     name_of_first: str,
-    entries: Sequence[ShapeEntry],
+    entries: Sequence[DartShapeEntry],
     meshes: Mapping[str, tuple[float, ...]],
 ) -> tuple[Shape, ...]:
     """The shapes of a body in the order of the sidecar, which says which of them are visual and on which nodes they are

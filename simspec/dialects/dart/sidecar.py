@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from simspec.dialects.kit.joints import OfBody, Spring, check_of_bodies
+from simspec.dialects.kit.joints import JointSpring, JointValue, OfBody, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeCopy:
+class DartShapeCopy:
     """One copy of a collision shape: the node it is on, and its numbers in its layer."""
 
     node: str
@@ -21,22 +21,14 @@ class ShapeCopy:
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeEntry:
+class DartShapeEntry:
     """A shape of a body; its copies in the order of their layers, none where it is only visual."""
 
     name: str
     body: str
     visual: bool
     material: str
-    surfaces: tuple[ShapeCopy, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class JointValue:
-    """A number of a body's joint."""
-
-    body: str
-    value: float
+    surfaces: tuple[DartShapeCopy, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +54,13 @@ class DartSidecar(Sidecar):
     """Models of the bodies in their order, shapes, limits, losses, and what does not touch."""
 
     models: tuple[str, ...]
-    shapes: tuple[ShapeEntry, ...]
+    shapes: tuple[DartShapeEntry, ...]
     enforce_limits: Names
     velocity_limits: tuple[JointValue, ...]
     effort_limits: tuple[JointValue, ...]
     damping: tuple[JointValue, ...]
     armature: tuple[JointValue, ...]
-    springs: tuple[Spring, ...]
+    springs: tuple[JointSpring, ...]
     ignored_groups: NamePairs
     groups: Mapping[str, Names]
     """The bodies of each collision group that ``ignored_groups`` names."""

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from simspec.dialects.kit.mutations import (
     MOVED,
-    Addition,
+    FileAddition,
     Inert,
     Mutation,
     MutationTable,
@@ -170,7 +170,7 @@ def _label(element: Element) -> str:
     return f"{element.tag}[{name}]" if name else element.tag
 
 
-class Tree:
+class MutableTree:
     """A parsed file that is changed in place, printed, and put back."""
 
     def __init__(self, text: str):
@@ -196,7 +196,7 @@ class Tree:
 
 
 def xml_mutations(file: str, text: str, table: MutationTable) -> Iterator[Mutation]:
-    tree = Tree(text)
+    tree = MutableTree(text)
     others: dict[str, list[str]] = {}
     for element in tree.elements:
         for name, value in element.attrib.items():
@@ -234,7 +234,7 @@ def xml_mutations(file: str, text: str, table: MutationTable) -> Iterator[Mutati
 Made = Callable[[str, str, str, str], Mutation]
 
 
-def _elements(tree: Tree, element: Element, here: str, made: Made) -> Iterator[Mutation]:
+def _elements(tree: MutableTree, element: Element, here: str, made: Made) -> Iterator[Mutation]:
     """The element removed, and doubled."""
     above = tree.parent.get(element)
     if above is None:
@@ -248,7 +248,7 @@ def _elements(tree: Tree, element: Element, here: str, made: Made) -> Iterator[M
     del above[index]
 
 
-def _siblings(tree: Tree, made: Made) -> Iterator[Mutation]:
+def _siblings(tree: MutableTree, made: Made) -> Iterator[Mutation]:
     """The same attribute, or text, of two neighbours of one tag swapped; names too."""
     for above in tree.elements:
         last: dict[str, Element] = {}
@@ -271,7 +271,7 @@ def _siblings(tree: Tree, made: Made) -> Iterator[Mutation]:
                 other.text, element.text = element.text, other.text
 
 
-def _xml_additions(tree: Tree, additions: Sequence[Addition], made: Made) -> Iterator[Mutation]:
+def _xml_additions(tree: MutableTree, additions: Sequence[FileAddition], made: Made) -> Iterator[Mutation]:
     for row in additions:
         try:
             value = row.value.format_map(tree.names)
@@ -315,7 +315,7 @@ class _Value:
 
 
 @dataclass(slots=True)
-class _Found:
+class _VrmlValues:
     values: list[_Value] = field(default_factory=list)
     nodes: list[tuple[str, str, int, int]] = field(default_factory=list)
     """Type, place and span of every node that stands in a list or in no other."""
@@ -363,9 +363,9 @@ def _news(token: str, site: str, others: Sequence[str], table: MutationTable) ->
         yield from changed(number, site, table)
 
 
-def _scan(text: str) -> _Found:
+def _scan(text: str) -> _VrmlValues:
     """The values and nodes of a text that was written by a program: one that is damaged is not scanned."""
-    found = _Found()
+    found = _VrmlValues()
     tokens = [(match[1], match.start(1), match.end(1)) for match in _TOKEN.finditer(text) if match[1]]
     open_nodes: list[tuple[str, str, int, str]] = []  # type, path, beginning, the field around
     numbers: list[int] = [0]

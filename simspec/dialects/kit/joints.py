@@ -23,12 +23,20 @@ UNREADABLE: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Spring:
+class JointSpring:
     """A joint's spring: effort −k (q − rest), stiffness k (N m/rad, N/m), rest (rad, m)."""
 
     body: str
     stiffness: float
     rest: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointValue:
+    """A number of a body's joint."""
+
+    body: str
+    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +56,10 @@ class OfBody(Protocol):
         ...
 
 
-def springs_of(world: World) -> tuple[Spring, ...]:
+def springs_of(world: World) -> tuple[JointSpring, ...]:
     """The springs of a world's joints."""
     return tuple(
-        Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
+        JointSpring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
         for body in world.bodies
         if body.joint.spring_stiffness
     )
@@ -70,7 +78,7 @@ def check_of_bodies(lists: Mapping[str, Iterable[OfBody]], bodies: Collection[st
         check_known(names, bodies, f"sidecar.{name}")
 
 
-def add_springs(bodies: dict[str, Body], springs: Iterable[Spring]) -> None:
+def add_springs(bodies: dict[str, Body], springs: Iterable[JointSpring]) -> None:
     """Give the joints of ``bodies`` (by name) their springs."""
     for spring in springs:
         body = bodies[spring.body]
@@ -226,7 +234,7 @@ def check_unit(quaternions: Iterable[Sequence[float]], at: str) -> None:
 # A world's initial state, tree by tree, for sidecars.
 
 
-class Coordinates:
+class InitialCoordinates:
     """The world's initial state in generalised coordinates, by body."""
 
     def __init__(self, world: World):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.dialects.kit.file_mutations import (
-    Tree,
+    MutableTree,
     json_mutations,
     obj_mutations,
     printed,
@@ -33,7 +33,7 @@ def unchanged_text(name: str, text: str) -> str:
     made = _made(name, text)
     if made is json_mutations:
         return printed(json.loads(text))
-    return text if made in (obj_mutations, vrml_mutations) else Tree(text).text()
+    return text if made in (obj_mutations, vrml_mutations) else MutableTree(text).text()
 
 
 def _made(name: str, text: str) -> Callable[[str, str, MutationTable], Iterator[Mutation]]:

@@ -8,10 +8,10 @@ swapped with its neighbour, dropped from its list), every word and flag (replace
 words      by site the other allowed words (other sites get every word of the same site, and an unknown one)
 integers   sites whose numbers are whole: they are changed by one, not by a hundredth
 moved      by site what a zero becomes, where 0.01 would have no effect
-additions  by file (a pattern) :class:`Addition` rows: attributes, elements or fields that the engine supports and simspec does
-           not write, with a value that has an effect. ``where`` is the tag (XML) or site (JSON) of the element that gets it;
-           each such element gets it, one at a time. ``{joint[0]}`` in a value is the name of the first joint of the file; a row
-           whose names a file does not have is not applied to it
+additions  by file (a pattern) :class:`FileAddition` rows: attributes, elements or fields that the engine supports and simspec
+           does not write, with a value that has an effect. ``where`` is the tag (XML) or site (JSON) of the element that
+           gets it; each such element gets it, one at a time. ``{joint[0]}`` in a value is the name of the first joint of
+           the file; a row whose names a file does not have is not applied to it
 inert      :class:`Inert` rows: sites (patterns) and kinds of changes that have no effect, with the reason. A row counts only
            for a change after which the engine moves as before (see ``proof/complete.py``)
 
@@ -79,7 +79,7 @@ class Mutation:
 
 
 @dataclass(frozen=True, slots=True)
-class Addition:
+class FileAddition:
     """Something that the emitter does not write: an attribute (XML, ``name`` given), an element (XML, ``value`` its text), or a
     field (JSON, ``name`` and ``value``, which is JSON). ``once``: only in the first such place of a file."""
 
@@ -137,14 +137,14 @@ class MutationTable:
     words: Mapping[str, Sequence[str]] = field(default_factory=dict)
     integers: frozenset[str] = frozenset()
     moved: Mapping[str, str] = field(default_factory=dict)
-    additions: Mapping[str, Sequence[Addition]] = field(default_factory=dict)
+    additions: Mapping[str, Sequence[FileAddition]] = field(default_factory=dict)
     inert: Sequence[Inert] = ()
 
     def inertness(self, mutation: Mutation) -> Inert | None:
         """The row that declares ``mutation`` inert; None when none does."""
         return next((row for row in self.inert if row.says(mutation)), None)
 
-    def added(self, file: str) -> list[Addition]:
+    def added(self, file: str) -> list[FileAddition]:
         """Additions to a file, one at a time."""
         return [row for pattern, rows in self.additions.items() if fnmatch.fnmatchcase(file, pattern) for row in rows]
 
@@ -205,17 +205,17 @@ WORLD = "world.json"
 COPY = '{"layer": 7, "friction": 0.3, "torsional_friction": 0, "rolling_friction": 0, "restitution": 0}'
 
 ADDITIONS = (
-    Addition("", "1.0", "strength"),
-    Addition("bodies.*", "0.1", "drag"),
-    Addition("bodies.*.joint", "0.1", "backlash"),
-    Addition("bodies.*.joint", '{"kp": 10.0, "kd": 1.0, "effort_limit": null}', "servo"),
-    Addition("bodies.*.joint.servo", "0.1", "ki"),
-    Addition("bodies.*.shapes.*", "0.01", "margin"),
-    Addition("bodies.*.shapes.*.copies", COPY),
-    Addition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),
-    Addition("meets", '["nothing", "nothing", 0]'),
-    Addition("apart.bodies", '["absent", "nothing"]'),
-    Addition("apart.groups", '["absent", "nothing"]'),
+    FileAddition("", "1.0", "strength"),
+    FileAddition("bodies.*", "0.1", "drag"),
+    FileAddition("bodies.*.joint", "0.1", "backlash"),
+    FileAddition("bodies.*.joint", '{"kp": 10.0, "kd": 1.0, "effort_limit": null}', "servo"),
+    FileAddition("bodies.*.joint.servo", "0.1", "ki"),
+    FileAddition("bodies.*.shapes.*", "0.01", "margin"),
+    FileAddition("bodies.*.shapes.*.copies", COPY),
+    FileAddition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),
+    FileAddition("meets", '["nothing", "nothing", 0]'),
+    FileAddition("apart.bodies", '["absent", "nothing"]'),
+    FileAddition("apart.groups", '["absent", "nothing"]'),
 )
 
 SEEN = "visual only"
@@ -261,7 +261,7 @@ def in_single_precision(within: float) -> tuple[Inert, ...]:
 
 def table(
     settings: Mapping[str, Sequence[str]],
-    sidecar_additions: Sequence[Addition] = (),
+    sidecar_additions: Sequence[FileAddition] = (),
     inert: Sequence[Inert] = (),
 ) -> MutationTable:
     """The table of a dialect. ``settings``: by name the words of the engine's settings that are words. ``sidecar_additions``:

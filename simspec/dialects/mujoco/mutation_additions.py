@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.dialects.kit.mutations import Addition
+from simspec.dialects.kit.mutations import FileAddition
 
 REFERENCE, IMPEDANCE = "0.05 1.5", "0.7 0.8 0.01 0.4 3"
 
@@ -275,9 +275,9 @@ SENSORS: Mapping[str, str] = {
 }
 TENDON = f'{SITES}<tendon><spatial name="cord" stiffness="9"><site site="a"/><site site="b"/></spatial></tendon>'
 
-ELEMENTS: tuple[Addition, ...] = (
+ELEMENTS: tuple[FileAddition, ...] = (
     *(
-        Addition("mujoco", f'<statistic {name}="{value}"/>')
+        FileAddition("mujoco", f'<statistic {name}="{value}"/>')
         for name, value in (
             ("center", "1 2 3"),
             ("extent", "9"),
@@ -286,16 +286,16 @@ ELEMENTS: tuple[Addition, ...] = (
             ("meansize", "9"),
         )
     ),
-    Addition("mujoco", '<visual><global azimuth="9"/></visual>'),
-    Addition("mujoco", '<visual><quality shadowsize="9"/></visual>'),
-    Addition("mujoco", '<visual><headlight active="0"/></visual>'),
-    Addition("mujoco", '<visual><map force="9" stiffness="9"/></visual>'),
-    Addition("mujoco", '<visual><scale com="9"/></visual>'),
-    Addition("mujoco", '<visual><rgba com="1 0 0 1"/></visual>'),
-    Addition("compiler", '<lengthrange mode="all"/>'),
+    FileAddition("mujoco", '<visual><global azimuth="9"/></visual>'),
+    FileAddition("mujoco", '<visual><quality shadowsize="9"/></visual>'),
+    FileAddition("mujoco", '<visual><headlight active="0"/></visual>'),
+    FileAddition("mujoco", '<visual><map force="9" stiffness="9"/></visual>'),
+    FileAddition("mujoco", '<visual><scale com="9"/></visual>'),
+    FileAddition("mujoco", '<visual><rgba com="1 0 0 1"/></visual>'),
+    FileAddition("compiler", '<lengthrange mode="all"/>'),
     # defaults for elements that the file does not have
     *(
-        Addition("default", f"<{value}/>", once=True)
+        FileAddition("default", f"<{value}/>", once=True)
         for value in (
             *(
                 'mesh inertia="exact"',
@@ -323,40 +323,42 @@ ELEMENTS: tuple[Addition, ...] = (
             *('orientation kp="9"', 'default class="fresh"'),
         )
     ),
-    Addition("mujoco", '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'),
-    Addition("mujoco", '<asset><mesh name="mesh" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'),
-    Addition("mujoco", '<asset><hfield name="hill" nrow="2" ncol="2" size="1 1 1 1" elevation="0 1 0 1"/></asset>'),
-    Addition("mujoco", '<asset><texture name="cloth" type="2d" builtin="flat" width="8" height="8"/></asset>'),
-    Addition("mujoco", '<asset><material name="paint" rgba="1 0 0 1"/></asset>'),
-    Addition(
+    FileAddition("mujoco", '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'),
+    FileAddition("mujoco", '<asset><mesh name="mesh" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'),
+    FileAddition("mujoco", '<asset><hfield name="hill" nrow="2" ncol="2" size="1 1 1 1" elevation="0 1 0 1"/></asset>'),
+    FileAddition("mujoco", '<asset><texture name="cloth" type="2d" builtin="flat" width="8" height="8"/></asset>'),
+    FileAddition("mujoco", '<asset><material name="paint" rgba="1 0 0 1"/></asset>'),
+    FileAddition(
         "mujoco",
         '<deformable><flex name="flex" dim="1" body="{body[0]} {body[1]}" vertex="0 0 0 0 0 0.1" element="0 1"/></deformable>',
     ),
-    Addition(
+    FileAddition(
         "mujoco",
         '<deformable><skin name="skin" vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"><bone body="{body[0]}" bindpos="0 0 0" '
         'bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin></deformable>',
     ),
-    Addition("contact", '<pair geom1="{geom[0]}" geom2="{geom[1]}" friction="0.1 0.1 0 0 0"/>'),
-    Addition("contact", '<exclude body1="{body[0]}" body2="{body[1]}"/>'),
-    Addition("mujoco", TENDON),
-    Addition("mujoco", '<tendon><fixed stiffness="9"><joint joint="{joint[0]}" coef="1"/></fixed></tendon>'),
-    Addition("mujoco", '<equality><connect body1="{body[0]}" body2="{body[1]}" anchor="0 0 0"/></equality>'),
-    Addition("mujoco", '<equality><weld body1="{body[0]}" body2="{body[1]}"/></equality>'),
-    Addition("mujoco", '<equality><joint joint1="{joint[0]}" polycoef="0.1 0 0 0 0"/></equality>'),
-    Addition("mujoco", TENDON + '<equality><tendon tendon1="cord"/></equality>'),
+    FileAddition("contact", '<pair geom1="{geom[0]}" geom2="{geom[1]}" friction="0.1 0.1 0 0 0"/>'),
+    FileAddition("contact", '<exclude body1="{body[0]}" body2="{body[1]}"/>'),
+    FileAddition("mujoco", TENDON),
+    FileAddition("mujoco", '<tendon><fixed stiffness="9"><joint joint="{joint[0]}" coef="1"/></fixed></tendon>'),
+    FileAddition("mujoco", '<equality><connect body1="{body[0]}" body2="{body[1]}" anchor="0 0 0"/></equality>'),
+    FileAddition("mujoco", '<equality><weld body1="{body[0]}" body2="{body[1]}"/></equality>'),
+    FileAddition("mujoco", '<equality><joint joint1="{joint[0]}" polycoef="0.1 0 0 0 0"/></equality>'),
+    FileAddition("mujoco", TENDON + '<equality><tendon tendon1="cord"/></equality>'),
     *(
-        Addition("mujoco", f'<actuator><{tag} joint="{{joint[0]}}" {value}/></actuator>')
+        FileAddition("mujoco", f'<actuator><{tag} joint="{{joint[0]}}" {value}/></actuator>')
         for tag, value in ACTUATORS.items()
     ),
-    Addition("mujoco", '<actuator><adhesion body="{body[0]}" ctrlrange="0 1" gain="9"/></actuator>'),
-    *(Addition("mujoco", f"{SITES}<sensor><{tag} {value}/></sensor>") for tag, value in SENSORS.items()),
-    Addition("mujoco", '<custom><numeric name="number" data="1"/></custom>'),
-    Addition("mujoco", '<custom><text name="text" data="word"/></custom>'),
-    Addition("mujoco", '<custom><tuple name="tuple"><element objtype="body" objname="{body[0]}"/></tuple></custom>'),
-    Addition("keyframe", '<key name="second" time="1"/>'),
+    FileAddition("mujoco", '<actuator><adhesion body="{body[0]}" ctrlrange="0 1" gain="9"/></actuator>'),
+    *(FileAddition("mujoco", f"{SITES}<sensor><{tag} {value}/></sensor>") for tag, value in SENSORS.items()),
+    FileAddition("mujoco", '<custom><numeric name="number" data="1"/></custom>'),
+    FileAddition("mujoco", '<custom><text name="text" data="word"/></custom>'),
+    FileAddition(
+        "mujoco", '<custom><tuple name="tuple"><element objtype="body" objname="{body[0]}"/></tuple></custom>'
+    ),
+    FileAddition("keyframe", '<key name="second" time="1"/>'),
     *(
-        Addition(where, value)
+        FileAddition(where, value)
         for where in ("body", "worldbody")
         for value in (
             '<geom type="sphere" size="0.3"/>',
@@ -372,7 +374,7 @@ ELEMENTS: tuple[Addition, ...] = (
         )
     ),
     *(
-        Addition("body", value)
+        FileAddition("body", value)
         for value in (
             '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>',
             '<joint name="more" type="slide"/>',

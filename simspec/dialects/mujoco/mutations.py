@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.dialects.mujoco.mutation_additions import ATTRIBUTES, ELEMENTS, NOT_OF_VELOCITY
 from simspec.formats.mjcf.format import MODEL
@@ -226,18 +226,18 @@ TABLE = MutationTable(
     integers=INTEGERS,
     additions={
         MODEL: (
-            *(Addition(tag, value, name) for tag, rows in ATTRIBUTES.items() for name, value in rows.items()),
+            *(FileAddition(tag, value, name) for tag, rows in ATTRIBUTES.items() for name, value in rows.items()),
             *(
-                Addition("velocity", value, name)
+                FileAddition("velocity", value, name)
                 for name, value in ATTRIBUTES["position"].items()
                 if name not in NOT_OF_VELOCITY
             ),
             *ELEMENTS,
         ),
         SIDECAR: (
-            Addition("", '"more"', "more"),
-            Addition("settings", "1", "more"),
-            Addition("settings", "true", "sleeping"),
+            FileAddition("", '"more"', "more"),
+            FileAddition("settings", "1", "more"),
+            FileAddition("settings", "true", "sleeping"),
         ),
     },
     inert=INERT,

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from simspec.contact.plan import CollisionPart, ContactPlan, parts
-from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
+from simspec.dialects.pybullet.sidecar import FilterClass, PybulletCollisionFilter
 from simspec.errors import Problem
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws
 from simspec.world.hull import hull_within_margin, thickened
@@ -110,7 +110,7 @@ def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> 
     )
 
 
-def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
+def collision_filter(world: World, plan: ContactPlan) -> PybulletCollisionFilter:
     """Classes of links (a group bit and a mask each) and pairs of links that do not touch besides.
 
     Links are of one class when they are in groups that ignore the same, both can move or both cannot (those never touch each
@@ -151,9 +151,9 @@ def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
         excluded.update((min(a, b), max(a, b)) for a, b in itertools.combinations(names, 2) if touch(of[a], of[b]))
     if len(classes) > FILTER_BITS:
         excluded |= _excluded_of(of, touch)
-        return CollisionFilter((FilterClass(1, 1, tuple(of)),), tuple(sorted(excluded)))
+        return PybulletCollisionFilter((FilterClass(1, 1, tuple(of)),), tuple(sorted(excluded)))
     bits = {key: 1 << index for index, key in enumerate(classes)}
-    return CollisionFilter(
+    return PybulletCollisionFilter(
         tuple(
             FilterClass(bits[key], sum(bit for other, bit in bits.items() if touch(key, other)), tuple(links[key]))
             for key in classes

@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 
 from simspec.contact.plan import CollisionPart
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
+from simspec.dialects.kit.joints import InitialCoordinates, armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.pybullet.contact import (
     LINK_MARGIN,
@@ -34,9 +34,9 @@ from simspec.dialects.pybullet.sidecar import (
     NO_LINKS,
     TREE_SIZE,
     WORLD_LINK,
-    Copy,
-    Frame,
-    Instance,
+    FixedFrame,
+    PybulletInstance,
+    PybulletLinkCopy,
     PybulletSidecar,
     frames_alongside,
 )
@@ -113,20 +113,20 @@ def has_world_link(root: Body) -> bool:
     return root.joint.kind in TREE_JOINTS or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
 
 
-def frame_of(body: Body) -> Frame:
+def frame_of(body: Body) -> FixedFrame:
     """A body that PyBullet does not receive, and where it is on the body that carries it."""
     parent = body.joint.parent
     if parent is None:
         raise ValueError(f"the frame {body.name!r} is on no body")
-    return Frame(body.name, body.model, body.joint.name, parent, body.joint.origin)
+    return FixedFrame(body.name, body.model, body.joint.name, parent, body.joint.origin)
 
 
-def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: Coordinates) -> Instance:
+def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: InitialCoordinates) -> PybulletInstance:
     """Where one tree stands and how it begins. ``bodies`` are in the order of the file's links (after the world link)."""
     root = bodies[0]
     q, v = coordinates.of(bodies)
     free = root.joint.kind == "free"
-    return Instance(
+    return PybulletInstance(
         file=file,
         model=root.model,
         root=FREE if free else WORLD_LINK if has_world_link(root) else FIXED,
@@ -136,7 +136,7 @@ def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: 
         shapes=tuple(tuple(shape.name for shape in body.shapes) for body in bodies),
         visual_only=tuple(tuple(i for i, shape in enumerate(body.shapes) if not shape.collision) for body in bodies),
         copies=tuple(
-            Copy(copy_name(part), body.name, part.layer, tuple(shape.name for shape in part.shapes))
+            PybulletLinkCopy(copy_name(part), body.name, part.layer, tuple(shape.name for shape in part.shapes))
             for body in bodies
             for part in parts[body.name][1:]
         ),
@@ -282,7 +282,7 @@ class PybulletDialect(Dialect):
         """Robots by file, and the sidecar. Raises UnsupportedError for a tree with too many joints for PyBullet."""
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
-        coordinates = Coordinates(world)
+        coordinates = InitialCoordinates(world)
         files = RobotFiles({SIDECAR})
         instances = []
         alongside = frames_alongside(world)

@@ -7,7 +7,7 @@ does not. See ``dialects/kit/mutations.py``.
 from __future__ import annotations
 
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
 from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
@@ -17,79 +17,81 @@ BALL = '<geometry><sphere radius="0.3"/></geometry>'
 
 URDF_ADDITIONS = (
     # a link's
-    Addition("contact", '<friction_anchor value="1"/>'),
-    Addition("contact", '<inertia_scaling value="2"/>'),
-    Addition("contact", '<stiffness value="1000"/>'),
-    Addition("contact", '<damping value="10"/>'),
-    Addition("contact", '<contact_cfm value="0.1"/>'),
-    Addition("contact", '<contact_erp value="0.5"/>'),
-    Addition("link", f"<collision>{BALL}</collision>"),
-    Addition("link", f'<collision group="2" mask="0">{BALL}</collision>'),
-    Addition("link", f"<visual>{BALL}</visual>"),
-    Addition("link", "<self_collide>0</self_collide>"),
-    Addition("link", '<audio_source filename="none.wav"><gain>1.0</gain></audio_source>'),
-    Addition("link", "immobile", "type"),
-    Addition("link", "true", "kinematic"),
-    Addition("collision", "2", "group"),
-    Addition("collision", "0", "mask"),
-    Addition("collision", "yes", "concave"),
-    Addition("collision", "0.05", "margin"),
-    Addition("collision", '<contact_coefficients mu="0.1" kp="10" kd="1"/>'),
-    Addition("geometry", '<box size="0.3 0.3 0.3"/>'),
-    Addition("inertial", '<mass value="9"/>'),
-    Addition("sphere", "2 2 2", "scale"),
-    Addition("box", "2 2 2", "scale"),
-    Addition("origin", "0.5 0.5 0.5 0.5", "quat"),
-    Addition("material", '<texture filename="none.png"/>'),
+    FileAddition("contact", '<friction_anchor value="1"/>'),
+    FileAddition("contact", '<inertia_scaling value="2"/>'),
+    FileAddition("contact", '<stiffness value="1000"/>'),
+    FileAddition("contact", '<damping value="10"/>'),
+    FileAddition("contact", '<contact_cfm value="0.1"/>'),
+    FileAddition("contact", '<contact_erp value="0.5"/>'),
+    FileAddition("link", f"<collision>{BALL}</collision>"),
+    FileAddition("link", f'<collision group="2" mask="0">{BALL}</collision>'),
+    FileAddition("link", f"<visual>{BALL}</visual>"),
+    FileAddition("link", "<self_collide>0</self_collide>"),
+    FileAddition("link", '<audio_source filename="none.wav"><gain>1.0</gain></audio_source>'),
+    FileAddition("link", "immobile", "type"),
+    FileAddition("link", "true", "kinematic"),
+    FileAddition("collision", "2", "group"),
+    FileAddition("collision", "0", "mask"),
+    FileAddition("collision", "yes", "concave"),
+    FileAddition("collision", "0.05", "margin"),
+    FileAddition("collision", '<contact_coefficients mu="0.1" kp="10" kd="1"/>'),
+    FileAddition("geometry", '<box size="0.3 0.3 0.3"/>'),
+    FileAddition("inertial", '<mass value="9"/>'),
+    FileAddition("sphere", "2 2 2", "scale"),
+    FileAddition("box", "2 2 2", "scale"),
+    FileAddition("origin", "0.5 0.5 0.5 0.5", "quat"),
+    FileAddition("material", '<texture filename="none.png"/>'),
     # a joint's
-    Addition("joint", '<limit lower="-0.1" upper="0.1" effort="1" velocity="0.1"/>'),
-    Addition("joint", '<limit lower="-0.1" upper="0.1" twist="0.1" effort="1" velocity="0.1"/>'),
-    Addition("joint", '<dynamics damping="3" friction="2"/>'),
-    Addition("joint", '<mimic joint="{joint[0]}" multiplier="2" offset="0.1"/>'),
-    Addition(
+    FileAddition("joint", '<limit lower="-0.1" upper="0.1" effort="1" velocity="0.1"/>'),
+    FileAddition("joint", '<limit lower="-0.1" upper="0.1" twist="0.1" effort="1" velocity="0.1"/>'),
+    FileAddition("joint", '<dynamics damping="3" friction="2"/>'),
+    FileAddition("joint", '<mimic joint="{joint[0]}" multiplier="2" offset="0.1"/>'),
+    FileAddition(
         "joint", '<safety_controller k_velocity="10" k_position="15" soft_lower_limit="-1" soft_upper_limit="1"/>'
     ),
-    Addition("joint", '<calibration rising="0.1"/>'),
-    Addition("joint", '<drive type="force" stiffness="10" damping="1"/>'),
-    Addition("limit", "-0.1", "lower"),
-    Addition("limit", "0.1", "upper"),
-    Addition("limit", "1.5", "effort"),
-    Addition("limit", "0.5", "velocity"),
-    Addition("limit", "0.1", "twist"),
-    Addition("limit", "100", "stiffness"),
-    Addition("dynamics", "50", "spring_stiffness"),
-    Addition("dynamics", "0.5", "spring_reference"),
+    FileAddition("joint", '<calibration rising="0.1"/>'),
+    FileAddition("joint", '<drive type="force" stiffness="10" damping="1"/>'),
+    FileAddition("limit", "-0.1", "lower"),
+    FileAddition("limit", "0.1", "upper"),
+    FileAddition("limit", "1.5", "effort"),
+    FileAddition("limit", "0.5", "velocity"),
+    FileAddition("limit", "0.1", "twist"),
+    FileAddition("limit", "100", "stiffness"),
+    FileAddition("dynamics", "50", "spring_stiffness"),
+    FileAddition("dynamics", "0.5", "spring_reference"),
     # the whole file's
-    Addition("robot", f'<link name="one-more">{HEAVY}</link>'),
-    Addition(
+    FileAddition("robot", f'<link name="one-more">{HEAVY}</link>'),
+    FileAddition(
         "robot",
         f'<link name="one-more">{HEAVY}</link><joint name="one-more" type="fixed"><parent link="{{link[0]}}"/>'
         '<child link="one-more"/></joint>',
     ),
-    Addition(
+    FileAddition(
         "robot",
         f'<link name="one-more">{MASSLESS}<collision>{BALL}</collision></link><joint name="one-more" type="fixed">'
         '<parent link="{link[0]}"/><child link="one-more"/></joint>',
     ),
-    Addition("robot", '<joint name="loop" type="fixed"><parent link="{link[0]}"/><child link="{link[1]}"/></joint>'),
-    Addition("robot", '<material name="paint"><color rgba="1 0 0 1"/></material>'),
-    Addition("robot", "<gazebo><static>true</static></gazebo>"),
-    Addition("robot", '<transmission name="drive"><joint name="{joint[0]}"/></transmission>'),
-    Addition("robot", '<deformable name="cloth"><collision_margin value="0.01"/></deformable>'),
-    Addition("robot", '<self_collision value="false"/>'),
+    FileAddition(
+        "robot", '<joint name="loop" type="fixed"><parent link="{link[0]}"/><child link="{link[1]}"/></joint>'
+    ),
+    FileAddition("robot", '<material name="paint"><color rgba="1 0 0 1"/></material>'),
+    FileAddition("robot", "<gazebo><static>true</static></gazebo>"),
+    FileAddition("robot", '<transmission name="drive"><joint name="{joint[0]}"/></transmission>'),
+    FileAddition("robot", '<deformable name="cloth"><collision_margin value="0.01"/></deformable>'),
+    FileAddition("robot", '<self_collision value="false"/>'),
 )
 
 SIDECAR_ADDITIONS = (
-    Addition("", "[]", "sleepers"),
-    Addition("", "9.81", "strength"),
-    Addition("settings", "true", "sleeping"),
-    Addition("settings", "0.5", "global_cfm"),
-    Addition("instances.*", "true", "fixed"),
-    Addition("instances.*", "2.0", "scale"),
-    Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
-    Addition("armature", '{"body": "absent", "armature": 1.0}'),
-    Addition("collision_filter.classes", '{"group": 64, "mask": 64, "links": []}'),
-    Addition("collision_filter.excluded", '["absent", "nothing"]'),
+    FileAddition("", "[]", "sleepers"),
+    FileAddition("", "9.81", "strength"),
+    FileAddition("settings", "true", "sleeping"),
+    FileAddition("settings", "0.5", "global_cfm"),
+    FileAddition("instances.*", "true", "fixed"),
+    FileAddition("instances.*", "2.0", "scale"),
+    FileAddition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+    FileAddition("armature", '{"body": "absent", "armature": 1.0}'),
+    FileAddition("collision_filter.classes", '{"group": 64, "mask": 64, "links": []}'),
+    FileAddition("collision_filter.excluded", '["absent", "nothing"]'),
 )
 
 FIRST_ONLY = "PyBullet reads only the first of repeated elements"

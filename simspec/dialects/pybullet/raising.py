@@ -12,7 +12,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
-from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
+from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, PybulletInstance, PybulletSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.kit.xml_elements import XmlElement
 from simspec.formats.urdf.reading import (
@@ -83,8 +83,8 @@ def raised(document: UrdfDocument, sidecar: PybulletSidecar) -> ReadBack:
     does not write."""
     check_meshes(document)
     margin = float(sidecar.settings["collision_margin"])
-    files = {name: _File.of(robot, document.meshes, margin) for name, robot in document.robots.items()}
-    first: dict[str, Instance] = {}
+    files = {name: _UrdfFile.of(robot, document.meshes, margin) for name, robot in document.robots.items()}
+    first: dict[str, PybulletInstance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
         if instance.file not in files:
@@ -114,7 +114,7 @@ def raised(document: UrdfDocument, sidecar: PybulletSidecar) -> ReadBack:
 
 
 @dataclass(frozen=True, slots=True)
-class _File:
+class _UrdfFile:
     """One file: its links, the joint above each, and what each link holds of contact; the meshes of its folder, and
     what PyBullet keeps around hulls on the first link (m)."""
 
@@ -125,7 +125,7 @@ class _File:
     base_margin: float
 
     @staticmethod
-    def of(robot: UrdfRobotNode, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
+    def of(robot: UrdfRobotNode, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _UrdfFile:
         """Raises ValueError for what PyBullet's dialect does not have."""
         for unknown in unknown_parts(robot, WRITTEN):
             if unknown.name == "concave" and unknown.path == "robot/link/collision":
@@ -134,7 +134,7 @@ class _File:
                 what = f"the attribute {unknown.name!r} of" if unknown.name is not None else "an element"
                 raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
-        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
+        return _UrdfFile(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
 
 
 def _is_extension(node: XmlElement, path: str) -> bool:
@@ -178,7 +178,7 @@ def _geometry(geometry: XmlElement, meshes: Mapping[str, tuple[float, ...]]) -> 
     return size_of(geometry, meshes)
 
 
-def _shapes(file: _File, link: UrdfLinkNode, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
+def _shapes(file: _UrdfFile, link: UrdfLinkNode, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
     """The shapes of a link, in the order of ``names``."""
     surface = file.surface[link.name]
     for collision in link.collisions:
@@ -228,7 +228,7 @@ def _joint(joint: UrdfJointNode) -> Joint:
 # --- instances ----------------------------------------------------------------------------------------------------
 
 
-def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[Body]:
+def _instance_bodies(file: _UrdfFile, first: PybulletInstance, instance: PybulletInstance) -> list[Body]:
     """The bodies of one tree, with the names of this instance. The file has the names of the ``first`` that shares it."""
     skipped = 1 if instance.root == WORLD_LINK else 0
     world_link = file.links[0].name if skipped else None
@@ -274,7 +274,11 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
 
 
 def _joint_above(
-    file: _File, link: UrdfLinkNode, instance: Instance, world_link: str | None, local_name: Mapping[str, str]
+    file: _UrdfFile,
+    link: UrdfLinkNode,
+    instance: PybulletInstance,
+    world_link: str | None,
+    local_name: Mapping[str, str],
 ) -> Joint:
     """The joint above a link, with its parent's own name; the root's is what the instance says."""
     if link.name not in file.joints:
@@ -287,7 +291,9 @@ def _joint_above(
     return dataclasses.replace(joint, parent=local_name[joint.parent])
 
 
-def _copies(file: _File, carriers: Sequence[UrdfLinkNode], first: Instance, instance: Instance) -> dict[str, Layers]:
+def _copies(
+    file: _UrdfFile, carriers: Sequence[UrdfLinkNode], first: PybulletInstance, instance: PybulletInstance
+) -> dict[str, Layers]:
     """Of each body of this instance the layers and shapes that other links carry, under the file's names."""
     copies: dict[str, Layers] = {}
     for link, in_file, copy in zip(carriers, first.copies, instance.copies, strict=True):

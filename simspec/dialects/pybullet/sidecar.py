@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from simspec.dialects.kit.joints import (
     Armature,
-    Spring,
+    JointSpring,
     check_by_body,
     check_coordinates,
     check_every_body,
@@ -34,7 +34,7 @@ Places = Annotated[tuple[int, ...], DISTINCT]
 
 
 @dataclass(frozen=True, slots=True)
-class Copy:
+class PybulletLinkCopy:
     """A link that only carries shapes: ``shapes`` of ``body``, in the ``layer`` of the contact plan."""
 
     link: str
@@ -44,7 +44,7 @@ class Copy:
 
 
 @dataclass(frozen=True, slots=True)
-class Instance:
+class PybulletInstance:
     """One tree: the file that says it, maybe shared, where it stands, how it begins, and the names of this one.
 
     bodies, joints, shapes, layers   by body, in the order of the file's links after a world link; the layer of its own link
@@ -63,14 +63,14 @@ class Instance:
     joints: tuple[str, ...]
     shapes: tuple[Names, ...]
     visual_only: tuple[Places, ...]
-    copies: tuple[Copy, ...]
+    copies: tuple[PybulletLinkCopy, ...]
     layers: tuple[int, ...]
     position: tuple[float, ...]
     velocity: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class FixedFrame:
     """A body that PyBullet does not receive: a frame at ``pose`` in that of ``parent``, to which its joint fixes it."""
 
     name: str
@@ -90,7 +90,7 @@ class FilterClass:
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionFilter:
+class PybulletCollisionFilter:
     """Classes of links, and pairs of links that do not touch besides."""
 
     classes: tuple[FilterClass, ...]
@@ -103,13 +103,13 @@ class PybulletSidecar(Sidecar):
 
     gravity: Vector3
     timestep: float
-    instances: tuple[Instance, ...]
-    springs: tuple[Spring, ...]
+    instances: tuple[PybulletInstance, ...]
+    springs: tuple[JointSpring, ...]
     armature: tuple[Armature, ...]
-    collision_filter: CollisionFilter
+    collision_filter: PybulletCollisionFilter
     restitution_threshold: float
     native_contact: bool
-    frames: tuple[Frame, ...] | None = None
+    frames: tuple[FixedFrame, ...] | None = None
     """The bodies that PyBullet does not receive, parents first; None where it receives all."""
     sleepers: Names | None = None
     """The free rigid bodies that may sleep; there with the setting ``sleeping`` alone."""
@@ -137,7 +137,7 @@ class PybulletSidecar(Sidecar):
             raise ValueError("sidecar.sleepers and the setting sleeping disagree")
 
 
-def _check_frames(frames: Sequence[Frame], given: set[str], kinds: Mapping[str, str]) -> None:
+def _check_frames(frames: Sequence[FixedFrame], given: set[str], kinds: Mapping[str, str]) -> None:
     """Every frame is fixed to a body that PyBullet receives, or to a frame before it."""
     known = set(given)
     for frame in frames:
@@ -163,7 +163,7 @@ def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
         raise ValueError(f"{at} have masks with bits of no class")
 
 
-def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
+def _check_instance(instance: PybulletInstance, kinds: Mapping[str, str], at: str) -> None:
     bodies = instance.bodies
     if instance.root not in ROOTS:
         raise ValueError(f"{at}.root is {instance.root!r}, should be one of {', '.join(ROOTS)}")
@@ -186,7 +186,7 @@ def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> No
     check_distinct((copy.link for copy in instance.copies), f"{at}.copies")
 
 
-def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
+def _check_placed(instance: PybulletInstance, kinds: Mapping[str, str], at: str) -> None:
     """The base stands where its free root does, and rotations are of unit length."""
     base, numbers = instance.base, list(instance.position)
     if instance.root == FREE and [*base.position, *base.quaternion] != numbers[:7]:

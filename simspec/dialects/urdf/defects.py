@@ -27,7 +27,7 @@ from simspec.dialects.kit.defects import (
     xml,
 )
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
 from simspec.formats.kit.text import numbers
 
 ARM, BALL, CUBE = "base.urdf", "ball.urdf", "cube.urdf"
@@ -235,18 +235,18 @@ TABLE = MutationTable(
     words={"joint@type": JOINT_TYPES},
     additions={
         "*.urdf": (
-            Addition("link", f"<collision>{BALL_MUTATIONS}</collision>"),
-            Addition("link", f"<visual>{BALL_MUTATIONS}</visual>"),
-            Addition("link", HEAVY),
-            Addition("joint", '<limit lower="-0.1" upper="0.1" effort="1" velocity="0.1"/>'),
-            Addition("joint", '<dynamics damping="3" friction="2"/>'),
-            Addition("joint", '<mimic joint="{joint[0]}" multiplier="2" offset="0.1"/>'),
-            Addition("robot", f'<link name="one-more">{HEAVY}</link>'),
+            FileAddition("link", f"<collision>{BALL_MUTATIONS}</collision>"),
+            FileAddition("link", f"<visual>{BALL_MUTATIONS}</visual>"),
+            FileAddition("link", HEAVY),
+            FileAddition("joint", '<limit lower="-0.1" upper="0.1" effort="1" velocity="0.1"/>'),
+            FileAddition("joint", '<dynamics damping="3" friction="2"/>'),
+            FileAddition("joint", '<mimic joint="{joint[0]}" multiplier="2" offset="0.1"/>'),
+            FileAddition("robot", f'<link name="one-more">{HEAVY}</link>'),
         ),
         "sidecar.json": (
-            Addition("", "9.81", "strength"),
-            Addition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
-            Addition("excluded", '["absent", "nothing"]'),
+            FileAddition("", "9.81", "strength"),
+            FileAddition("springs", '{"body": "absent", "stiffness": 1.0, "rest": 0.0}'),
+            FileAddition("excluded", '["absent", "nothing"]'),
         ),
     },
     inert=(

@@ -12,10 +12,10 @@ from typing import ClassVar
 
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
+from simspec.dialects.kit.joints import InitialCoordinates, armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.urdf.raising import raised
-from simspec.dialects.urdf.sidecar import SIDECAR_KINDS, Instance, Numbers, ShapePair, SidecarShape, UrdfSidecar
+from simspec.dialects.urdf.sidecar import SIDECAR_KINDS, Numbers, ShapePair, SidecarShape, UrdfInstance, UrdfSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.urdf.reading import UrdfDocument
@@ -58,7 +58,7 @@ class UrdfDialect(Dialect):
     def lower(self, world: World, target: Target) -> Lowered:
         _check(world, target.plan)
         moved, offsets = recentre_free_roots(world)
-        coordinates = Coordinates(world)
+        coordinates = InitialCoordinates(world)
         files = RobotFiles({SIDECAR})
         instances = []
         for bodies in trees(moved).values():
@@ -114,9 +114,9 @@ def _check(world: World, plan: ContactPlan) -> None:
         raise UnsupportedError(problems)
 
 
-def _instance(file: str, root_link: str, bodies: tuple[Body, ...], coordinates: Coordinates) -> Instance:
+def _instance(file: str, root_link: str, bodies: tuple[Body, ...], coordinates: InitialCoordinates) -> UrdfInstance:
     position, velocity = coordinates.of(bodies)
-    return Instance(
+    return UrdfInstance(
         file=file,
         model=bodies[0].model,
         free=bodies[0].joint.kind == "free",

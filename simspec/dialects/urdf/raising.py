@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
-from simspec.dialects.urdf.sidecar import Instance, Numbers, ShapePair, SidecarShape, UrdfSidecar
+from simspec.dialects.urdf.sidecar import Numbers, ShapePair, SidecarShape, UrdfInstance, UrdfSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.urdf.reading import (
     DEFAULT_AXIS,
@@ -60,7 +60,7 @@ def raised(document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
     check_meshes(document)
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
     alongside = {entry.shape: entry for entry in sidecar.alongside}
-    first: dict[str, Instance] = {}
+    first: dict[str, UrdfInstance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
         if instance.file not in document.robots:
@@ -105,8 +105,8 @@ class _Tree:
         self,
         robot: UrdfRobotNode,
         meshes: Mapping[str, tuple[float, ...]],
-        first: Instance,
-        instance: Instance,
+        first: UrdfInstance,
+        instance: UrdfInstance,
         surfaces: Mapping[str, Surface],
         alongside: Mapping[str, SidecarShape],
     ):

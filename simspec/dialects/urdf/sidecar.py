@@ -11,7 +11,7 @@ from typing import Final
 
 from simspec.dialects.kit.joints import (
     Armature,
-    Spring,
+    JointSpring,
     check_by_body,
     check_coordinates,
     check_every_body,
@@ -29,7 +29,7 @@ SIDECAR_KINDS: Final = tuple(kind for kind in PRIMITIVE_SHAPES if kind not in ("
 
 
 @dataclass(frozen=True, slots=True)
-class Instance:
+class UrdfInstance:
     """One tree: the file that says it, maybe shared, and the names, place and beginning of this one.
 
     file        its name; equal trees share one, which has the names of the first instance of it
@@ -110,9 +110,9 @@ class UrdfSidecar(Sidecar):
     """m/s², world axes."""
     timestep: float
     """s."""
-    instances: tuple[Instance, ...]
+    instances: tuple[UrdfInstance, ...]
     alongside: tuple[SidecarShape, ...] = field(metadata={"key": "beside"})
-    springs: tuple[Spring, ...]
+    springs: tuple[JointSpring, ...]
     armature: tuple[Armature, ...]
     materials: tuple[Numbers, ...]
     pairs: tuple[ShapePair, ...]
@@ -167,7 +167,7 @@ class UrdfSidecar(Sidecar):
                 raise ValueError(f"{at}.size {wrong}")
 
 
-def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
+def _check_instance(instance: UrdfInstance, kinds: Mapping[str, str], at: str) -> None:
     bodies = instance.bodies
     lists = {"joints": instance.joints, "shapes": instance.shapes, "materials": instance.materials}
     check_by_body(bodies, lists, at)

@@ -23,7 +23,7 @@ from simspec.dialects.kit.defects import (
     sidecar,
     turned_axis,
 )
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
 from simspec.formats.kit.text import numbers
 from simspec.formats.wbt.format import WORLD
 from simspec.formats.wbt.reading import WbtNode, parse
@@ -247,7 +247,7 @@ _LABEL = "a label of the files; the engine's process, where there is one, learns
 _NEXT = "the order of bodies, shapes or laws"
 _SYMMETRIC = "a number for two bodies, in either order"
 
-ADDITIONS = (Addition("settings", "true", "sleeping"), Addition("", "9.81", "strength"))
+ADDITIONS = (FileAddition("settings", "true", "sleeping"), FileAddition("", "9.81", "strength"))
 
 TABLE = MutationTable(
     integers=frozenset(("schema", "settings.contact_points")),

@@ -9,13 +9,12 @@ from typing import Any, ClassVar, Final
 
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import springs_of
+from simspec.dialects.kit.joints import JointValue, springs_of
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.webots.nodes import (
-    JointValue,
+    BallStart,
     Range,
-    ShapeEntry,
-    Start,
+    WebotsShapeEntry,
     WebotsSidecar,
     bounding,
     contact_properties,
@@ -318,7 +317,7 @@ def _sidecar_fields(world: World) -> dict[str, Any]:
         "models": tuple(body.model for body in world.bodies),
         "joints": tuple(body.joint.name for body in world.bodies),
         "shapes": tuple(
-            ShapeEntry(shape.name, body.name, shape.visual, shape.collision)
+            WebotsShapeEntry(shape.name, body.name, shape.visual, shape.collision)
             for body in world.bodies
             for shape in body.shapes
         ),
@@ -332,7 +331,7 @@ def _sidecar_fields(world: World) -> dict[str, Any]:
             if body.joint.position_limits is not None and not stops(body.joint)
         ),
         "starts": tuple(
-            Start(body.name, body.joint.position)  # type: ignore[arg-type]
+            BallStart(body.name, body.joint.position)  # type: ignore[arg-type]
             for body in world.bodies
             if body.joint.kind == "ball"
         ),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from simspec.dialects.kit.joints import OfBody, Spring, check_of_bodies
+from simspec.dialects.kit.joints import JointSpring, JointValue, OfBody, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import check_distinct, check_known
 from simspec.formats.wbt.format import WbtNodeTree
@@ -20,21 +20,13 @@ from simspec.world.types import Body, Joint, PairContact, Pose, Quaternion, Shap
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeEntry:
+class WebotsShapeEntry:
     """A shape of a body, in the body's order; whether it is seen, and whether it is solid."""
 
     name: str
     body: str
     visual: bool
     solid: bool
-
-
-@dataclass(frozen=True, slots=True)
-class JointValue:
-    """A number of a body's joint."""
-
-    body: str
-    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +39,7 @@ class Range:
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class BallStart:
     """How a ball is turned at the beginning: its frame in its joint's."""
 
     body: str
@@ -62,14 +54,14 @@ class WebotsSidecar(Sidecar):
     """Of the bodies, in their order."""
     joints: tuple[str, ...]
     """Of the bodies, in their order."""
-    shapes: tuple[ShapeEntry, ...]
+    shapes: tuple[WebotsShapeEntry, ...]
     velocity_limits: tuple[JointValue, ...]
     effort_limits: tuple[JointValue, ...]
     damping: tuple[JointValue, ...]
-    springs: tuple[Spring, ...]
+    springs: tuple[JointSpring, ...]
     untold_limits: tuple[Range, ...]
     """Position limits that are not written for Webots: its stops have no such angles."""
-    starts: tuple[Start, ...]
+    starts: tuple[BallStart, ...]
 
     def check(self) -> None:
         """Raise ValueError, which names the place, where its lists do not fit together."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
-from simspec.dialects.webots.nodes import ShapeEntry, WebotsSidecar, check_neutral
+from simspec.dialects.webots.nodes import WebotsShapeEntry, WebotsSidecar, check_neutral
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.wbt.reading import WbtDocument, WbtNode
 from simspec.world import frames
@@ -21,7 +21,7 @@ from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quater
 
 
 @dataclass(slots=True)
-class Found:
+class FoundBody:
     """A body as its nodes have it: ``place`` in the node around it and ``pose`` in the world, at the initial state; ``moves``
     whether it can, ``top`` the name of the topmost body of its rigid group."""
 
@@ -72,7 +72,7 @@ def unit(node: WbtNode, name: str) -> Vector3:
 KINDS: Final = {"Sphere": "sphere", "Box": "box", "Cylinder": "cylinder", "Capsule": "capsule", "Plane": "plane"}
 
 
-def shapes_of(solid: WbtNode, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
+def shapes_of(solid: WbtNode, entries: Sequence[WebotsShapeEntry]) -> tuple[Shape, ...]:
     """The shapes of a body in the order of the sidecar, which says which of them are seen and which are solid. Raises
     ValueError where the nodes are not those."""
     drawn = [_drawn(node) for node in solid.nodes("children") if node.kind == "Pose"]
@@ -150,7 +150,7 @@ TOGETHER: Final = 1e-9
 ZERO: Final[Vector3] = (0.0, 0.0, 0.0)
 
 
-def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[float, ...]]:
+def rates(found: Mapping[str, FoundBody], turned: Quaternion) -> dict[str, tuple[float, ...]]:
     """The velocity of every body's joint, in the world's coordinates of it; ``turned``: the world in the file. Raises
     ValueError where velocities separate a joint, or belong to a node that has none."""
     centres = _centres(found)
@@ -174,7 +174,7 @@ def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[flo
     return {name: _rate(entry, at) for name, entry in found.items()}
 
 
-def _rate(found: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
+def _rate(found: FoundBody, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
     joint, point = found.joint, found.pose.position
     if joint.kind == "fixed":
         return ()
@@ -194,12 +194,12 @@ def _rate(found: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vecto
     return (rate,)
 
 
-def _check(found: Found, parts: tuple[Vector3, ...], speed: float) -> None:
+def _check(found: FoundBody, parts: tuple[Vector3, ...], speed: float) -> None:
     if any(math.hypot(*part) > TOGETHER * speed for part in parts):
         raise found.node.refused("moves otherwise than its joint lets it")
 
 
-def _centres(found: Mapping[str, Found]) -> dict[str, Vector3]:
+def _centres(found: Mapping[str, FoundBody]) -> dict[str, Vector3]:
     """The centre of mass of every rigid group that moves, in the world (m)."""
     masses: dict[str, float] = {}
     sums: dict[str, Vector3] = {}
@@ -236,7 +236,7 @@ def raised(document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
     if list(found) != [body.name for body in sidecar.bodies]:
         raise ValueError(f"the bodies of {document.file} are not those of sidecar.bodies")
     velocities = rates(found, turned)
-    entries: dict[str, list[ShapeEntry]] = {}
+    entries: dict[str, list[WebotsShapeEntry]] = {}
     for entry in sidecar.shapes:
         entries.setdefault(entry.body, []).append(entry)
     bodies = {
@@ -306,11 +306,11 @@ def _end(joint: WbtNode) -> WbtNode:
     return end
 
 
-def _bodies(solids: Sequence[WbtNode], sidecar: WebotsSidecar) -> dict[str, Found]:
+def _bodies(solids: Sequence[WbtNode], sidecar: WebotsSidecar) -> dict[str, FoundBody]:
     """The bodies in the sidecar's order. Raises ValueError where one is there twice or no body of the sidecar."""
     starts = {start.body: start.turn for start in sidecar.starts}
-    found: dict[int, Found] = {}
-    waiting: list[tuple[WbtNode, WbtNode | None, Found | None]] = []
+    found: dict[int, FoundBody] = {}
+    waiting: list[tuple[WbtNode, WbtNode | None, FoundBody | None]] = []
     for node in solids:
         joint = _ground(node) if node.label.startswith("ground") else None
         waiting.append((node if joint is None else _end(joint), joint, None))
@@ -349,11 +349,11 @@ def _index(node: WbtNode, what: str, count: int) -> int:
 def _body(
     node: WbtNode,
     joint: WbtNode | None,
-    above: Found | None,
+    above: FoundBody | None,
     name: str,
     joint_name: str,
     starts: Mapping[str, Quaternion],
-) -> Found:
+) -> FoundBody:
     place = pose_of(node)
     pose = place if above is None else frames.compose(above.pose, place)
     inertial = _inertial(node.node("physics"))
@@ -371,7 +371,7 @@ def _body(
         raise node.refused("moves, and has no Physics")
     if not moves and inertial is not None:
         raise node.refused("has Physics where nothing moves")
-    return Found(node, name, node.text("model"), read, inertial or Inertial(0.0), place, pose, moves, top)
+    return FoundBody(node, name, node.text("model"), read, inertial or Inertial(0.0), place, pose, moves, top)
 
 
 def _inertial(node: WbtNode | None) -> Inertial | None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.dart.coordinates import Tree
-from simspec.engines.dart.simulation import Simulation
+from simspec.engines.dart.coordinates import DartTree
+from simspec.engines.dart.simulation import DartSimulation
 from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.support.declarations import Refinement, unsupported_if
@@ -65,7 +65,7 @@ def none_along_servos(world: World) -> Refinement | None:
     return None
 
 
-def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[Tree, np.ndarray, np.ndarray]]:
+def _driven(sim: DartSimulation, v: np.ndarray) -> Iterator[tuple[DartTree, np.ndarray, np.ndarray]]:
     """Of each tree its degrees of freedom on the hinges and slides at the places ``v`` (n,), and where these stand in ``v``."""
     order = {int(place): index for index, place in enumerate(v)}
     for tree in sim.coordinates.trees:
@@ -75,11 +75,11 @@ def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[Tree, np.ndarray, 
             yield tree, dofs, rows
 
 
-class JointArrays(Actuation):
+class DartJointArrays(Actuation):
     """One call for each skeleton to read positions, velocities, and one to drive. For simulations without efforts of their own
     (damping, springs, armature) and without rotations to be corrected, which need more."""
 
-    def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
+    def __init__(self, engine: Engine, sim: DartSimulation, q: np.ndarray, v: np.ndarray):
         super().__init__(engine, q, v)
         self._sim = sim
         self._trees = [
@@ -89,7 +89,7 @@ class JointArrays(Actuation):
         self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
 
     @staticmethod
-    def suits(sim: Simulation) -> bool:
+    def suits(sim: DartSimulation) -> bool:
         """Whether a simulation needs no further actuation."""
         return not sim.efforts.driven and not (sim.exact_rotation and sim.coordinates.turners)
 
@@ -110,10 +110,12 @@ class JointArrays(Actuation):
         self._sim.plain_step()
 
 
-class JointServos:
+class DartJointServos:
     """Some hinges and slides with DART's actuator type SERVO."""
 
-    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+    def __init__(
+        self, sim: DartSimulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ):
         self._rate = motor_rate(stiffness, damping, sim.timestep)
         limit = motor_limit(stiffness, damping, limit)
         kind = sim.dartpy.dynamics.ActuatorType.SERVO

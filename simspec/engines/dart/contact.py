@@ -13,7 +13,7 @@ from typing import Any
 from simspec.engines.dart.inventory import chosen_solver
 from simspec.engines.kit.deviations import DEEP, JAMMED, NEAR_LIMIT, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import SLIDING, coupled, in_force
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.support.declarations import Table
 from simspec.support.features import Feature
 from simspec.world.types import World
@@ -107,7 +107,7 @@ SETTINGS: Mapping[str, Setting] = {
         "problem, and by a pyramid: where something has friction, the spec must accept it by the name of the "
         "cone. It stacks best and is faster (see docs/engines/dart.md).",
         ("auto", "nsgs", "dantzig"),
-        group=Group.SOLVER,
+        group=SettingGroup.SOLVER,
     ),
     "collision_detector": Setting(
         "auto",
@@ -115,7 +115,7 @@ SETTINGS: Mapping[str, Setting] = {
         "world: dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet "
         "has at most four points for each pair where ode has eight to twelve, and rounds edges.",
         ("auto", "dart", "ode", "bullet", "fcl"),
-        group=Group.DETECTOR,
+        group=SettingGroup.DETECTOR,
     ),
     "iterations": Setting(
         300,
@@ -123,7 +123,7 @@ SETTINGS: Mapping[str, Setting] = {
         "default of 100 is too few for stacks of cylinders (see docs/engines/dart.md).",
         minimum=1,
         needs=("contact_solver", ("auto", "nsgs")),
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=3000,
     ),
     "tolerance": Setting(
@@ -133,7 +133,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=1.0,
         needs=("contact_solver", ("auto", "nsgs")),
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=1e-10,
     ),
     "dry_friction_tolerance": Setting(
@@ -143,7 +143,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=0.01,
         needs=("contact_solver", ("auto", "nsgs")),
-        group=Group.JOINTS,
+        group=SettingGroup.JOINTS,
         finer=1e-12,
     ),
     "contact_overflow": Setting(
@@ -151,7 +151,7 @@ SETTINGS: Mapping[str, Setting] = {
         "Action when a step has more than 1000 contacts, DART's limit, which dartpy cannot raise. simspec "
         "checks it after each recorded stretch of steps. log: continue, and report it in the run's log.",
         ("error", "log"),
-        group=Group.BOUNDS,
+        group=SettingGroup.BOUNDS,
     ),
     "sleeping": Setting(
         False,
@@ -159,13 +159,13 @@ SETTINGS: Mapping[str, Setting] = {
         "step's fall) and 0.05 rad/s for 0.5 s. Bodies on freely moving bodies, and the bodies that bear them, "
         "stay awake.",
         only_with="sleeping",
-        group=Group.SLEEPING,
+        group=SettingGroup.SLEEPING,
     ),
     "exact_rotation": Setting(
         "auto",
         "Replace DART's Taylor expansion of small rotations (off by up to 1.7e-10 rad in a step) by the exact "
         "form. auto: where no moving body has a collision shape; elsewhere the cost exceeds the benefit.",
         ("auto", "always", "never"),
-        group=Group.ROTATION,
+        group=SettingGroup.ROTATION,
     ),
 }

@@ -61,7 +61,7 @@ class Turner:
 
 
 @dataclass(frozen=True, slots=True)
-class Tree:
+class DartTree:
     """A skeleton that has coordinates: their places among all, the tree's places in v, its ball and free joints, and
     where its hinges and slides stand: (coordinate in the skeleton, place in v)."""
 
@@ -91,7 +91,7 @@ class Tree:
         return found
 
 
-class Coordinates:
+class DartCoordinates:
     """All coordinates of a world: DART's, one skeleton after the other, and simspec's q and v."""
 
     def __init__(self, bodies: Sequence[Any], kinds: Sequence[str]):
@@ -120,7 +120,7 @@ class Coordinates:
         self.turners = [turner for tree in self.trees for turner in tree.turners]
         self._index()
 
-    def _tree(self, entries: list[tuple[Any, str, slice, slice]]) -> Tree:
+    def _tree(self, entries: list[tuple[Any, str, slice, slice]]) -> DartTree:
         skeleton = entries[0][0].getSkeleton()
         dofs = slice(self.count, self.count + skeleton.getNumDofs())
         self.count = dofs.stop
@@ -137,7 +137,7 @@ class Coordinates:
                 turners.append(Turner(joint, kind, start, dofs.start + start, q, v))
         self._straight.extend((dofs.start + start, q, v) for start, v, q in straight)
         places = tuple((start, v) for start, v, _ in straight)
-        return Tree(skeleton, dofs, np.array(block, dtype=np.intp), tuple(turners), places)
+        return DartTree(skeleton, dofs, np.array(block, dtype=np.intp), tuple(turners), places)
 
     def _index(self) -> None:
         """Index arrays for all joints of a kind at once."""
@@ -218,10 +218,10 @@ def shortest(vector: np.ndarray) -> np.ndarray:
     return vector * (1.0 - 2.0 * math.pi / angle) if angle > math.pi else vector
 
 
-class Efforts:
+class DartEfforts:
     """The effort τ − loss v − stiffness (q − rest) on all of DART's coordinates; τ is what the caller gives."""
 
-    def __init__(self, coordinates: Coordinates, joints: Mapping[str, Any], sidecar: DartSidecar, timestep: float):
+    def __init__(self, coordinates: DartCoordinates, joints: Mapping[str, Any], sidecar: DartSidecar, timestep: float):
         """``joints`` are DART's, by the name of the body. Gives DART the implicit part of the armature."""
         self._coordinates = coordinates
         self._first = {tree.skeleton.getName(): tree.dofs.start for tree in coordinates.trees}
@@ -249,7 +249,7 @@ class Efforts:
         start = self._first[joint.getSkeleton().getName()] + joint.getIndexInSkeleton(0)
         return slice(start, start + joint.getNumDofs())
 
-    def give(self, effort: np.ndarray | None) -> list[Tree]:
+    def give(self, effort: np.ndarray | None) -> list[DartTree]:
         """Take τ = ``effort`` (nv,), None = zero, for the steps to come. Returns the trees that need an effort."""
         self._given = {}
         if effort is None:
@@ -269,7 +269,7 @@ class Efforts:
         return bool(self._always)
 
     @staticmethod
-    def _in_skeleton(tree: Tree, effort: np.ndarray) -> np.ndarray:
+    def _in_skeleton(tree: DartTree, effort: np.ndarray) -> np.ndarray:
         """The effort in the skeleton's coordinates; torques on free joints still in the body's axes."""
         found = np.zeros(tree.dofs.stop - tree.dofs.start)
         for start, place in tree.straight:
@@ -281,7 +281,7 @@ class Efforts:
                 found[turner.start + 3 : turner.start + 6] = given[:3]
         return found
 
-    def apply(self, tree: Tree) -> None:
+    def apply(self, tree: DartTree) -> None:
         """Set the forces of one tree for the next step, after which DART forgets them."""
         name, skeleton, dofs = tree.skeleton.getName(), tree.skeleton, tree.dofs
         given = self._given.get(name)
@@ -299,7 +299,7 @@ class Efforts:
             total -= self.stiffness[dofs] * self._stretch(tree)
         skeleton.setForces(total)
 
-    def _stretch(self, tree: Tree) -> np.ndarray:
+    def _stretch(self, tree: DartTree) -> np.ndarray:
         """q − rest of one tree, in DART's coordinates: of a ball joint log R."""
         found: np.ndarray = tree.skeleton.getPositions() - self.rest[tree.dofs]
         for turner in tree.turners:

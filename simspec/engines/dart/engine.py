@@ -21,8 +21,8 @@ from simspec.dialects.dart.dialect import ANGLE, COPIES, LIMITS, NO_BELTS
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (
     NATIVE,
-    JointArrays,
-    JointServos,
+    DartJointArrays,
+    DartJointServos,
     no_fluid_on_servos,
     no_springs,
     no_weights_on_servos,
@@ -30,16 +30,16 @@ from simspec.engines.dart.actuation import (
     none_on_servos,
 )
 from simspec.engines.dart.contact import COUPLED, DEVIATIONS, SETTINGS
-from simspec.engines.dart.foreign import FOREIGN, FOREIGN_ADDITIONS, Foreign
+from simspec.engines.dart.foreign import FOREIGN, FOREIGN_ADDITIONS, DartForeignFile
 from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
-from simspec.engines.dart.simulation import Simulation, import_dartpy
+from simspec.engines.dart.simulation import DartSimulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import HOPS, PREDICTED, PYRAMID, THRESHOLD, Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.foreign import Addition, Reads
+from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import BLUNT, NO_FRICTION, blunted, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -144,7 +144,7 @@ def _shape(kind: str, how: str = _DETECTORS) -> Support:
     return exact(how, refine=refine, cases=(accepted,))
 
 
-class Dart(SteppedEngine[Simulation]):
+class Dart(SteppedEngine[DartSimulation]):
     """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
 
     NAME: ClassVar[str] = "dart"
@@ -156,7 +156,7 @@ class Dart(SteppedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product", most_restitution=1.0)
     LAYERS: ClassVar[bool] = True
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("DART"),
@@ -307,12 +307,12 @@ class Dart(SteppedEngine[Simulation]):
     def prepare(cls) -> None:
         import_dartpy()
 
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> DartSimulation:
         try:
             typed = DartSidecar.of(sidecar)
         except ValueError as error:
             raise EngineError(self.NAME, str(error)) from error
-        return Simulation(folder, typed)
+        return DartSimulation(folder, typed)
 
     def _read_model(self) -> ReadBack:
         sim = self._simulation
@@ -325,13 +325,13 @@ class Dart(SteppedEngine[Simulation]):
         return self._simulation.world
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        quick = self._before is None and JointArrays.suits(self._simulation)
-        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+        quick = self._before is None and DartJointArrays.suits(self._simulation)
+        return DartJointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
-        return JointServos(self._simulation, v, stiffness, damping, limit)
+        return DartJointServos(self._simulation, v, stiffness, damping, limit)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation
@@ -357,4 +357,4 @@ class Dart(SteppedEngine[Simulation]):
                 body.getParentJoint().setCoulombFriction(0, 0.0)
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-        return Foreign(import_dartpy(), log).load(file, language, packages)
+        return DartForeignFile(import_dartpy(), log).load(file, language, packages)

@@ -18,8 +18,8 @@ from simspec.engines.dart.readback import inertial, shape_size, surfaces_of, tra
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
-    Addition,
     Effect,
+    EngineAddition,
     EngineLink,
     Reads,
     bodies_of_links,
@@ -79,16 +79,16 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     ),
     "skel": Reads("dartpy.utils.SkelParser.readWorld(file)", (".skel",), "skel", defines=True),
 }
-FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
-    "gravity": Addition(
+FOREIGN_ADDITIONS: Final[Mapping[str, EngineAddition]] = {
+    "gravity": EngineAddition(
         None, "default", "-9.81 m/s² along z, or along y in files of DART's own, unless the file says another"
     ),
-    "timestep": Addition(None, "default", "1 ms, unless the file says another"),
-    "limits_enforced": Addition(True, "physics", "joints pass their limits until setLimitEnforcement(True)"),
-    "self_collision": Addition(
+    "timestep": EngineAddition(None, "default", "1 ms, unless the file says another"),
+    "limits_enforced": EngineAddition(True, "physics", "joints pass their limits until setLimitEnforcement(True)"),
+    "self_collision": EngineAddition(
         True, "physics", "links of one skeleton touch each other after enableSelfCollisionCheck()"
     ),
-    "mimic_joints": Addition(
+    "mimic_joints": EngineAddition(
         None, "default", "joints that follow others: the follower is driven, and pushes nothing back"
     ),
 }
@@ -101,7 +101,7 @@ MOVES: Final = {
 }
 
 
-class Foreign:
+class DartForeignFile:
     """A world with a file loaded."""
 
     def __init__(self, dartpy: Any, log: list[str]):

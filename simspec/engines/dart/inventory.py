@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.dart.nodes import collision_nodes
-from simspec.engines.dart.simulation import Simulation
+from simspec.engines.dart.simulation import DartSimulation
 from simspec.engines.kit.inventory import (
     NEUTRAL,
-    Carrier,
+    FilterCarrier,
     Items,
     below,
     expected_separate,
@@ -51,7 +51,7 @@ class ExpectedTree(NamedTuple):
     moves: bool
 
 
-class ExpectedJoint(NamedTuple):
+class DartExpectedJoint(NamedTuple):
     body: Body
     timestep: float
 
@@ -141,7 +141,7 @@ NSGS = Items[Any, ExpectedWorld].named(
         "boxForAnisotropic": NEUTRAL,
     },
 )
-SIMULATION = Items[Simulation, ExpectedWorld](
+SIMULATION = Items[DartSimulation, ExpectedWorld](
     {
         "count.skeletons": (lambda sim: sim.world.getNumSkeletons(), lambda of: len(trees(of.world))),
         "group.automatic_update": (lambda sim: sim.solver.getCollisionGroup().getAutomaticUpdate(), False),
@@ -183,12 +183,12 @@ def _mimics(joint: Any) -> str:
     return named_set(row.mReferenceJoint.getName() for row in rows if row.mReferenceJoint is not None)
 
 
-def _efforts(of: ExpectedJoint) -> tuple[PlainValue, ...]:
+def _efforts(of: DartExpectedJoint) -> tuple[PlainValue, ...]:
     effort = math.inf if (limit := of.body.joint.effort_limit) is None else limit
     return of.each(-effort, effort)
 
 
-JOINT = Items[Any, ExpectedJoint](
+JOINT = Items[Any, DartExpectedJoint](
     {
         "actuator": (lambda joint: plain(joint.getActuatorType()), "FORCE"),
         "actuators": (
@@ -215,7 +215,7 @@ JOINT = Items[Any, ExpectedJoint](
         ),
         "command": (lambda joint: _each(joint, "getCommand"), lambda of: of.each(0.0)),
     }
-) | Items[Any, ExpectedJoint].named(
+) | Items[Any, DartExpectedJoint].named(
     _limits,
     {
         "position_limits": lambda of: of.each(*(of.body.joint.position_limits or (-math.inf, math.inf))),
@@ -256,7 +256,7 @@ STATIC_MASS = Items[Any, Body](
 """Of static bodies, whose mass is not in the read-back."""
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: DartSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     sidecar = sim.sidecar
     found = _world(sim.dartpy, sim.world) | SIMULATION.read(sim) | sidecar_labels(sidecar.plain())
@@ -277,7 +277,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     return found | {"exact_rotation": sim.exact_rotation} | _parts(sim)
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: DartSimulation) -> dict[str, EngineValue]:
     """The values of an empty world with the same detector."""
     world = sim.dartpy.simulation.World("neutral")
     detector = sim.world.getCollisionDetector().getType().upper()
@@ -313,7 +313,7 @@ def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, EngineValue]:
     return found
 
 
-def _parts(sim: Simulation) -> dict[str, EngineValue]:
+def _parts(sim: DartSimulation) -> dict[str, EngineValue]:
     """Of every body's material in every layer the numbers of its shapes, and the others that it does not touch: those on nodes
     that are excluded, on its own node, and, for immovable shapes, on all others of that kind."""
     on: dict[str, set[str]] = {}
@@ -371,21 +371,21 @@ def expected(
     # DART compares the speeds before contact is solved: bodies at rest have that of the fall of a step
     fall = math.dist((0.0, 0.0, 0.0), world.physics.gravity) * world.physics.timestep
     found["deactivation.mLinearSpeedThreshold"] = float(neutral["deactivation.mLinearSpeedThreshold"]) + fall  # type: ignore[arg-type]
-    carriers: list[Carrier] = []
+    carriers: list[FilterCarrier] = []
     shapes = 0
     for root, bodies in trees(world).items():
         moves = any(groups[body.name] != "world" for body in bodies)
         found |= SKELETON.expect(ExpectedTree(world, moves), f"skeleton.{root}")
         for body in bodies:
             name, at = body.name, f"body.{body.name}"
-            found |= JOINT.expect(ExpectedJoint(body, world.physics.timestep), f"joint.{name}")
+            found |= JOINT.expect(DartExpectedJoint(body, world.physics.timestep), f"joint.{name}")
             found |= NODE.expect(body, f"node.{name}")
             found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name, f"{at}.skeleton": root}
             found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
             found[f"{at}.seen"] = tuple(shape.visual for shape in body.shapes)
             for part in parts(body, plan):
                 label, count = part_name(name, part.material, part.layer), len(part.shapes)
-                carriers.append(Carrier(label, name, part.material, part.layer))
+                carriers.append(FilterCarrier(label, name, part.material, part.layer))
                 found[f"surface.{label}.friction"] = (part.surface.friction or 0.0,) * count
                 found[f"surface.{label}.restitution"] = (part.surface.restitution or 0.0,) * count
                 shapes += count

@@ -25,7 +25,7 @@ def collision_nodes(node: Any) -> list[Any]:
     return [shape for shape in shape_nodes(node) if shape.hasCollisionAspect()]
 
 
-class Nodes:
+class DartNodes:
     """The nodes of a world.
 
     names     of the world's bodies, in its order

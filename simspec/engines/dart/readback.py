@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.dart.sidecar import ShapeEntry
+from simspec.dialects.dart.sidecar import DartShapeEntry
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import collision_nodes, shape_nodes
-from simspec.engines.dart.simulation import Simulation
+from simspec.engines.dart.simulation import DartSimulation
 from simspec.engines.kit.readback import bound, inertial_of, merged, pose_of, range_of, vector
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
@@ -40,9 +40,9 @@ COPY_TOLERANCE = 1e-12
 from the two nodes' own, to the last bit."""
 
 
-def read_back(sim: Simulation, q: np.ndarray, v: np.ndarray, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: DartSimulation, q: np.ndarray, v: np.ndarray, unreadable: dict[str, str]) -> ReadBack:
     """The model as DART stores it, and its present state ``q``, ``v``."""
-    shapes: dict[str, list[tuple[int, ShapeEntry]]] = {}
+    shapes: dict[str, list[tuple[int, DartShapeEntry]]] = {}
     for number, entry in enumerate(sim.sidecar.shapes):
         shapes.setdefault(entry.body, []).append((number, entry))
     bodies = []
@@ -81,7 +81,7 @@ def surfaces_of(node: Any) -> tuple[Surface, ...]:
     return (Surface(aspect.getFrictionCoeff(), restitution=aspect.getRestitutionCoeff()),)
 
 
-def _cone(sim: Simulation) -> str:
+def _cone(sim: DartSimulation) -> str:
     """The cone of DART's solver; that of the request where no shape has friction, and no solver makes use of it."""
     if sim.nodes.without_friction():
         return sim.sidecar.friction_cone
@@ -96,7 +96,7 @@ def _cone(sim: Simulation) -> str:
     return "pyramid-circumscribed"
 
 
-def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: DartSimulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     kind = JOINT_KINDS[joint.getType()]
     if np.any(joint.getTransformFromChildBodyNode().matrix() != np.eye(4)):
         raise EngineError(NAME, f"joint {joint.getName()!r} is not at its child's frame")
@@ -143,7 +143,7 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     )
 
 
-def _mesh(sim: Simulation, shape: Any) -> tuple[float, ...]:
+def _mesh(sim: DartSimulation, shape: Any) -> tuple[float, ...]:
     """The vertices of a mesh, scaled as DART scales them."""
     name = Path(shape.getMeshPath()).relative_to(sim.folder).as_posix()
     vertices = np.array(sim.meshes[name]).reshape(-1, 3) * np.ravel(shape.getScale())
@@ -155,7 +155,7 @@ def _mesh(sim: Simulation, shape: Any) -> tuple[float, ...]:
     return tuple(vertices.ravel().tolist())
 
 
-def _shape(sim: Simulation, node: Any) -> Shape:
+def _shape(sim: DartSimulation, node: Any) -> Shape:
     stored = node.getShape()
     found = ("mesh", _mesh(sim, stored)) if stored.getType() == MESH else shape_size(stored)
     if found is None:
@@ -171,7 +171,7 @@ def _shape(sim: Simulation, node: Any) -> Shape:
     return shape
 
 
-def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) -> tuple[Shape, ...]:
+def _shapes(sim: DartSimulation, index: int, given: list[tuple[int, DartShapeEntry]]) -> tuple[Shape, ...]:
     """A body's shapes in the world's order. DART has a node for the visual of a shape and one for each of its copies: equal
     ones that the sidecar assigns to one shape are merged."""
     body = sim.bodies[index]

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.coordinates import NAME, Coordinates, Efforts, Turner, vector_of
-from simspec.engines.dart.nodes import Nodes
+from simspec.engines.dart.coordinates import NAME, DartCoordinates, DartEfforts, Turner, vector_of
+from simspec.engines.dart.nodes import DartNodes
 from simspec.engines.kit.messages import captured
 from simspec.errors import EngineError, not_importable
 from simspec.formats.kit.mesh_reading import read_meshes
@@ -45,7 +45,7 @@ def import_dartpy() -> Any:
     return dartpy
 
 
-class Simulation:
+class DartSimulation:
     """A loaded world, in its initial state.
 
     Visual-only shapes are left out unless ``pictures`` are requested: DART carries them along in every step (measured: 59 of
@@ -68,15 +68,15 @@ class Simulation:
         with captured(sys.stderr, self.log, (ZERO_MASS,)):
             self._set_solver()
         self.timestep: float = self.world.getTimeStep()
-        self.nodes = Nodes(self.world, sidecar)
+        self.nodes = DartNodes(self.world, sidecar)
         self.names, self.bodies = self.nodes.names, self.nodes.bodies
         self.body_of_shape = [self.nodes.place_of_body[shape.body] for shape in sidecar.shapes]
         """The index of the world's body that has each of the sidecar's shapes."""
         self.offsets = np.array([entry.frame_offset for entry in sidecar.bodies], dtype=float).reshape(-1, 3)
-        self.coordinates = Coordinates(self.bodies, [entry.kind for entry in sidecar.bodies])
+        self.coordinates = DartCoordinates(self.bodies, [entry.kind for entry in sidecar.bodies])
         self._set_limits()
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
-        self.efforts = Efforts(self.coordinates, joints, sidecar, self.timestep)
+        self.efforts = DartEfforts(self.coordinates, joints, sidecar, self.timestep)
         self.nodes.set_surfaces()
         self._set_filter()
         self.solver.getCollisionGroup().setAutomaticUpdate(False)  # no shape comes, goes or changes: 1 µs a step
@@ -121,12 +121,12 @@ class Simulation:
         if missing := sorted(named - self.meshes.keys()):
             raise EngineError(NAME, f"{WORLD} names the mesh {missing[0][:60]!r}, which is missing")
 
-    def whole(self) -> Simulation:
+    def whole(self) -> DartSimulation:
         """The files as they are, visual-only shapes included, in their initial state; DART's messages on those go into the
         log."""
         if not self._blind:
             return self
-        found = Simulation(self.folder, self.sidecar, pictures=True)
+        found = DartSimulation(self.folder, self.sidecar, pictures=True)
         self.log.extend(line for line in found.log if line not in self.log)
         return found
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
-from simspec.engines.kit.building import STATIC, PlacedBody, Unit, Walk, refuse
+from simspec.engines.kit.building import STATIC, PlacedBody, ShapeUnit, Walk, refuse
 from simspec.errors import EngineError, not_importable
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, JsonBody, JsonShape
 from simspec.world.types import VELOCITY_SIZE, Pose
@@ -43,15 +43,15 @@ HALF_SPACES = "half spaces are not currently supported for deformable contact"
 """Part of a warning that Drake prints for every plane, about deformable bodies, which simspec does not have."""
 
 
-def import_drake() -> Drake:
+def import_drake() -> DrakeModules:
     """Drake's modules. Raises EngineError where it is not installed."""
     try:
-        return Drake()
+        return DrakeModules()
     except ImportError as error:
         raise not_importable(NAME, "pydrake", error) from error
 
 
-class Drake:
+class DrakeModules:
     """The modules of Drake that are used."""
 
     def __init__(self) -> None:
@@ -77,13 +77,13 @@ def warnings_into(lines: list[str]) -> Iterator[None]:
     """Collect meanwhile what Drake warns of."""
     logger = logging.getLogger("drake")
 
-    class Collector(logging.Handler):
+    class LogCollector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             text = record.getMessage()
             if HALF_SPACES not in text:
                 lines.append(text)
 
-    handler, spread = Collector(), logger.propagate
+    handler, spread = LogCollector(), logger.propagate
     logger.addHandler(handler)
     logger.propagate = False
     try:
@@ -108,11 +108,11 @@ class Geometry(NamedTuple):
     """Drake's ``id`` of a geometry, and the ``part`` of a copy of a shape that it is: the shape itself or a corner."""
 
     id: Any
-    unit: Unit
+    unit: ShapeUnit
     part: str
 
 
-class Built:
+class DrakeBuild:
     """``bodies``: Drake's, in the world's order; ``joints``: theirs (None: free); ``turns``: by the row of a ball joint the
     frame with the joint's rotation."""
 
@@ -142,7 +142,7 @@ class Built:
                 body = placed.body
                 self.bodies.append(plant.AddRigidBody(f"{body.model}.{body.name}", self._inertia(body)))
                 self.joints.append(self._joint(placed))
-            units: dict[tuple[int, int], list[Unit]] = {}
+            units: dict[tuple[int, int], list[ShapeUnit]] = {}
             for unit in walk.units:
                 units.setdefault((unit.of.owner.row, unit.of.place), []).append(unit)
             for placed in walk.bodies:
@@ -201,7 +201,7 @@ class Built:
             servo.set_controller_gains(tree.PdControllerGains(p=joint.servo.kp, d=joint.servo.kd))
         return found
 
-    def _shape(self, placed: PlacedBody, shape: JsonShape, units: Sequence[Unit]) -> None:
+    def _shape(self, placed: PlacedBody, shape: JsonShape, units: Sequence[ShapeUnit]) -> None:
         """Add the geometries of a shape: its visual, and for each of its copies the shape itself and its corners."""
         drake, body, place = self.drake, self.bodies[placed.row], self.drake.place(shape.pose)
         if shape.kind == "plane" and units:
@@ -221,7 +221,7 @@ class Built:
                 made = self.plant.RegisterCollisionGeometry(body, pose, geometry, name, properties)
                 self.geometries.append(Geometry(made, unit, part))
 
-    def _properties(self, unit: Unit, part: str) -> Any:
+    def _properties(self, unit: ShapeUnit, part: str) -> Any:
         geometry, settings = self.drake.geometry, self.settings
         properties = geometry.ProximityProperties()
         friction = self.drake.plant.CoulombFriction(unit.copy.friction, unit.copy.friction)
@@ -286,7 +286,7 @@ def _check(walk: Walk, settings: Mapping[str, Any]) -> None:
             raise EngineError(NAME, f"does not support {lacking[0]}, which shape {unit.of.shape.name!r} has")
 
 
-def solid(drake: Drake, kind: str, size: Sequence[float]) -> Any:
+def solid(drake: DrakeModules, kind: str, size: Sequence[float]) -> Any:
     """A shape as Drake's. Of a mesh the convex hull, which Drake makes of the vertices, each of which it keeps to the last bit
     (measured)."""
     geometry = drake.geometry

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.drake.building import Built
+from simspec.engines.drake.building import DrakeBuild
 from simspec.world.rotations import conjugate, exponential, matrices, multiply, rotate, unit
 
 TINY = 1e-300
 """Added to angles that are divided by: no other angle changes by it."""
 
 
-class Coordinates:
+class DrakeCoordinates:
     """Where each joint has its numbers in q (nq,) and v (nv,), and in Drake's x = [q; v]; and the rotations of ball joints."""
 
-    def __init__(self, built: Built, q_places: Sequence[slice], v_places: Sequence[slice]):
+    def __init__(self, built: DrakeBuild, q_places: Sequence[slice], v_places: Sequence[slice]):
         self._built, self.positions = built, built.plant.num_positions()
         self.nq, self.nv = (places[-1].stop if places else 0 for places in (q_places, v_places))
         scalar: list[tuple[int, ...]] = []

@@ -30,12 +30,12 @@ from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_ADDITIONS, load, parser_parts
 from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
-from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd_controllers_hold
+from simspec.engines.drake.simulation import NATIVE, DrakeJointServos, DrakeSimulation, pd_controllers_hold
 from simspec.engines.kit.capabilities import COMMON, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
-from simspec.engines.kit.foreign import Addition, Reads
-from simspec.engines.kit.settings import Group, Setting, under_weight
+from simspec.engines.kit.foreign import EngineAddition, Reads
+from simspec.engines.kit.settings import Setting, SettingGroup, under_weight
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -127,7 +127,7 @@ def inertia_supported(world: World) -> Refinement | None:
     return memory_covered(world)
 
 
-class Drake(WorldEngine[Simulation]):
+class Drake(WorldEngine[DrakeSimulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
@@ -139,7 +139,7 @@ class Drake(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("Drake"),
@@ -223,7 +223,7 @@ class Drake(WorldEngine[Simulation]):
             "its equations are dense, and fail to converge in some stacks. SAP has the common law's error "
             "reduction and stops joints at their limits; its friction lifts sliding bodies.",
             ("auto", "sap", "tamsi"),
-            group=Group.SOLVER,
+            group=SettingGroup.SOLVER,
         ),
         "stiffness": Setting(
             1e8,
@@ -231,7 +231,7 @@ class Drake(WorldEngine[Simulation]):
             minimum=1.0,
             maximum=1e11,
             at_least=under_weight,
-            group=Group.SOFTNESS,
+            group=SettingGroup.SOFTNESS,
             finer=1e9,
         ),
         "dissipation": Setting(
@@ -240,7 +240,7 @@ class Drake(WorldEngine[Simulation]):
             minimum=0.0,
             maximum=1e8,
             needs=("contact_approximation", ("auto", "tamsi")),
-            group=Group.ERROR_REDUCTION,
+            group=SettingGroup.ERROR_REDUCTION,
         ),
         "hydroelastic_faces": Setting(
             False,
@@ -248,7 +248,7 @@ class Drake(WorldEngine[Simulation]):
             "at their corners. Moving boxes are compliant, static bodies rigid; other pairs have point "
             "contact. A step takes twice the time (see docs/engines/drake.md).",
             only_with="hydroelastic_faces",
-            group=Group.GEOMETRY,
+            group=SettingGroup.GEOMETRY,
         ),
         "hydroelastic_modulus": Setting(
             1e8,
@@ -258,7 +258,7 @@ class Drake(WorldEngine[Simulation]):
             minimum=1.0,
             only_with="hydroelastic_faces",
             needs=("hydroelastic_faces", (True,)),
-            group=Group.SOFTNESS,
+            group=SettingGroup.SOFTNESS,
         ),
         "stiction_tolerance": Setting(
             1e-6,
@@ -267,7 +267,7 @@ class Drake(WorldEngine[Simulation]):
             minimum=1e-12,
             maximum=0.01,
             needs=("contact_approximation", ("auto", "tamsi")),
-            group=Group.FRICTION,
+            group=SettingGroup.FRICTION,
             finer=1e-8,
         ),
     }
@@ -306,7 +306,7 @@ class Drake(WorldEngine[Simulation]):
         speed = 1.0 / float(settings["dissipation"])
         return Recovery(speed=speed, why=f"TAMSI takes overlaps back at {1e3 * speed:g} mm/s at most (1/dissipation)")
 
-    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
+    PARTS: ClassVar[Parts[DrakeSimulation]] = Parts(DrakeSimulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:
@@ -321,7 +321,7 @@ class Drake(WorldEngine[Simulation]):
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
         # the gains were given before the plant was finished, as Drake requires; the proof compares them
-        return JointServos(self._simulation, v)
+        return DrakeJointServos(self._simulation, v)
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         import_drake()

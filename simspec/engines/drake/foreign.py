@@ -17,8 +17,8 @@ from simspec.engines.drake.readback import JOINT_KINDS, SIZES, axis_fields, iner
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
-    Addition,
     Effect,
+    EngineAddition,
     EngineLink,
     Reads,
     bodies_of_links,
@@ -76,9 +76,9 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads(HOW, (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF_EFFECTS),
     "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco", version=MEASURED, effects=MJCF_EFFECTS),
 }
-FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
-    "timestep": Addition(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
-    "couplings": Addition(None, "default", "joints that follow others, as constraints of the contact solver"),
+FOREIGN_ADDITIONS: Final[Mapping[str, EngineAddition]] = {
+    "timestep": EngineAddition(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
+    "couplings": EngineAddition(None, "default", "joints that follow others, as constraints of the contact solver"),
 }
 """Drake's additions to a file."""
 TIMESTEP: Final = 1e-3

@@ -34,10 +34,10 @@ from simspec.engines.drake.readback import (
     surface,
     visuals_of,
 )
-from simspec.engines.drake.simulation import Simulation
+from simspec.engines.drake.simulation import DrakeSimulation
 from simspec.engines.kit.inventory import (
     NEUTRAL,
-    Carrier,
+    FilterCarrier,
     Items,
     below,
     excluded_carriers,
@@ -92,7 +92,7 @@ class ExpectedPlant(NamedTuple):
 class EngineBody(NamedTuple):
     """Drake's body at a row, its joint, its actuator and the actuator of its controller."""
 
-    sim: Simulation
+    sim: DrakeSimulation
     row: int
     body: Any
     joint: Any
@@ -100,7 +100,7 @@ class EngineBody(NamedTuple):
     servo: Any
 
 
-class ExpectedBody(NamedTuple):
+class DrakeExpectedBody(NamedTuple):
     body: Body
     gains: Gains
 
@@ -178,7 +178,7 @@ PLANT = Items[EnginePlant, ExpectedPlant](
         "count.joints": (lambda of: of.plant.num_joints(), lambda of: len(of.world.bodies)),
         "count.actuators": (
             lambda of: of.plant.num_actuators(),
-            lambda of: sum(ExpectedBody(body, of.gains).limited for body in of.world.bodies) + len(of.gains),
+            lambda of: sum(DrakeExpectedBody(body, of.gains).limited for body in of.world.bodies) + len(of.gains),
         ),
         "count.force_elements": (lambda of: of.plant.num_force_elements(), 1),
         "count.constraints": (lambda of: of.plant.num_constraints(), 0),
@@ -200,12 +200,12 @@ SCENE = Items[EnginePlant, ExpectedPlant].named(
 )
 
 
-def _ports(sim: Simulation) -> str:
+def _ports(sim: DrakeSimulation) -> str:
     ports = (sim.plant.get_input_port(index) for index in range(sim.plant.num_input_ports()))
     return listed([port.get_name() for port in ports if port.HasValue(sim.context)])
 
 
-SIMULATION = Items[Simulation, ExpectedPlant](
+SIMULATION = Items[DrakeSimulation, ExpectedPlant](
     {
         "stiction_tolerance": (
             lambda sim: sim.settings["stiction_tolerance"],
@@ -230,16 +230,16 @@ def _range(lower: float, upper: float, size: int) -> tuple[float, ...]:
     return _finite(*(lower,) * size, *(upper,) * size)
 
 
-def _position_range(of: ExpectedBody) -> tuple[float, ...]:
+def _position_range(of: DrakeExpectedBody) -> tuple[float, ...]:
     return _range(*(of.body.joint.position_limits or (-math.inf, math.inf)), of.positions)
 
 
-def _speed_range(of: ExpectedBody) -> tuple[float, ...]:
+def _speed_range(of: DrakeExpectedBody) -> tuple[float, ...]:
     speed = math.inf if of.body.joint.velocity_limit is None else of.body.joint.velocity_limit
     return _range(-speed, speed, of.velocities)
 
 
-BODY = Items[EngineBody, ExpectedBody](
+BODY = Items[EngineBody, DrakeExpectedBody](
     {
         "model": (lambda of: names_of(of.body)[0], lambda of: of.body.model),
         "instance": (
@@ -273,7 +273,7 @@ BODY = Items[EngineBody, ExpectedBody](
         ),
     }
 )
-ACTUATOR = Items[EngineBody, ExpectedBody](
+ACTUATOR = Items[EngineBody, DrakeExpectedBody](
     {
         "actuator": (lambda of: of.actuator.name(), lambda of: f"actuator.{of.body.joint.name}"),
         "actuator.gear": (lambda of: float(of.actuator.gear_ratio(of.sim.context)), 1.0),
@@ -288,7 +288,7 @@ ACTUATOR = Items[EngineBody, ExpectedBody](
         "actuator.controller": (lambda of: of.actuator.has_controller(), False),
     }
 )
-SERVO = Items[EngineBody, ExpectedBody](
+SERVO = Items[EngineBody, DrakeExpectedBody](
     {
         "servo": (lambda of: of.servo.name(), lambda of: f"servo.{of.body.joint.name}"),
         "servo.gear": (lambda of: float(of.servo.gear_ratio(of.sim.context)), 1.0),
@@ -308,7 +308,7 @@ STATIC_MASS = Items[Inertial, Inertial].named(
 """Of static bodies, whose mass is not in the read-back."""
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: DrakeSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     found = _plant(EnginePlant(sim.built.drake, sim.plant, sim.built.scene))
     found |= sidecar_labels(sim.sidecar) | SIMULATION.read(sim)
@@ -327,7 +327,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     return found | _filter(sim, units)
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: DrakeSimulation) -> dict[str, EngineValue]:
     """The values of an empty plant."""
     drake = sim.built.drake
     builder = drake.framework.DiagramBuilder()  # owns both
@@ -340,7 +340,7 @@ def _plant(of: EnginePlant) -> dict[str, EngineValue]:
     return PLANT.read(of) | SCENE.read(of, "scene")
 
 
-def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, EngineValue]:
+def _surface(sim: DrakeSimulation, name: str, parts: dict[str, Any]) -> dict[str, EngineValue]:
     """The numbers of a copy of a shape, which its corners have too, and the places of these."""
     inspector = sim.query().inspector()
     columns: dict[str, list[float | str]] = {}
@@ -364,7 +364,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Eng
     return found | {f"{name}.properties": named_set(properties)}
 
 
-def _filter(sim: Simulation, units: dict[str, dict[str, Any]]) -> dict[str, EngineValue]:
+def _filter(sim: DrakeSimulation, units: dict[str, dict[str, Any]]) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch; and the corners that are not excluded from touching these,
     each other, and what their faces touch by hydroelastic contact."""
     filtered, names = sim.query().inspector().CollisionFiltered, list(units)
@@ -384,7 +384,7 @@ def _filter(sim: Simulation, units: dict[str, dict[str, Any]]) -> dict[str, Engi
     return found | {"apart.corners": len(small), "apart.odd_corners": listed(unexpected)}
 
 
-def _by_pressure(sim: Simulation, geometry: Any) -> bool:
+def _by_pressure(sim: DrakeSimulation, geometry: Any) -> bool:
     """Whether a shape touches others of its sort by hydroelastic contact."""
     kind, _ = SIZES[type(sim.query().inspector().GetShape(geometry)).__name__]
     return kind in FACED and sim.plant.get_contact_model().name == "kHydroelasticWithFallback"
@@ -405,7 +405,7 @@ def expected(
     found = PLANT.expect(of, "", neutral) | SCENE.expect(of, "scene", below("scene", neutral)) | SIMULATION.expect(of)
     carriers, small = [], 0
     for body in moved.bodies:
-        at, static, source = f"body.{body.name}", groups[body.name] == "world", ExpectedBody(body, gains)
+        at, static, source = f"body.{body.name}", groups[body.name] == "world", DrakeExpectedBody(body, gains)
         found |= BODY.expect(source, at)
         found |= ACTUATOR.expect(source, at) if source.limited else {}
         found |= SERVO.expect(source, at) if source.driven else {}
@@ -414,7 +414,7 @@ def expected(
         for shape in solid_shapes(body):
             balls = corners(shape.kind, shape.size)
             for layer in plan.layers(shape.material):
-                carriers.append(Carrier(f"{shape.name}.{layer}", body.name, shape.material, layer))
+                carriers.append(FilterCarrier(f"{shape.name}.{layer}", body.name, shape.material, layer))
                 friction = float(plan.numbers[shape.material, layer].friction or 0.0)
                 name = f"surface.{shape.name}.{layer}"
                 found |= _surface_expected(name, shape, balls, friction, settings, world.physics.timestep)

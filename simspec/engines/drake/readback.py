@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.drake.building import CONE, NAME, SHAPE, names_of
-from simspec.engines.drake.simulation import Simulation
+from simspec.engines.drake.simulation import DrakeSimulation
 from simspec.engines.kit.readback import bound, inertial_of, merged, pose_of, range_of, vector
 from simspec.engines.kit.world_simulation import free_joint
 from simspec.errors import EngineError
@@ -35,7 +35,7 @@ SIZES = {
 """Drake's shapes, and the getters of their size; that of a mesh is its vertices."""
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: DrakeSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as Drake stores it, and its present state."""
     q, v = sim.get_state()
     bodies = []
@@ -76,17 +76,17 @@ def axis_fields(joint: Any, kind: str, actuator: Any) -> dict[str, Any]:
     }
 
 
-def joint_of(sim: Simulation, row: int) -> Any:
+def joint_of(sim: DrakeSimulation, row: int) -> Any:
     """Drake's joint of a body; Drake adds those of free bodies."""
     return sim.inboard[int(sim.built.bodies[row].index())]
 
 
-def actuator_of(sim: Simulation, joint: Any) -> Any:
+def actuator_of(sim: DrakeSimulation, joint: Any) -> Any:
     """The actuator with a joint's effort limit; None without one."""
     return sim.actuators.get(int(joint.index()))
 
 
-def _joint(sim: Simulation, row: int, position: list[float], velocity: list[float]) -> Joint:
+def _joint(sim: DrakeSimulation, row: int, position: list[float], velocity: list[float]) -> Joint:
     joint = joint_of(sim, row)
     kind = JOINT_KINDS.get(joint.type_name())
     if kind is None:
@@ -117,7 +117,7 @@ def _joint(sim: Simulation, row: int, position: list[float], velocity: list[floa
     )
 
 
-def _named_geometries(sim: Simulation, row: int, method: str) -> list[tuple[list[str], Any]]:
+def _named_geometries(sim: DrakeSimulation, row: int, method: str) -> list[tuple[list[str], Any]]:
     """Drake's geometries of a body by the plant's ``method``, with the parts of their names; planes are on the world's body."""
     inspector, query = sim.query().inspector(), getattr(sim.plant, method)
 
@@ -131,7 +131,7 @@ def _named_geometries(sim: Simulation, row: int, method: str) -> list[tuple[list
     return found
 
 
-def geometries_of(sim: Simulation, row: int) -> dict[tuple[str, int], dict[str, Any]]:
+def geometries_of(sim: DrakeSimulation, row: int) -> dict[tuple[str, int], dict[str, Any]]:
     """Drake's collision geometries of a body, by shape and layer, and there by part; from their names."""
     found: dict[tuple[str, int], dict[str, Any]] = {}
     for (shape, layer, part), geometry in _named_geometries(sim, row, "GetCollisionGeometriesForBody"):
@@ -139,12 +139,12 @@ def geometries_of(sim: Simulation, row: int) -> dict[tuple[str, int], dict[str, 
     return found
 
 
-def visuals_of(sim: Simulation, row: int) -> dict[str, Any]:
+def visuals_of(sim: DrakeSimulation, row: int) -> dict[str, Any]:
     """Drake's visual geometries of a body, by shape."""
     return {words[0]: found for words, found in _named_geometries(sim, row, "GetVisualGeometriesForBody")}
 
 
-def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
+def surface(sim: DrakeSimulation, geometry: Any) -> dict[str, float]:
     """The numbers of a geometry's contact."""
     properties = sim.query().inspector().GetProximityProperties(geometry)
     friction = properties.GetProperty("material", "coulomb_friction")
@@ -159,7 +159,7 @@ def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
     }
 
 
-def kind_and_size(sim: Simulation, geometry: Any) -> tuple[str, tuple[float, ...]]:
+def kind_and_size(sim: DrakeSimulation, geometry: Any) -> tuple[str, tuple[float, ...]]:
     """The kind and size of a geometry; the size of a mesh is the vertices of Drake's convex hull of it, flat."""
     inspector = sim.query().inspector()
     shape = inspector.GetShape(geometry)
@@ -170,7 +170,7 @@ def kind_and_size(sim: Simulation, geometry: Any) -> tuple[str, tuple[float, ...
     return kind, tuple(float(value) for index in range(hull.num_vertices()) for value in hull.vertex(index))
 
 
-def _shapes(sim: Simulation, row: int) -> tuple[Shape, ...]:
+def _shapes(sim: DrakeSimulation, row: int) -> tuple[Shape, ...]:
     """The shapes of a body; equal copies, and their visual, are one shape."""
     inspector, body = sim.query().inspector(), sim.built.bodies[row]
     found: dict[str, list[Shape]] = {}

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import requested_approximation
-from simspec.engines.drake.building import NAME, Built, is_servo, warnings_into
-from simspec.engines.drake.coordinates import Coordinates
+from simspec.engines.drake.building import NAME, DrakeBuild, is_servo, warnings_into
+from simspec.engines.drake.coordinates import DrakeCoordinates
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, unit_responses
@@ -31,7 +31,7 @@ WHOLE = 600
 """Velocities up to which the mass matrix is computed whole."""
 
 
-class Simulation(WorldSimulation[WorldSidecar]):
+class DrakeSimulation(WorldSimulation[WorldSidecar]):
     """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
@@ -39,13 +39,13 @@ class Simulation(WorldSimulation[WorldSidecar]):
         self.log: list[str] = []
         with warnings_into(self.log):
             try:
-                self.built = Built(Walk.of(self.document), self.settings)
+                self.built = DrakeBuild(Walk.of(self.document), self.settings)
             except KeyError as error:
                 raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
             self.root = self.built.diagram.CreateDefaultContext()
         self.plant = self.built.plant
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.coordinates = Coordinates(self.built, self.q_places, self.v_places)
+        self.coordinates = DrakeCoordinates(self.built, self.q_places, self.v_places)
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
@@ -261,7 +261,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class DrakeContact:
     """One contact of the geometries ``ids`` (A, B): its position (m), the normal from B to A, the force on A along it (N), and
     the depth (m)."""
 
@@ -272,13 +272,13 @@ class Touch:
     depth: float
 
 
-def _point(info: Any) -> Touch:
+def _point(info: Any) -> DrakeContact:
     pair = info.point_pair()
     on_first = -float(np.sum(pair.nhat_BA_W * info.contact_force()))  # Drake's is on the second
-    return Touch((pair.id_A, pair.id_B), info.contact_point(), pair.nhat_BA_W, on_first, float(pair.depth))
+    return DrakeContact((pair.id_A, pair.id_B), info.contact_point(), pair.nhat_BA_W, on_first, float(pair.depth))
 
 
-def _surface(info: Any) -> Touch:
+def _surface(info: Any) -> DrakeContact:
     """A contact surface as one contact, where its pressure acts together. Its normal is that of its faces, by their area."""
     surface = info.contact_surface()
     faces = range(surface.num_faces())
@@ -288,7 +288,7 @@ def _surface(info: Any) -> Touch:
     force, torque = wrench.translational(), wrench.rotational()
     along = float(normal @ force)
     centre = np.cross(normal, torque) / along if along > 0.0 else np.zeros(3)
-    return Touch((surface.id_M(), surface.id_N()), surface.centroid() + centre, normal, along, _depth(surface))
+    return DrakeContact((surface.id_M(), surface.id_N()), surface.centroid() + centre, normal, along, _depth(surface))
 
 
 def _depth(surface: Any) -> float:
@@ -320,10 +320,10 @@ def pd_controllers_hold(world: World) -> Refinement | None:
     return None
 
 
-class JointServos:
+class DrakeJointServos:
     """Drake's PD controllers of the hinges and slides at the places ``v`` (n,). They act once their desired state is given."""
 
-    def __init__(self, sim: Simulation, v: np.ndarray):
+    def __init__(self, sim: DrakeSimulation, v: np.ndarray):
         plant, self._context = sim.plant, sim.context
         self._port = plant.get_desired_state_input_port(sim.built.drake.tree.default_model_instance())
         body_at = {int(place.start): index for index, place in enumerate(sim.v_places)}

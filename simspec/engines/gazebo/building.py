@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from simspec.engines.kit import hulls
 from simspec.engines.kit.building import Walk, refuse
-from simspec.engines.kit.compiled import Compiled, Needs
+from simspec.engines.kit.compiled import NativeBinary, Needs
 from simspec.engines.kit.hulls import check_solid
 from simspec.engines.kit.world_simulation import tensor_of
 from simspec.errors import EngineError
@@ -35,7 +35,7 @@ NAME = "gazebo"
 PACKAGE = "ignition-physics5"
 FOLDER = Path(__file__).parent / "host"
 HEADERS = ("simspec_gazebo.h", "load.cc", "motion.cc", "contact.cc", "friction.cc")
-PART = Compiled(
+PART = NativeBinary(
     NAME,
     "gazebo-host",
     (FOLDER / "host.cc",),
@@ -45,7 +45,7 @@ PART = Compiled(
     flags=("-O1", "-ffp-contract=off"),
     links=("-std=c++17",),  # the last word on it: DART's package says c++11
 )
-HULLS = Compiled(
+HULLS = NativeBinary(
     NAME,
     "gazebo-hulls",
     hulls.SOURCES,
@@ -117,7 +117,7 @@ HOST: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
 """The functions of the part in C++: result and arguments."""
 
 
-class Library:
+class GazeboLibrary:
     """The functions of the part in C++, as attributes."""
 
     def __init__(self, host: ctypes.CDLL):
@@ -136,9 +136,9 @@ class Library:
 
 
 @functools.cache
-def library() -> Library:
+def library() -> GazeboLibrary:
     """gz-physics. Raises CompileError, an EngineError, where it, or a compiler, is not there."""
-    return Library(PART.load())
+    return GazeboLibrary(PART.load())
 
 
 @functools.cache
@@ -178,7 +178,7 @@ MOST_RESTITUTION = 1.0
 """libsdformat's bound; DART has none."""
 
 
-class Plan:
+class SdfPlan:
     """The SDF text of a document, and which classes of its units touch: ``classes`` by unit, ``meet`` (classes, classes)."""
 
     def __init__(self, walk: Walk):

@@ -15,13 +15,13 @@ from simspec.dialects.gazebo import NO_VELOCITY_LIMITS, STOPS
 from simspec.engines.gazebo import building
 from simspec.engines.gazebo.approximations import CASES, COUPLED, DEVIATIONS, SWEEPS, capsules, cylinders
 from simspec.engines.gazebo.readback import expected, inventory, neutral, read_back
-from simspec.engines.gazebo.simulation import Simulation
+from simspec.engines.gazebo.simulation import GazeboSimulation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import HOPS, PREDICTED, PYRAMID, THRESHOLD, Deviation
 from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.refinements import implicit_damping_armature, leans, no_friction, only_static_planes
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -61,7 +61,7 @@ def _friction(world: World) -> Refinement | None:
     return SWEEPS if ("contact_solver", "pgs") in world.options(Gazebo.NAME).settings and leans(world) else None
 
 
-class Gazebo(WorldEngine[Simulation]):
+class Gazebo(WorldEngine[GazeboSimulation]):
     """gz-physics' dartsim: DART's Featherstone dynamics (semi-implicit Euler) and its boxed solvers."""
 
     NAME: ClassVar[str] = "gazebo"
@@ -146,7 +146,7 @@ class Gazebo(WorldEngine[Simulation]):
             "a run counts the steps that end earlier. pgs: sweeps over the constraint rows, approximate for stacks "
             "(see docs/engines/gazebo.md).",
             ("dantzig", "pgs"),
-            group=Group.SOLVER,
+            group=SettingGroup.SOLVER,
         )
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
@@ -169,7 +169,7 @@ class Gazebo(WorldEngine[Simulation]):
         "collision_group": "simspec's filter has classes of shapes, and merges groups with materials"
     }
 
-    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
+    PARTS: ClassVar[Parts[GazeboSimulation]] = Parts(GazeboSimulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:

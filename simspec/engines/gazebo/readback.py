@@ -12,10 +12,10 @@ import numpy as np
 
 from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.gazebo.building import NAME, hull_library, query
-from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.building import Unit
+from simspec.engines.gazebo.simulation import GazeboSimulation
+from simspec.engines.kit.building import ShapeUnit
 from simspec.engines.kit.hulls import vertices_of
-from simspec.engines.kit.inventory import Carrier, Items, expected_separate, named_set, sidecar_labels
+from simspec.engines.kit.inventory import FilterCarrier, Items, expected_separate, named_set, sidecar_labels
 from simspec.engines.kit.world_simulation import free_joint, visual_shape
 from simspec.errors import EngineError
 from simspec.formats.sdf.format import UNLIMITED
@@ -79,7 +79,7 @@ class ReadUnit(NamedTuple):
     in_frame: bool
 
 
-def read_body(sim: Simulation, row: int) -> ReadBody:
+def read_body(sim: GazeboSimulation, row: int) -> ReadBody:
     lib = sim.library
     n = query(lib.gz_body, (sim.sim, row), lib.gz_body_numbers())
     inertial = Inertial(n[0], _vector(n[1:4]), tuple(n[4:10]))  # type: ignore[arg-type]
@@ -102,7 +102,7 @@ def read_body(sim: Simulation, row: int) -> ReadBody:
     )
 
 
-def read_unit(sim: Simulation, number: int) -> ReadUnit:
+def read_unit(sim: GazeboSimulation, number: int) -> ReadUnit:
     lib = sim.library
     n = query(lib.gz_unit, (sim.sim, number), lib.gz_unit_numbers())
     name = lib.gz_shape_type(sim.sim, number).decode()
@@ -118,12 +118,12 @@ def read_unit(sim: Simulation, number: int) -> ReadUnit:
     )
 
 
-def effort_parts_of(sim: Simulation, row: int) -> list[float]:
+def effort_parts_of(sim: GazeboSimulation, row: int) -> list[float]:
     """Damping, stiffness, rest, armature that a joint has by efforts."""
     return query(sim.library.gz_joint_efforts, (sim.sim, row), 4)
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: GazeboSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as gz-physics holds it, and its present state."""
     q, v = sim.get_state()
     units: dict[tuple[int, int], list[int]] = {}
@@ -138,7 +138,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return sim.model(bodies, _vector(world[:3]), world[3], unreadable, sim.cone)
 
 
-def _joint(sim: Simulation, row: int, body: JsonBody, data: ReadBody, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: GazeboSimulation, row: int, body: JsonBody, data: ReadBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = body.joint
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
@@ -170,7 +170,7 @@ def _joint(sim: Simulation, row: int, body: JsonBody, data: ReadBody, q: np.ndar
     )
 
 
-def _shape(sim: Simulation, shape: JsonShape, copies: Sequence[int]) -> Shape:
+def _shape(sim: GazeboSimulation, shape: JsonShape, copies: Sequence[int]) -> Shape:
     """A collision shape as DART has it, and what is only seen, which it does not have."""
     seen = visual_shape(shape)
     if not copies:
@@ -192,7 +192,7 @@ def as_written(data: ReadUnit) -> tuple[str, tuple[float, ...], Pose]:
     return data.kind, data.size, data.pose
 
 
-def unit_name(unit: Unit) -> str:
+def unit_name(unit: ShapeUnit) -> str:
     """The name of a copy of a shape: the shape's name and the layer."""
     return f"{unit.of.shape.name}.{unit.copy.layer}"
 
@@ -235,7 +235,7 @@ WORLD: Mapping[str, float | None] = {
 """The numbers of ``gz_world`` after gravity and timestep, in its order; None: by the world."""
 
 
-class Placed(NamedTuple):
+class GazeboPlacedBody(NamedTuple):
     """A body of the world, with the mass that is written for it."""
 
     body: Body
@@ -258,7 +258,7 @@ def near(place: Pose) -> bool:
     return max(map(abs, (*place.position, *place.quaternion[1:]))) < FIT
 
 
-BODY = Items[ReadBody, Placed](
+BODY = Items[ReadBody, GazeboPlacedBody](
     {
         "at_child": (lambda entry: near(entry.in_child), True),
         "actuator": (lambda entry: entry.actuator, 0),
@@ -288,7 +288,7 @@ UNIT = Items[ReadUnit, Surface](
 )
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: GazeboSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     lib = sim.library
     found: dict[str, EngineValue] = dict(sidecar_labels(sim.sidecar))
@@ -319,7 +319,7 @@ def _tree(number: int, mobile: bool, timestep: float, gravity: tuple[float, ...]
     return {f"{at}.mobile": mobile, f"{at}.timestep": timestep, f"{at}.gravity": gravity}
 
 
-def _filter(sim: Simulation) -> dict[str, EngineValue]:
+def _filter(sim: GazeboSimulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted."""
     names = [unit_name(unit) for unit in sim.walk.units]
     excluded = np.zeros((len(names), len(names)), dtype=np.uint8)
@@ -331,7 +331,7 @@ def _filter(sim: Simulation) -> dict[str, EngineValue]:
     }
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: GazeboSimulation) -> dict[str, EngineValue]:
     """None: everything is written."""
     return {}
 
@@ -342,7 +342,7 @@ def expected(
     """The values that follow from ``world`` under its ``settings``."""
     units = [(body, part, shape) for body in world.bodies for part in parts(body, plan) for shape in part.shapes]
     carriers = [
-        Carrier(f"{shape.name}.{part.layer}", body.name, part.material, part.layer) for body, part, shape in units
+        FilterCarrier(f"{shape.name}.{part.layer}", body.name, part.material, part.layer) for body, part, shape in units
     ]
     counts = {"shapes": len(units), "skeletons": len(trees(world)), "links": len(world.bodies)}
     found: dict[str, EngineValue] = {
@@ -356,7 +356,7 @@ def expected(
         at, mass = f"body.{body.name}", masses.get(body.name, body.inertial)
         found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name}
         found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
-        found |= BODY.expect(Placed(body, mass, world.physics.timestep), at)
+        found |= BODY.expect(GazeboPlacedBody(body, mass, world.physics.timestep), at)
         if mass.mass == 0.0:
             found[f"{at}.centre_of_mass"] = (0.0, 0.0, 0.0)
         if groups[body.name] == "world":

@@ -17,7 +17,7 @@ from simspec.engines.gazebo.building import (
     NAME,
     Integers,
     Keys,
-    Plan,
+    SdfPlan,
     Text,
     hull_library,
     library,
@@ -37,13 +37,13 @@ MOST_CONTACTS = 1_000_000
 NOT_FINITE = "a state or effort is not finite, or beyond 1e100, by which gz-physics would end its process"
 
 
-class Simulation(WorldSimulation[WorldSidecar]):
+class GazeboSimulation(WorldSimulation[WorldSidecar]):
     """A loaded world. Coordinates are those of the part in C++, and of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         super().__init__(NAME, WorldSidecar, folder, sidecar)
         self.walk = Walk.of(self.document)
-        self.plan = Plan(self.walk)
+        self.plan = SdfPlan(self.walk)
         self._shape_of = np.array([unit.of.number for unit in self.walk.units], dtype=np.int64)
         self.library = library()
         self.sim: Any = None

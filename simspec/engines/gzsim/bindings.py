@@ -46,7 +46,7 @@ _MODULE = re.compile(r"sim(\d*)(\..+)?")
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundBindings:
     """Bindings that lie in ``folder``, and the number in the name of their module."""
 
     folder: Path
@@ -81,7 +81,7 @@ def _folders() -> Iterator[Path]:
 
 
 @functools.cache
-def _all() -> tuple[Found, ...]:
+def _all() -> tuple[FoundBindings, ...]:
     found = []
     for folder in dict.fromkeys(_folders()):
         try:
@@ -91,11 +91,11 @@ def _all() -> tuple[Found, ...]:
         for file in files:
             named = _MODULE.fullmatch(file.name)
             if named and (file.is_dir() or named.group(2)):
-                found.append(Found(folder, named.group(1), file))
+                found.append(FoundBindings(folder, named.group(1), file))
     return tuple(found)
 
 
-def found() -> Found | None:
+def found() -> FoundBindings | None:
     """The newest bindings that this Python can import; None where there are none."""
     usable = {entry.number: entry for entry in reversed(_all()) if entry.usable}
     return next((usable[number] for number in COMPANIONS if number in usable), None)
@@ -124,7 +124,7 @@ def why_not() -> str:
     return f"{other.file} is of another Python than this one, {here}"
 
 
-class Installed:
+class GzSimInstallation:
     """The gz sim of this machine."""
 
     def version(self) -> str | None:
@@ -136,7 +136,7 @@ class Installed:
         return EngineError(NAME, why_not()) if found() is None else None
 
 
-INSTALLED: Final = Installed()
+INSTALLED: Final = GzSimInstallation()
 
 
 @functools.cache

@@ -19,7 +19,7 @@ from simspec.dialects.gazebo import NO_VELOCITY_LIMITS, STOPS
 from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.bindings import NAME
-from simspec.engines.gzsim.simulation import Server, Simulation
+from simspec.engines.gzsim.simulation import GzSimSimulation, Server
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
@@ -58,7 +58,7 @@ KINDS = {"FIXED": "fixed", "REVOLUTE": "hinge", "PRISMATIC": "slide"}
 WORLD = "world"
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: GzSimSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model in the server's components, and the present state."""
     backs: list[ReadBack] = []
     q, v = sim.get_state()
@@ -81,7 +81,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return backs[0]
 
 
-def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
+def _joint(sim: GzSimSimulation, server: Server, components: Any, row: int) -> Joint:
     joint, given = server.joints[row], sim.document.bodies[row].joint
     parents = {f"b{number}": number for number in range(len(sim.names))}
     above, below = joint.parent_link_name(components), joint.child_link_name(components)
@@ -186,7 +186,7 @@ def _whole_microseconds(world: World) -> Refinement | None:
 _NO_SHAPES = "simspec passes no shapes to gz sim"
 
 
-class GzSim(GivenEngine[Simulation]):
+class GzSim(GivenEngine[GzSimSimulation]):
     """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
     server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
     has never run a real gz sim:* the interface follows its documentation and was tested with a stand-in. Mass matrix, bias
@@ -258,8 +258,8 @@ class GzSim(GivenEngine[Simulation]):
         "static.inertial": "simspec writes another inertia of static bodies where SDF accepts none",
     }
 
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> GzSimSimulation:
+        return GzSimSimulation(folder, sidecar)
 
     def _read_model(self) -> ReadBack:
         return read_back(self._simulation, dict(self.UNREADABLE))

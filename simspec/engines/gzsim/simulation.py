@@ -94,7 +94,7 @@ Before = Callable[[Any, Any, int], None]
 class Server:
     """A server of gz sim with the world of ``sim``, written as the SDF ``text``."""
 
-    def __init__(self, sim: Simulation, text: str):
+    def __init__(self, sim: GzSimSimulation, text: str):
         self._sim, self._modules = sim, bindings()
         self._files = contextlib.ExitStack()
         file = self._files.enter_context(scratch_folder(NAME)) / WORLD
@@ -251,7 +251,7 @@ _TURN = np.array([np.cos(0.25), 0.0, np.sin(0.25), 0.0])
 NOT_FINITE = "a state or effort is not finite"
 
 
-class Simulation(WorldSimulation[WorldSidecar]):
+class GzSimSimulation(WorldSimulation[WorldSidecar]):
     """A loaded world. Coordinates are those of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):

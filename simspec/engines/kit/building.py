@@ -52,7 +52,7 @@ class PlacedShape:
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class ShapeUnit:
     """One copy of a collision shape, with the numbers of its layer; ``number`` counts the copies of all shapes."""
 
     number: int
@@ -72,7 +72,7 @@ class Walk:
     document: JsonWorld
     bodies: tuple[PlacedBody, ...]
     shapes: tuple[PlacedShape, ...]
-    units: tuple[Unit, ...]
+    units: tuple[ShapeUnit, ...]
     excluded: tuple[tuple[int, int], ...]
     _layers: dict[frozenset[str], int] = field(repr=False)
     _ignored: frozenset[frozenset[str]] = field(repr=False)
@@ -103,7 +103,7 @@ class Walk:
             document,
             tuple(bodies),
             shapes,
-            tuple(Unit(number, shape, copy) for number, (shape, copy) in enumerate(copies)),
+            tuple(ShapeUnit(number, shape, copy) for number, (shape, copy) in enumerate(copies)),
             tuple(sorted(pairs)),
             {frozenset((name, other)): layer for name, other, layer in document.meets},
             frozenset(frozenset(pair) for pair in document.excluded.groups),

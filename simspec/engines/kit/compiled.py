@@ -75,7 +75,7 @@ class CompileError(EngineError):
 
 
 @dataclass(frozen=True)
-class Compiled:
+class NativeBinary:
     """A library, or a program, that an engine compiles for itself.
 
     ``engine``: its name, for errors. ``name``: of its folder in the cache. ``sources``: files of the engine's package.
@@ -205,7 +205,7 @@ class _Recipe:
 
 
 @functools.lru_cache(maxsize=64)
-def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe:
+def _recipe(what: NativeBinary, environment: tuple[tuple[str, str], ...]) -> _Recipe:
     """The recipe, queried from the machine once for each environment. Raises CompileError."""
     known = dict(environment)
     variable, names = COMPILERS[what.language]
@@ -247,7 +247,7 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
     return _Recipe(compiler, tuple(flags), tuple(links), hashlib.sha256(text.encode()).hexdigest())
 
 
-def _words(what: Compiled, missing: Missing, source: str, text: str) -> list[str]:
+def _words(what: NativeBinary, missing: Missing, source: str, text: str) -> list[str]:
     """The words of a command, as a shell splits them. Raises CompileError where quotes are not closed."""
     try:
         return shlex.split(text)
@@ -313,7 +313,7 @@ def _run(words: Sequence[str], more: Mapping[str, str], said: Path, deadline: fl
 # Debian.
 
 
-class Program(Protocol):
+class InstalledProgram(Protocol):
     """A program that is installed by its own makers' means."""
 
     def version(self) -> str | None:
@@ -337,9 +337,9 @@ class Needs:
     """
 
     library: str = ""
-    parts: tuple[Compiled, ...] = ()
+    parts: tuple[NativeBinary, ...] = ()
     debian: tuple[tuple[str, str], ...] = ()
-    program: Program | None = None
+    program: InstalledProgram | None = None
     elsewhere: str = ""
 
     def version(self) -> str | None:

@@ -31,7 +31,7 @@ from simspec.engines.kit.capabilities import (
 )
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Addition, Reads
+from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting, Value
 from simspec.errors import EngineError
 from simspec.support.declarations import Level, Table, check_total
@@ -230,7 +230,7 @@ class Engine(ProvenEngine):
     """The law of its built-in controllers; None where it lacks them."""
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     """The languages of files that it loads by itself, by the names of their importers, and how."""
-    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = {}
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = {}
     """The engine's additions to such files, by names of the inventory that :meth:`load_foreign` gives."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:

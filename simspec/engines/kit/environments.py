@@ -136,7 +136,7 @@ def _release(word: str) -> Version | None:
 # The installed parts of an engine, and the missing ones with the reason: from package metadata, pkg-config and the compiler.
 
 
-class State(StrEnum):
+class InstallState(StrEnum):
     """How far an engine is installed."""
 
     WHOLE = "installed"
@@ -152,7 +152,7 @@ class Diagnosis:
     """The installation of an engine. ``problems``: each part that is missing or wrong; ``install``: the command that installs
     it."""
 
-    state: State
+    state: InstallState
     version: str | None
     problems: tuple[str, ...]
     install: str
@@ -163,19 +163,19 @@ def diagnose(engine: type[Engine], environment: Mapping[str, str] | None = None)
     install = how_to_install(engine)
     if alone := engine.files_alone():
         lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
-        return Diagnosis(State.FILES, None, (alone, *lacking), install)
+        return Diagnosis(InstallState.FILES, None, (alone, *lacking), install)
     if engine.version() is None and (why := why_not(engine, dict(environment or {}))) is not None:
-        return Diagnosis(State.IMPOSSIBLE, None, (why,), install)
+        return Diagnosis(InstallState.IMPOSSIBLE, None, (why,), install)
     absent, wrong = _known_packages(engine, environment)
     lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
     there = _version_of(engine)
     problems = (*wrong, *absent, *lacking)
     if there is None:
-        state = State.ABSENT
+        state = InstallState.ABSENT
     elif wrong:
-        state = State.OTHER_VERSION
+        state = InstallState.OTHER_VERSION
     else:
-        state = State.HALF if absent or lacking else State.WHOLE
+        state = InstallState.HALF if absent or lacking else InstallState.WHOLE
     return Diagnosis(state, there, problems, install)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.confinement import PROFILES, confine_calls
-from simspec.control.reference import Drive, drives
+from simspec.control.reference import ActuatorDrive, drives
 from simspec.formats.kit.contract import Format, formats
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Level
@@ -183,7 +183,7 @@ def _below_balls(exported: Exported) -> Iterator[str]:
             yield body.name
 
 
-def _driven(exported: Exported, body: Body) -> Drive | None:
+def _driven(exported: Exported, body: Body) -> ActuatorDrive | None:
     return next((drive for drive in drives(exported.world) if drive.joint == body.joint.name), None)
 
 
@@ -316,7 +316,7 @@ class Reads:
 
 
 @dataclass(frozen=True, slots=True)
-class Addition:
+class EngineAddition:
     """A number that an engine adds to any file, under a name of the read-back's inventory.
 
     ``meaning``: its value where nothing is added; None where files do not define it. ``changes``: whether the motion of the

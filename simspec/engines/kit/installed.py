@@ -109,7 +109,7 @@ class NoVersionError(ValueError):
 
 
 @dataclass(frozen=True)
-class Instance:
+class EngineInstance:
     """An engine by ``label``. ``version``: None where it cannot be used, for the reason ``problem``; ``python``: its
     interpreter, None for this one; ``numpy``: the version of numpy in it, None where there is none."""
 
@@ -127,7 +127,7 @@ def instances(
     interpreters: Mapping[str, str],
     labels: Iterable[str] = (),
     not_queried: Mapping[str, str] = MappingProxyType({}),
-) -> list[Instance]:
+) -> list[EngineInstance]:
     """Every known engine and its versions that ``interpreters`` (by label) and ``labels`` name.
 
     Interpreters are queried in parallel, within ``PATIENCE``; one that gives no version is an instance with a problem.
@@ -152,13 +152,13 @@ def instances(
         ]
 
 
-def _closed(label: str, why: str) -> Instance:
+def _closed(label: str, why: str) -> EngineInstance:
     """An engine whose interpreter is not started."""
     engine = find_engine(label)
-    return Instance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
+    return EngineInstance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
 
 
-def _instance(label: str, python: str | None, interpreter: _Started | None, ends: float) -> Instance:
+def _instance(label: str, python: str | None, interpreter: _Started | None, ends: float) -> EngineInstance:
     engine = find_engine(label)
     version, numpy, problem = None, None, None
     try:
@@ -177,7 +177,7 @@ def _instance(label: str, python: str | None, interpreter: _Started | None, ends
             problem = _how_to_install(engine) if interpreter is None else _not_there(python, engine)
         else:
             problem = other_version(label, version) or too_old(engine, version)
-    return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
+    return EngineInstance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
 
 
 @functools.cache

@@ -98,7 +98,7 @@ MOST_NAMED = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Carrier:
+class FilterCarrier:
     """A unit of an engine's collision filter: its name, and the body, material and layer of the shapes that it carries."""
 
     name: str
@@ -139,7 +139,7 @@ def excluded_carriers(names: Sequence[str], filtered: Callable[[int, int], bool]
     return {f"apart.{name}": named_set(others) for name, others in excluded.items()}
 
 
-def expected_separate(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, EngineValue]:
+def expected_separate(world: World, plan: ContactPlan, carriers: Iterable[FilterCarrier]) -> dict[str, EngineValue]:
     """For every carrier, as ``apart.NAME``, the others that must not touch it: of its own rigid group, or both still, of groups
     that ignore each other, of bodies that the world names, of materials that pass through each other, of other layers."""
     carriers = list(carriers)

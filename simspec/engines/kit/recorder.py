@@ -53,7 +53,7 @@ class _Files:
         }
 
 
-class Columns:
+class ColumnBuffer:
     """Rows of float64 of several channels, side by side in one buffer that is written when it is full: one file for each
     channel. Memory does not grow with the number of rows."""
 
@@ -98,7 +98,7 @@ class Columns:
 
 
 class Contacts:
-    """Ragged contacts, written as :class:`Columns` are; with the units that touch where the engine reports them."""
+    """Ragged contacts, written as :class:`ColumnBuffer` are; with the units that touch where the engine reports them."""
 
     def __init__(self, place: Path):
         self._place = place
@@ -319,7 +319,7 @@ class Recording:
         channels = frozenset(channels)
         self._energy = "energy" in channels
         self._contacts = Contacts(self._place) if "contacts" in channels else None
-        self._columns: Columns | None = None
+        self._columns: ColumnBuffer | None = None
         self._known: np.ndarray | None = None
         """Columns of efforts that only the engine knows, where it has controllers of its own."""
         self._most, self._bytes = most, 0
@@ -374,8 +374,8 @@ class Recording:
         self.cpu_seconds += time.process_time() - started_cpu
         return self.failed is None
 
-    def _begin(self, row: dict[str, Any]) -> Columns:
-        columns = Columns({name: np.shape(value) for name, value in row.items()}, self._place)
+    def _begin(self, row: dict[str, Any]) -> ColumnBuffer:
+        columns = ColumnBuffer({name: np.shape(value) for name, value in row.items()}, self._place)
         native = () if self._control is None else self._control.native_places
         if len(native):
             known = np.ones(len(columns.row()), dtype=bool)

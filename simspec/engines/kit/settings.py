@@ -19,14 +19,14 @@ from simspec.world.types import Pair, PairContact, World
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class SettingLimit:
     """A bound of a setting in a world, and what it follows from."""
 
     value: float
     why: str
 
 
-Bound = Callable[[World], Limit | None]
+Bound = Callable[[World], SettingLimit | None]
 """The bound in a world; None where it has none."""
 
 SHARE = 0.1
@@ -40,27 +40,27 @@ rest and slide as without (6 µm, measured in one engine)."""
 def of_thinnest(share: float) -> Bound:
     """A length (m) of at most a share of the inner radius of the smallest shape."""
 
-    def bound(world: World) -> Limit | None:
+    def bound(world: World) -> SettingLimit | None:
         least = thinnest(world)
         if least is None:
             return None
         why = f"{share:.0%} of the inner radius of the smallest collision shape, of {least.body}"
-        return Limit(share * least.inner, why)
+        return SettingLimit(share * least.inner, why)
 
     return bound
 
 
-def of_mobility(world: World) -> Limit | None:
+def of_mobility(world: World) -> SettingLimit | None:
     """A compliance (m/(N s)) of at most dt / m of the heaviest body: beyond it a contact takes less than half of an approach
     away in a step. At that bound 1 kg at 1 ms rests 0.25 mm deep, at ten times as much 2.4 mm, at a thousand times it falls
     through (measured in one engine)."""
     most = heaviest(world)
     if most is None:
         return None
-    return Limit(world.physics.timestep / most[1], f"the timestep over the mass of the heaviest body, {most[0]}")
+    return SettingLimit(world.physics.timestep / most[1], f"the timestep over the mass of the heaviest body, {most[0]}")
 
 
-def under_weight(world: World) -> Limit | None:
+def under_weight(world: World) -> SettingLimit | None:
     """A stiffness (N/m) of at least that with which the heaviest body's weight presses it ``SHARE`` of the smallest shape's
     inner radius deep."""
     most, least, gravity = heaviest(world), thinnest(world), math.hypot(*world.physics.gravity)
@@ -69,7 +69,7 @@ def under_weight(world: World) -> Limit | None:
     why = (
         f"the weight of {most[0]} over {SHARE:.0%} of the inner radius of the smallest collision shape, of {least.body}"
     )
-    return Limit(most[1] * gravity / (SHARE * least.inner), why)
+    return SettingLimit(most[1] * gravity / (SHARE * least.inner), why)
 
 
 ROUND_OFF = 1e-9
@@ -81,7 +81,7 @@ LARGEST_WHOLE = 2**31 - 1
 """The largest whole number that every engine's settings can hold."""
 
 
-class Group(StrEnum):
+class SettingGroup(StrEnum):
     """The quantity that a setting acts on: the closed vocabulary by which differences of runs are reported
     (``docs/guide/explain.md``)."""
 
@@ -136,7 +136,7 @@ class Setting:
     it stay as they are."""
     needs: tuple[str, tuple[bool | str, ...]] | None = None
     """Another setting, and its values with which this one acts; with others it does nothing, and to give it is an error."""
-    group: Group = Group.OTHER
+    group: SettingGroup = SettingGroup.OTHER
     """The quantity that it acts on."""
     finer: Value | None = None
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec

@@ -45,7 +45,7 @@ MANY = 4096
 """Room for pairs of shapes that touch, at first."""
 
 
-class Simulated(Stepped, Protocol):
+class CollidingWorld(Stepped, Protocol):
     """A loaded ``world.json`` whose shapes collide."""
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -65,7 +65,7 @@ class Simulated(Stepped, Protocol):
         ...
 
 
-S = TypeVar("S", bound=Simulated)
+S = TypeVar("S", bound=CollidingWorld)
 
 
 class Parts(NamedTuple, Generic[S]):

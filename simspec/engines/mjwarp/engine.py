@@ -21,14 +21,14 @@ from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.engines.kit.arrays import demand_singles
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation, named_reasons
-from simspec.engines.kit.settings import Group, Setting, resolve_settings
+from simspec.engines.kit.settings import Setting, SettingGroup, resolve_settings
 from simspec.engines.mjwarp.programs import (
     ANSWERS,
     AUTO,
     ENGINE,
     PROCESSOR,
-    Modules,
-    Programs,
+    WarpModules,
+    WarpPrograms,
     begin,
     chosen_device,
     import_modules,
@@ -92,7 +92,7 @@ SETTINGS: Mapping[str, Setting] = {
         "The device that computes. auto: the first graphics processor (CUDA) that Warp finds, else the "
         "processor (cpu). The log names other devices; simspec is not tested on them.",
         (AUTO, PROCESSOR, *(f"cuda:{index}" for index in range(8))),
-        group=Group.ORDER,  # of sums, which a graphics processor takes otherwise
+        group=SettingGroup.ORDER,  # of sums, which a graphics processor takes otherwise
     ),
     "impratio": dataclasses.replace(_SETTINGS["impratio"], maximum=LARGEST_RATIO),
     "high_impratio": dataclasses.replace(
@@ -288,7 +288,7 @@ class MjWarp(RewrittenSimulation):
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self._begun: list[str] = []
-        self._modules: Modules = begin(self._begun)
+        self._modules: WarpModules = begin(self._begun)
         super().load(folder, sidecar)
 
     def _adapt(self) -> None:
@@ -312,7 +312,7 @@ class MjWarp(RewrittenSimulation):
             self._log.append(f"and {len(different) - MOST_WARNINGS} more warnings")
         # one data for motion, one for questions
         given = (self._modules, self._device, self._taken, self.model)
-        self._motion, self._questions = Programs(*given), Programs(*given)
+        self._motion, self._questions = WarpPrograms(*given), WarpPrograms(*given)
 
     def _taken_of(self, model: Any) -> Any:
         try:

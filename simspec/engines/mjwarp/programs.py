@@ -43,7 +43,7 @@ AUTO, PROCESSOR = "auto", "cpu"
 
 
 @dataclass(frozen=True)
-class Modules:
+class WarpModules:
     """The modules that the engine works with."""
 
     mujoco: Any
@@ -52,11 +52,11 @@ class Modules:
     """``mujoco_warp``."""
 
 
-_imported: list[Modules] = []
+_imported: list[WarpModules] = []
 _begun: list[str] = []
 
 
-def import_modules() -> Modules:
+def import_modules() -> WarpModules:
     """The modules, imported once; no thread is started. Raises EngineError where one of them is not installed."""
     if not _imported:
         try:
@@ -65,11 +65,11 @@ def import_modules() -> Modules:
             import warp
         except ImportError as error:
             raise EngineError(ENGINE, f"not installed: simspec engines install mjwarp --yes ({error})") from error
-        _imported.append(Modules(mujoco, warp, mujoco_warp))
+        _imported.append(WarpModules(mujoco, warp, mujoco_warp))
     return _imported[0]
 
 
-def begin(log: list[str]) -> Modules:
+def begin(log: list[str]) -> WarpModules:
     """The modules, and Warp at work. Its messages are added to ``log``, except that there is no CUDA."""
     modules = import_modules()
     if not _begun:
@@ -99,7 +99,7 @@ def _place(log: list[str]) -> Path:
     return stack.enter_context(scratch_folder("kernels"))
 
 
-def chosen_device(modules: Modules, settings: Mapping[str, Any]) -> Any:
+def chosen_device(modules: WarpModules, settings: Mapping[str, Any]) -> Any:
     """The device that a setting names; ``auto``: the first of CUDA, where there is one, else the processor. Raises EngineError
     where there is no such device."""
     named = str(settings["device"])
@@ -158,10 +158,10 @@ def _other_rows(model: Any) -> int:
     return int(friction + limits)
 
 
-class Programs:
+class WarpPrograms:
     """The programs of ``taken``, Warp's model of ``file``, on a data of their own."""
 
-    def __init__(self, modules: Modules, device: Any, taken: Any, file: Any):
+    def __init__(self, modules: WarpModules, device: Any, taken: Any, file: Any):
         self._warp, self._solver = modules.warp, modules.solver
         self._device, self._taken, self._file = device, taken, file
         self._kinds = self._solver.OverflowType
@@ -288,7 +288,7 @@ ANSWERS: Mapping[str, tuple[str, ...]] = {
 """The fields of the data that programs compute."""
 
 
-def taken_over(modules: Modules, device: Any, model: Any, lacked: int) -> Any:
+def taken_over(modules: WarpModules, device: Any, model: Any, lacked: int) -> Any:
     """Warp's model of ``model`` (``mjModel``), without the flags ``lacked``. Raises NotImplementedError and ValueError where it
     refuses one.
 

@@ -16,7 +16,7 @@ import numpy as np
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.settings import Setting
-from simspec.engines.mjx.programs import CONTACTS, Modules, Programs, as_numpy, begin, import_mjx
+from simspec.engines.mjx.programs import CONTACTS, MjxModules, MjxPrograms, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
 from simspec.engines.mujoco.contact import NO_CUSHION
 from simspec.engines.mujoco.engine import MuJoCo
@@ -233,7 +233,7 @@ class Mjx(RewrittenSimulation):
         import_mjx()
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._modules: Modules = begin()
+        self._modules: MjxModules = begin()
         super().load(folder, sidecar)
 
     def _adapt(self) -> None:
@@ -251,7 +251,7 @@ class Mjx(RewrittenSimulation):
     def _take_over(self) -> None:
         try:
             self._taken = self._modules.mjx.put_model(self.model)
-            self._programs = Programs(self._modules, self._taken)
+            self._programs = MjxPrograms(self._modules, self._taken)
         except NotImplementedError as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 

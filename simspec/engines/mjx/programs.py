@@ -38,7 +38,7 @@ on nothing but the program."""
 
 
 @dataclass(frozen=True)
-class Modules:
+class MjxModules:
     """The modules that the engine works with."""
 
     mujoco: Any
@@ -48,10 +48,10 @@ class Modules:
     """``collision_driver.make_condim``: the directions of every contact there can be."""
 
 
-_imported: list[Modules] = []
+_imported: list[MjxModules] = []
 
 
-def import_mjx() -> Modules:
+def import_mjx() -> MjxModules:
     """The modules, imported once; no thread is started. Raises EngineError where one of them is not installed."""
     if not _imported:
         try:
@@ -62,7 +62,7 @@ def import_mjx() -> Modules:
     return _imported[0]
 
 
-def begin() -> Modules:
+def begin() -> MjxModules:
     """The modules, and XLA at work."""
     modules = import_mjx()
     if not _begun:
@@ -86,7 +86,7 @@ def _environment(more: Mapping[str, str]) -> Iterator[None]:
         os.environ.update(before)
 
 
-def _import() -> Modules:
+def _import() -> MjxModules:
     import jax
     import mujoco
 
@@ -105,7 +105,7 @@ def _import() -> Modules:
         warnings.simplefilter("ignore")
         from mujoco import mjx
         from mujoco.mjx._src import collision_driver
-    return Modules(mujoco, jax, mjx, collision_driver.make_condim)
+    return MjxModules(mujoco, jax, mjx, collision_driver.make_condim)
 
 
 # Programs that were compiled before, in the user's cache: to trace and compile one takes 1 to 15 s, to load it 0.05 to 0.5.
@@ -247,10 +247,10 @@ NOT_COMPUTED = ("names", "name_*adr", "key_*", "geom_group", "signature")
 """Fields that no program computes with, and by which JAX would tell one form of a model from another."""
 
 
-class Programs:
+class MjxPrograms:
     """The programs of ``model`` (``mjx.Model``)."""
 
-    def __init__(self, modules: Modules, model: Any):
+    def __init__(self, modules: MjxModules, model: Any):
         self._modules, self._model = modules, model
 
     @functools.cached_property

@@ -9,10 +9,10 @@ from typing import ClassVar
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import NativeLaw, ServoLaw
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Addition, Reads
+from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT, HEIGHT_FIELDS
-from simspec.engines.mujoco.expectation import Expectation
+from simspec.engines.mujoco.expectation import MujocoExpectation
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_ADDITIONS, load
 from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.joints import NATIVE as NATIVE_CONTROL
@@ -61,7 +61,7 @@ class MuJoCo(MujocoSimulation):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("MuJoCo"),
@@ -114,7 +114,9 @@ class MuJoCo(MujocoSimulation):
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        return expected_inventory(Expectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS))
+        return expected_inventory(
+            MujocoExpectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
+        )
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         return load(import_mujoco(), file, log)

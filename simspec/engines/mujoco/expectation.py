@@ -54,7 +54,7 @@ Reference = tuple[tuple[float, ...], tuple[float, ...]]
 """solref and solimp."""
 
 
-class Law(NamedTuple):
+class MujocoContactLaw(NamedTuple):
     """MuJoCo's numbers of a geom or of an explicit pair; friction is sliding, torsional, rolling."""
 
     condim: int
@@ -65,16 +65,18 @@ class Law(NamedTuple):
     """1/s at which friction takes back slip."""
 
 
-def _law(surface: Surface, reference: Reference) -> Law:
+def _law(surface: Surface, reference: Reference) -> MujocoContactLaw:
     sliding, torsional = surface.friction or 0.0, surface.torsional_friction or 0.0
     rolling = surface.rolling_friction or 0.0
-    return Law(6 if rolling else 4 if torsional else 3 if sliding else 1, (sliding, torsional, rolling), reference)
+    return MujocoContactLaw(
+        6 if rolling else 4 if torsional else 3 if sliding else 1, (sliding, torsional, rolling), reference
+    )
 
 
-class ExpectedJoint(NamedTuple):
+class MujocoExpectedJoint(NamedTuple):
     """A joint that moves. ``start``: its coordinates before a keyframe is loaded."""
 
-    e: Expectation
+    e: MujocoExpectation
     joint: Joint
     dofs: int
     start: tuple[float, ...]
@@ -85,7 +87,7 @@ class ExpectedJoint(NamedTuple):
 
 
 @dataclass
-class Expectation:
+class MujocoExpectation:
     """A world with all settings (resolved, with defaults) in force, and the numbers that follow from both.
 
     ``neutral``: MuJoCo's defaults; ``engine``: the name of the engine that receives MuJoCo's files.
@@ -164,12 +166,12 @@ class Expectation:
         soft = cushioned and depth and surface.friction and not bounce
         return solref, ((CUSHION, high, depth, 0.5, 2.0) if soft else flat_impedance(high))
 
-    def geom(self, shape: Shape) -> Law:
+    def geom(self, shape: Shape) -> MujocoContactLaw:
         surface = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
         group = GROUP[shape.collision, shape.visual]
         return _law(surface, self.reference(surface, 1.0, False, self.settings))._replace(group=group)
 
-    def pair(self, law: PairContact, name: str, other: str) -> Law:
+    def pair(self, law: PairContact, name: str, other: str) -> MujocoContactLaw:
         """The numbers of an explicit pair of two shapes, by their names."""
         surface = Surface(law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness)
         settings = {**self.settings, **self.by_pair.get((law.first, law.second), {})}
@@ -180,7 +182,7 @@ class Expectation:
     def margin(self, law: PairContact, name: str, other: str) -> float:
         return self.owners[name][1].margin + self.owners[other][1].margin if law.margin is None else law.margin
 
-    def joint(self, body: Body) -> ExpectedJoint:
+    def joint(self, body: Body) -> MujocoExpectedJoint:
         """A free joint starts with the body's centre of mass in its place, a ball unturned."""
         joint: Joint = body.joint
         start: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
@@ -188,7 +190,7 @@ class Expectation:
             turn = quaternion(joint.position[3:7])
             centre = frames.rotate(turn, lumped_inertial(self.world, body).centre_of_mass)
             start = (*frames.add(vector3(joint.position[:3]), centre), *turn)
-        return ExpectedJoint(self, joint, VELOCITY_SIZE[joint.kind], start)
+        return MujocoExpectedJoint(self, joint, VELOCITY_SIZE[joint.kind], start)
 
     def tendon(self, summed: JointSum) -> tuple[Reference, Reference]:
         """Of the limits and of the dry friction of a sum of joint positions."""

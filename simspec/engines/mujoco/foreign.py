@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.engines.kit.foreign import MESH, UNNAMED, Addition, Effect, Reads, support
+from simspec.engines.kit.foreign import MESH, UNNAMED, Effect, EngineAddition, Reads, support
 from simspec.engines.mujoco.readback import CONE_NAMES, HALVED, JOINT_KINDS, SHAPE_KINDS, VISIBLE_GROUPS
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import tensor
@@ -34,12 +34,12 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads("mujoco.MjModel.from_xml_path(file)", (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
     "mjcf": Reads("mujoco.MjModel.from_xml_path(file)", (".xml", ".mjcf"), "mujoco", defines=True, version=MEASURED),
 }
-FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
-    "timestep": Addition(None, "default", "2 ms, unless the file says another"),
-    "cone": Addition(None, "default", "the pyramid, unless the file says another"),
-    "integrator": Addition(None, "default", "Euler, unless the file says another"),
-    "density": Addition(None, "default", "density of the medium in which bodies move; 0: none"),
-    "disabled_equalities": Addition(0, "physics", "constraints of the file that are switched off"),
+FOREIGN_ADDITIONS: Final[Mapping[str, EngineAddition]] = {
+    "timestep": EngineAddition(None, "default", "2 ms, unless the file says another"),
+    "cone": EngineAddition(None, "default", "the pyramid, unless the file says another"),
+    "integrator": EngineAddition(None, "default", "Euler, unless the file says another"),
+    "density": EngineAddition(None, "default", "density of the medium in which bodies move; 0: none"),
+    "disabled_equalities": EngineAddition(0, "physics", "constraints of the file that are switched off"),
 }
 """MuJoCo's additions that a file need not state."""
 WORLD: Final = "world"

@@ -16,7 +16,14 @@ from simspec.control.reference import natives
 from simspec.dialects.kit.sidecar import flat
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.inventory import NEUTRAL, Items, below
-from simspec.engines.mujoco.expectation import HARDEST, Expectation, ExpectedJoint, Law, Reference, flat_impedance
+from simspec.engines.mujoco.expectation import (
+    HARDEST,
+    MujocoContactLaw,
+    MujocoExpectation,
+    MujocoExpectedJoint,
+    Reference,
+    flat_impedance,
+)
 from simspec.engines.mujoco.fields import ELEMENTS, NEUTRAL_ARRAYS
 from simspec.formats.mjcf.bodies import world_name
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -56,7 +63,7 @@ SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ModelRow:
     """A row of ``mjModel``'s arrays of a prefix, or the rows of a joint's coordinates."""
 
     model: Any
@@ -83,13 +90,13 @@ def _count(model: Any, name: str) -> int | None:
     return int(getattr(model, name)) if hasattr(model, name) else None
 
 
-def _torque_scale(row: Row) -> float | None:
+def _torque_scale(row: ModelRow) -> float | None:
     """The weight of rotation against translation in a weld."""
     weld = row.model.eq_type[row.at] == WELD
     return float(row.model.eq_data[row.at, TORQUE_SCALE]) if weld else None
 
 
-OPTIONS = Items[Any, Expectation].named(
+OPTIONS = Items[Any, MujocoExpectation].named(
     _option,
     {
         "timestep": lambda e: e.dt,
@@ -122,20 +129,20 @@ OPTIONS = Items[Any, Expectation].named(
 """As ``opt.NAME``; the two fields of flags bit by bit, as ``flags.NAME``."""
 
 
-def _servos(e: Expectation) -> int:
+def _servos(e: MujocoExpectation) -> int:
     return sum(len(controller.joints) for controller in natives(e.world))
 
 
-def _weighted(e: Expectation) -> int:
+def _weighted(e: MujocoExpectation) -> int:
     """How many bodies have another weight than mass × gravity."""
     return sum(lumped_gravity_scale(e.world, body) != 1.0 for body in e.world.bodies)
 
 
-def _sites(e: Expectation) -> int:
+def _sites(e: MujocoExpectation) -> int:
     return 2 * sum(constraint.kind != "follow" for constraint in e.world.constraints) + len(e.world.frames)
 
 
-COUNTS = Items[Any, Expectation].named(
+COUNTS = Items[Any, MujocoExpectation].named(
     _count,
     {
         "nbody": lambda e: 1 + len(e.world.bodies) - len(absorbed(e.world)),
@@ -167,8 +174,8 @@ COUNTS = Items[Any, Expectation].named(
 )
 """As ``count.NAME``; the numbers of elements that simspec never writes must be those of an empty model."""
 
-JOINT = Items[Row, ExpectedJoint].named(
-    Row.value,
+JOINT = Items[ModelRow, MujocoExpectedJoint].named(
+    ModelRow.value,
     {
         "solref": lambda j: (-j.e.setting("limit_error_reduction") / j.e.dt**2, -1.0 / j.e.dt),
         "solimp": lambda j: flat_impedance(j.e.setting("limit_impedance")),
@@ -176,16 +183,16 @@ JOINT = Items[Row, ExpectedJoint].named(
         "range": lambda j: j.joint.position_limits or (0.0, j.joint.angle_limit or 0.0),
     },
 )
-POSITION = Items[Row, ExpectedJoint].named(
-    Row.value,
+POSITION = Items[ModelRow, MujocoExpectedJoint].named(
+    ModelRow.value,
     {
         "qpos0": lambda j: (0.0,) if j.joint.kind in SCALAR_JOINTS else j.start,
         "qpos_spring": lambda j: (j.joint.spring_rest,) if j.joint.kind in SCALAR_JOINTS else j.start,
     },
 )
 """Of a joint's coordinates, as ``jnt.JOINT.NAME``."""
-DOF = Items[Row, ExpectedJoint].named(
-    Row.value,
+DOF = Items[ModelRow, MujocoExpectedJoint].named(
+    ModelRow.value,
     {
         "solref": lambda j: (0.0, -1.0 / j.e.dt) * j.dofs,
         "solimp": lambda j: flat_impedance(j.e.setting("dry_friction_impedance")) * j.dofs,
@@ -195,8 +202,8 @@ DOF = Items[Row, ExpectedJoint].named(
     },
 )
 """Of all degrees of freedom of a joint, as ``dof.JOINT.NAME``."""
-GEOM = Items[Row, Law].named(
-    Row.value,
+GEOM = Items[ModelRow, MujocoContactLaw].named(
+    ModelRow.value,
     {
         "condim": lambda law: law.condim,
         "friction": lambda law: law.friction,
@@ -205,8 +212,8 @@ GEOM = Items[Row, Law].named(
         "group": lambda law: law.group,
     },
 )
-PAIR = Items[Row, Law].named(
-    Row.value,
+PAIR = Items[ModelRow, MujocoContactLaw].named(
+    ModelRow.value,
     {
         "dim": lambda law: law.condim,
         "friction": lambda law: tuple(law.friction[place] for place in (0, 0, 1, 2, 2)),
@@ -215,15 +222,15 @@ PAIR = Items[Row, Law].named(
         "solreffriction": lambda law: (0.0, -law.slip_rate),
     },
 )
-EQUALITY = Items[Row, tuple[Expectation, Constraint]](
+EQUALITY = Items[ModelRow, tuple[MujocoExpectation, Constraint]](
     {
         "solref": (lambda row: row.value("solref"), lambda of: (-1.0 / of[0].dt ** 2, -1.0 / of[0].dt)),
         "solimp": (lambda row: row.value("solimp"), flat_impedance(HARDEST)),
         "torquescale": (_torque_scale, lambda of: 1.0 if isinstance(of[1], Weld) else None),
     }
 )
-TENDON = Items[Row, tuple[Reference, Reference]].named(
-    Row.value,
+TENDON = Items[ModelRow, tuple[Reference, Reference]].named(
+    ModelRow.value,
     {
         "solref_lim": lambda of: of[0][0],
         "solimp_lim": lambda of: of[0][1],
@@ -232,7 +239,7 @@ TENDON = Items[Row, tuple[Reference, Reference]].named(
     },
 )
 """Of the references of a tendon's limits and of its dry friction."""
-ROWS: Mapping[str, Items[Row, Any]] = {
+ROWS: Mapping[str, Items[ModelRow, Any]] = {
     "jnt": JOINT,
     "dof": DOF,
     "geom": GEOM,
@@ -293,18 +300,18 @@ class Inventory:
         neutral |= {f"has.{name}": True for name in (*NEUTRAL_ARRAYS, *NEWER) if hasattr(model, name)}
         return found, neutral | {"stat.meaninertia": mean}
 
-    def _rows(self, prefix: str) -> Iterator[tuple[str, Row]]:
+    def _rows(self, prefix: str) -> Iterator[tuple[str, ModelRow]]:
         """The names of elements, with their rows of the arrays of ``prefix``."""
         for index, name in enumerate(self._names[prefix]):
-            yield name, Row(self._model, prefix, index)
+            yield name, ModelRow(self._model, prefix, index)
 
     def _joint_rows(self) -> dict[str, Any]:
         """The rows of the coordinates and of the degrees of freedom of each joint."""
         model, found = self._model, dict[str, Any]()
         dofs, positions = [*model.jnt_dofadr.tolist(), model.nv], [*model.jnt_qposadr.tolist(), model.nq]
         for joint, name in enumerate(self._names["jnt"]):
-            found |= DOF.read(Row(model, "dof", slice(dofs[joint], dofs[joint + 1])), f"dof.{name}")
-            found |= POSITION.read(Row(model, "", slice(positions[joint], positions[joint + 1])), f"jnt.{name}")
+            found |= DOF.read(ModelRow(model, "dof", slice(dofs[joint], dofs[joint + 1])), f"dof.{name}")
+            found |= POSITION.read(ModelRow(model, "", slice(positions[joint], positions[joint + 1])), f"jnt.{name}")
         return found
 
     def _flags(self) -> dict[str, bool]:
@@ -372,7 +379,7 @@ class Inventory:
 # --- the expectation ----------------------------------------------------------------------------------------------
 
 
-def expected_inventory(e: Expectation) -> dict[str, Any]:
+def expected_inventory(e: MujocoExpectation) -> dict[str, Any]:
     """The inventory of the world of ``e``: by the same tables, without MuJoCo."""
     world, neutral = e.world, e.neutral
     found = flat(e.sidecar(), "sidecar")
@@ -418,7 +425,7 @@ def expected_inventory(e: Expectation) -> dict[str, Any]:
     return found | {"stat.meaninertia": neutral["stat.meaninertia"]}
 
 
-def _expected_flags(e: Expectation) -> dict[str, bool]:
+def _expected_flags(e: MujocoExpectation) -> dict[str, bool]:
     on = SET_FLAGS | (set() if e.settings["warmstart"] else {"disable_warmstart"})
     on |= {"enable_sleep"} if e.sleeping else set()
     # since MuJoCo 4 these two are on unless they are disabled, before they were off unless enabled

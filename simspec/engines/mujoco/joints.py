@@ -51,7 +51,7 @@ def explicit_servos_hold(world: World) -> Refinement | None:
     )
 
 
-class Drive:
+class MujocoDrive:
     """MuJoCo's actuators of some degrees of freedom (``dofs``)."""
 
     def __init__(
@@ -76,7 +76,7 @@ class Drive:
         self._control[self._places] = np.where(self._by_position, position, 0.0) + self._lead * velocity
 
 
-class JointArrays(Actuation):
+class MujocoJointArrays(Actuation):
     """Hinges and slides by MuJoCo's own arrays, at the places ``q`` and ``v`` in them."""
 
     def __init__(self, data: Any, advance: Callable[[int], None], q: np.ndarray, v: np.ndarray):
@@ -98,7 +98,7 @@ class JointArrays(Actuation):
 
 
 @dataclass(frozen=True, slots=True)
-class _Step:
+class _JointRows:
     """A joint: the rows of the body that it moves and of the one that it moves against, its frame in that, its axis in its
     frame, and its first coordinate and velocity in the model."""
 
@@ -118,7 +118,7 @@ class Between:
         self, model: Any, entries: Sequence[SidecarBody], chains: Mapping[str, Chain], joints: Mapping[str, int]
     ):
         row = {entry.name: index for index, entry in enumerate(entries)}
-        levels: dict[tuple[int, str], list[_Step]] = {}
+        levels: dict[tuple[int, str], list[_JointRows]] = {}
         for chain in chains.values():
             if len(chain) == 1:
                 continue
@@ -132,7 +132,9 @@ class Between:
                 axis = frames.rotate(frames.conjugate(turns[place]), _vector(model.jnt_axis[joint]))
                 child, parent = row[chain[place][0]], row[chain[place - 1][0]]
                 at, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-                levels.setdefault((level, kind), []).append(_Step(kind, child, parent, steps[place], axis, at, dof))
+                levels.setdefault((level, kind), []).append(
+                    _JointRows(kind, child, parent, steps[place], axis, at, dof)
+                )
         self._levels = [_Level(kind, steps) for (_, kind), steps in sorted(levels.items())]
 
     def add(
@@ -150,7 +152,7 @@ class Between:
 class _Level:
     """Joints of one kind whose bodies' states are known."""
 
-    def __init__(self, kind: str, steps: Sequence[_Step]):
+    def __init__(self, kind: str, steps: Sequence[_JointRows]):
         self._kind = kind
         self._child = np.array([step.child for step in steps], dtype=np.intp)
         self._parent = np.array([step.parent for step in steps], dtype=np.intp)

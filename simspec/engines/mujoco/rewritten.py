@@ -21,7 +21,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.contact import NATIVE_FRICTION
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.expectation import Expectation
+from simspec.engines.mujoco.expectation import MujocoExpectation
 from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.readback import read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
@@ -213,7 +213,7 @@ class RewrittenSimulation(MujocoSimulation, abstract=True):
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         return expected_inventory(
-            Expectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS, cls.NAME)
+            MujocoExpectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS, cls.NAME)
         )
 
     def log(self) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.mujoco.sidecar import COULOMB, NATIVE
-from simspec.engines.kit.settings import COARSE, SHARE, ByPair, Group, Setting, of_thinnest
+from simspec.engines.kit.settings import COARSE, SHARE, ByPair, Setting, SettingGroup, of_thinnest
 
 _RIGID = ByPair(("common",))
 _SLIDING = ByPair(("common",), ("elliptic",), friction=True)
@@ -18,7 +18,7 @@ SETTINGS: Mapping[str, Setting] = {
         "The constraint solver. newton solves MuJoCo's convex problem to round-off in a few iterations; cg and "
         "pgs approach it. pgs for free balls without friction, for which it is faster at equal accuracy.",
         ("newton", "cg", "pgs"),
-        group=Group.SOLVER,
+        group=SettingGroup.SOLVER,
         frictionless="pgs",
         frictionless_unless=("friction", "coulomb"),
     ),
@@ -26,7 +26,7 @@ SETTINGS: Mapping[str, Setting] = {
         100,
         "Maximum number of solver iterations in a step; Newton needs far fewer. MuJoCo's default.",
         minimum=1,
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=1000,
     ),
     "ls_iterations": Setting(
@@ -34,7 +34,7 @@ SETTINGS: Mapping[str, Setting] = {
         "Maximum number of line search iterations. MuJoCo's default.",
         minimum=1,
         needs=("solver", ("newton", "cg")),
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=500,
     ),
     "tolerance": Setting(
@@ -44,7 +44,7 @@ SETTINGS: Mapping[str, Setting] = {
         "with pgs (see docs/engines/mujoco.md).",
         minimum=0.0,
         maximum=1.0,
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=1e-14,
         frictionless=1e-10,
         kinematic=1e-14,
@@ -56,7 +56,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=1.0,
         needs=("solver", ("newton", "cg")),
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=1e-4,
     ),
     "friction": Setting(
@@ -67,14 +67,14 @@ SETTINGS: Mapping[str, Setting] = {
         "solver, at additional cost; a run counts the steps that do not converge (docs/records/contact.md). "
         "friction_rate, friction_share and friction_cushion apply to native only.",
         (NATIVE, COULOMB),
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "impratio": Setting(
         1000.0,
         "Stiffness of friction relative to the normal direction, which friction_cushion makes soft. Creep "
         "below the friction limit decreases with it.",
         minimum=1e-6,
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "high_impratio": Setting(
         1e7,
@@ -83,13 +83,13 @@ SETTINGS: Mapping[str, Setting] = {
         "moments impratio is raised to 0.01 (μ/c)² (0.5 ms/dt)²; higher values let piled and squeezed bodies "
         "slip (see docs/engines/mujoco.md).",
         minimum=1e-6,
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "noslip_iterations": Setting(
         0,
         "Sweeps after the solver that remove slow slip. 0: none, since they leave the solver's optimum.",
         minimum=0,
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "multiccd": Setting(
         True,
@@ -97,7 +97,7 @@ SETTINGS: Mapping[str, Setting] = {
             "Compute several contact points between shapes that meet in a face (the default of MuJoCo 4, off in "
             "MuJoCo 3)."
         ),
-        group=Group.GEOMETRY,
+        group=SettingGroup.GEOMETRY,
     ),
     "ccd_tolerance": Setting(
         1e-6,
@@ -106,10 +106,10 @@ SETTINGS: Mapping[str, Setting] = {
         "(see docs/engines/mujoco.md).",
         minimum=1e-12,
         at_most=of_thinnest(SHARE),
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=1e-8,
     ),
-    "warmstart": Setting(True, "Begin each solve at the solution of the last step.", group=Group.ACCURACY),
+    "warmstart": Setting(True, "Begin each solve at the solution of the last step.", group=SettingGroup.ACCURACY),
     "island": Setting(
         False,
         (
@@ -117,7 +117,7 @@ SETTINGS: Mapping[str, Setting] = {
             "versions of MuJoCo."
         ),
         needs=("sleeping", (False,)),
-        group=Group.SOLVER,
+        group=SettingGroup.SOLVER,
     ),
     "arena": Setting(
         0,
@@ -128,13 +128,13 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0,
         maximum=2**20,
         only_with="arena",
-        group=Group.BOUNDS,
+        group=SettingGroup.BOUNDS,
     ),
     "sleeping": Setting(
         False,
         "Exclude free rigid bodies at rest from the simulation until a contact wakes them (MuJoCo 4; enables island).",
         only_with="sleeping",
-        group=Group.SLEEPING,
+        group=SettingGroup.SLEEPING,
     ),
     "sleep_tolerance": Setting(
         1e-5,
@@ -143,7 +143,7 @@ SETTINGS: Mapping[str, Setting] = {
         maximum=0.01,
         only_with="sleeping",
         needs=("sleeping", (True,)),
-        group=Group.SLEEPING,
+        group=SettingGroup.SLEEPING,
     ),
     "contact_error_reduction": Setting(
         0.01,
@@ -151,7 +151,7 @@ SETTINGS: Mapping[str, Setting] = {
         "values separate overlapping bodies at β times overlap over timestep.",
         minimum=0.0,
         maximum=1.0,
-        group=Group.ERROR_REDUCTION,
+        group=SettingGroup.ERROR_REDUCTION,
         by_pair=_RIGID,
     ),
     "contact_impedance": Setting(
@@ -160,7 +160,7 @@ SETTINGS: Mapping[str, Setting] = {
         "rest, and solve worse.",
         minimum=1e-4,
         maximum=0.9999,
-        group=Group.SOFTNESS,
+        group=SettingGroup.SOFTNESS,
         finer=0.9999,
         by_pair=_RIGID,
     ),
@@ -171,7 +171,7 @@ SETTINGS: Mapping[str, Setting] = {
         "docs/engines/mujoco.md).",
         minimum=1e-3,
         needs=("friction", (NATIVE,)),
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
         by_pair=_SLIDING,
     ),
     "friction_share": Setting(
@@ -182,7 +182,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=1e-3,
         maximum=1.0,
         needs=("friction", (NATIVE,)),
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
         by_pair=_SLIDING_ON_SPRINGS_TOO,
     ),
     "friction_cushion": Setting(
@@ -195,7 +195,7 @@ SETTINGS: Mapping[str, Setting] = {
         at_most=of_thinnest(COARSE),
         depth=True,
         needs=("friction", (NATIVE,)),
-        group=Group.SOFTNESS,
+        group=SettingGroup.SOFTNESS,
         finer=0.0,
         by_pair=_CUSHIONED,
     ),
@@ -204,7 +204,7 @@ SETTINGS: Mapping[str, Setting] = {
         "Maximum number of explicit pairs of shapes with friction, which alone have a friction_rate. Beyond "
         "the limit simspec writes no pair, and sliding bodies hop.",
         minimum=0,
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "limit_error_reduction": Setting(
         0.01,
@@ -214,16 +214,21 @@ SETTINGS: Mapping[str, Setting] = {
         ),
         minimum=0.0,
         maximum=1.0,
-        group=Group.JOINTS,
+        group=SettingGroup.JOINTS,
     ),
     "limit_impedance": Setting(
-        0.999, "As contact_impedance, for joint limits.", minimum=1e-4, maximum=0.9999, group=Group.JOINTS, finer=0.9999
+        0.999,
+        "As contact_impedance, for joint limits.",
+        minimum=1e-4,
+        maximum=0.9999,
+        group=SettingGroup.JOINTS,
+        finer=0.9999,
     ),
     "dry_friction_impedance": Setting(
         0.9999,
         "As contact_impedance, for dry friction in joints, whose creep decreases with it.",
         minimum=1e-4,
         maximum=0.9999,
-        group=Group.JOINTS,
+        group=SettingGroup.JOINTS,
     ),
 }

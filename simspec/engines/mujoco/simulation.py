@@ -19,7 +19,7 @@ from simspec.dialects.mujoco.sidecar import COULOMB, FLAGS, KEYFRAME, NATIVE, Mu
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import Recovery
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.mujoco.joints import Between, Drive, JointArrays
+from simspec.engines.mujoco.joints import Between, MujocoDrive, MujocoJointArrays
 from simspec.engines.mujoco.readback import JOINT_KINDS, frame_sites, read_back
 from simspec.engines.mujoco.stepping import Coulomb, Equalities
 from simspec.errors import EngineError, not_importable
@@ -285,13 +285,13 @@ class MujocoSimulation(Engine, abstract=True):
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         self._pushed = True  # efforts given there must not remain for steps without effort
-        return JointArrays(self.data, self._advance, self._q[q], self._v[v])
+        return MujocoJointArrays(self.data, self._advance, self._q[q], self._v[v])
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
         self.model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        return Drive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
+        return MujocoDrive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
 
     def energy(self) -> tuple[float, float]:
         mujoco, probe = self._mujoco, self._at_state(velocities=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit import hulls
 from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
-from simspec.engines.kit.compiled import Compiled, Needs
+from simspec.engines.kit.compiled import NativeBinary, Needs
 from simspec.engines.kit.hulls import check_solid
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
@@ -34,7 +34,7 @@ PACKAGE = "ode >= 0.16"
 FOLDER = Path(__file__).parent / "shim"
 SOURCES = ("world.c", "motion.c", "contact.c", "passes.c", "step.c")
 HEADERS = ("simspec_ode.h",)
-PART = Compiled(
+PART = NativeBinary(
     NAME,
     "ode-shim",
     (*(FOLDER / name for name in SOURCES), *hulls.SOURCES),
@@ -168,7 +168,7 @@ ODE: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
 """The queries of ODE itself."""
 
 
-class Library:
+class OdeLibrary:
     """ODE's functions and those of the part in C, as attributes."""
 
     def __init__(self, shim: ctypes.CDLL):
@@ -183,10 +183,10 @@ class Library:
 
 
 @functools.cache
-def library() -> Library:
+def library() -> OdeLibrary:
     """ODE, started. Raises CompileError, an EngineError, where it, or a compiler, is not there, and EngineError
     where it has single precision."""
-    found = Library(PART.load())
+    found = OdeLibrary(PART.load())
     if SINGLE in found.dGetConfiguration().decode():
         raise EngineError(NAME, "has single precision here, and simspec needs one that was built with double precision")
     found.sim_start()
@@ -218,10 +218,10 @@ SIZES = 3
 Settings = Mapping[str, Any]
 
 
-class Built:
+class OdeBuild:
     """``sim``: the world of the part in C, with the bodies and shapes of ``walk``, in their order."""
 
-    def __init__(self, library: Library, walk: Walk, sidecar: LawSidecar):
+    def __init__(self, library: OdeLibrary, walk: Walk, sidecar: LawSidecar):
         refuse(walk, NAME, cones=CONES, shapes=SHAPES, servos=False, moving_planes=False)
         document, settings = walk.document, sidecar.settings
         self.library, self.walk = library, walk

@@ -17,7 +17,7 @@ from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.refinements import leans, static_planes
-from simspec.engines.kit.settings import Group, Setting, of_mobility
+from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import building
 from simspec.engines.ode.approximations import (
@@ -33,7 +33,7 @@ from simspec.engines.ode.approximations import (
 )
 from simspec.engines.ode.inventory import expected, inventory, neutral
 from simspec.engines.ode.readback import read_back
-from simspec.engines.ode.simulation import Simulation
+from simspec.engines.ode.simulation import OdeSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
     Attempt,
@@ -93,7 +93,7 @@ def _light_links(world: World) -> Refinement | None:
     return None
 
 
-class Ode(WorldEngine[Simulation]):
+class Ode(WorldEngine[OdeSimulation]):
     """ODE's worlds, by dWorldStep or dWorldQuickStep."""
 
     NAME: ClassVar[str] = "ode"
@@ -160,14 +160,14 @@ class Ode(WorldEngine[Simulation]):
             "in passes, with bounds from the normal forces of the last pass. quick-step: dWorldQuickStep, an "
             "iterative solver, with pyramids in one pass (see docs/engines/ode.md).",
             ("step", "quick-step"),
-            group=Group.SOLVER,
+            group=SettingGroup.SOLVER,
         ),
         "iterations": Setting(
             100,
             "Number of iterations of quick-step in a step. Fewer lose energy in piles (see docs/engines/ode.md).",
             minimum=1,
             needs=("solver", ("quick-step",)),
-            group=Group.ACCURACY,
+            group=SettingGroup.ACCURACY,
             finer=2000,
         ),
         SWITCH: Setting(
@@ -177,7 +177,7 @@ class Ode(WorldEngine[Simulation]):
             "accept the joints by name; L6 reports the deviation from the exact motion, and certificates are not "
             "valid.",
             only_with=SWITCH,
-            group=Group.ROTATION,
+            group=SettingGroup.ROTATION,
         ),
         "softness": Setting(
             1e-10,
@@ -186,7 +186,7 @@ class Ode(WorldEngine[Simulation]):
             "points (see docs/engines/ode.md).",
             minimum=0.0,
             at_most=of_mobility,
-            group=Group.SOFTNESS,
+            group=SettingGroup.SOFTNESS,
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
@@ -194,7 +194,7 @@ class Ode(WorldEngine[Simulation]):
         "collision_group": "simspec's callback selects the pairs that may touch: ODE has no groups"
     }
 
-    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
+    PARTS: ClassVar[Parts[OdeSimulation]] = Parts(OdeSimulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.inventory import (
     NEUTRAL,
-    Carrier,
+    FilterCarrier,
     Items,
     below,
     excluded_carriers,
@@ -21,7 +21,7 @@ from simspec.engines.kit.inventory import (
 )
 from simspec.engines.ode.building import ERROR_REDUCTION, SOLVERS
 from simspec.engines.ode.readback import queried, read_laws
-from simspec.engines.ode.simulation import Simulation
+from simspec.engines.ode.simulation import OdeSimulation
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
@@ -44,7 +44,7 @@ Settings = Mapping[str, bool | int | float | str]
 class OdeObject(NamedTuple):
     """One of ODE's objects, of the body at ``row``."""
 
-    sim: Simulation
+    sim: OdeSimulation
     row: int
     handle: Any
 
@@ -53,7 +53,7 @@ class OdeObject(NamedTuple):
         return getattr(self.sim.library, function)(self.handle, *arguments)
 
 
-class ExpectedBody(NamedTuple):
+class OdeExpectedBody(NamedTuple):
     """A body of the world, ODE's number of its joints, and whether it moves by ODE's steps alone."""
 
     body: Body
@@ -76,7 +76,7 @@ WORLD = Items[tuple[Any, Any], Settings].named(
 )
 """Of ODE's library and one of its worlds, as ``world.NAME``, by the ends of the names of ODE's functions."""
 
-SIMULATION = Items[Simulation, tuple[World, Settings]](
+SIMULATION = Items[OdeSimulation, tuple[World, Settings]](
     {
         "solver": (lambda sim: SOLVERS[sim.library.sim_quick(sim.sim)], lambda of: of[1]["solver"]),
         "laid before every step": (lambda sim: not sim.library.sim_native(sim.sim), lambda of: not _native(of[1])),
@@ -99,7 +99,7 @@ LABELS = Items[tuple[Any, bool], tuple[Body, bool]](
 )
 """Of a body of the document, or of the world, and whether ODE has a body for it."""
 
-BODY = Items[OdeObject, ExpectedBody].named(
+BODY = Items[OdeObject, OdeExpectedBody].named(
     lambda body, name: finite(body.get(f"dBodyGet{name}")),
     {
         "FiniteRotationMode": lambda of: float(not of.native),
@@ -108,7 +108,7 @@ BODY = Items[OdeObject, ExpectedBody].named(
         "MaxAngularSpeed": 1e308,
         "NumJoints": lambda of: float(of.joints),
     },
-) | Items[OdeObject, ExpectedBody](
+) | Items[OdeObject, OdeExpectedBody](
     {
         # ODE returns the bit of a flag
         "GyroscopicMode": (lambda body: float(bool(body.get("dBodyGetGyroscopicMode"))), lambda of: float(of.native)),
@@ -141,11 +141,11 @@ SHAPE = Items[OdeObject, Body](
 )
 
 
-def _body_at(sim: Simulation, row: int) -> Any:
+def _body_at(sim: OdeSimulation, row: int) -> Any:
     return sim.library.sim_body_of(sim.sim, row)
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: OdeSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     lib = sim.library
     found = WORLD.read((lib, lib.sim_world(sim.sim)), "world") | sidecar_labels(sim.sidecar) | SIMULATION.read(sim)
@@ -167,7 +167,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     return found | excluded_carriers(names, lambda index, other: bool(lib.sim_excluded(sim.sim, index, other)))
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: OdeSimulation) -> dict[str, EngineValue]:
     """The values of an empty world."""
     world = sim.library.dWorldCreate()
     try:
@@ -176,7 +176,7 @@ def neutral(sim: Simulation) -> dict[str, EngineValue]:
         sim.library.dWorldDestroy(world)
 
 
-def _fits(sim: Simulation, row: int, joint: Any) -> bool:
+def _fits(sim: OdeSimulation, row: int, joint: Any) -> bool:
     """Whether ODE's joint has the axis and position of the coordinates by which bodies are laid."""
     lib, hinge = sim.library, sim.document.bodies[row].joint.kind == "hinge"
     axis = queried(lib.dJointGetHingeAxis if hinge else lib.dJointGetSliderAxis, joint, 3)
@@ -206,13 +206,13 @@ def expected(
         at, stored = f"body.{body.name}", movers[body.name] == body.name
         found |= LABELS.expect((body, stored), at)
         if stored:
-            found |= BODY.expect(ExpectedBody(body, joints[body.name], native), at)
+            found |= BODY.expect(OdeExpectedBody(body, joints[body.name], native), at)
             for name, kind in _rows(body).items():
                 found |= JOINT.expect(kind, f"{at}.{name}")
             if body.joint.kind in MOTOR_TYPES:
                 found[f"{at}.joint.fits"] = True
         for shape in solid_shapes(body):
-            carriers.append(Carrier(f"{shape.name}.0", body.name, shape.material, 0))
+            carriers.append(FilterCarrier(f"{shape.name}.0", body.name, shape.material, 0))
             found |= SHAPE.expect(body, f"shape.{shape.name}")
     used = {carrier.material for carrier in carriers}
     for pair in meeting_laws(world):

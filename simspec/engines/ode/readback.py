@@ -19,7 +19,7 @@ from simspec.engines.kit.hulls import vertices_of
 from simspec.engines.kit.readback import inertial_of, range_of, vector
 from simspec.engines.kit.world_simulation import free_joint, pose_of_row, visual_shape
 from simspec.engines.ode.building import CONES, Mass, Numbers, numbers
-from simspec.engines.ode.simulation import Simulation, quaternions
+from simspec.engines.ode.simulation import OdeSimulation, quaternions
 from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
@@ -39,7 +39,7 @@ def queried(function: Any, of: Any, count: int) -> list[float]:
     return list(values[:count])
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: OdeSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as ODE stores it, and its present state."""
     lib = sim.library
     q, v = sim.get_state()
@@ -77,13 +77,13 @@ class BodyValues(NamedTuple):
     upper: float
 
     @classmethod
-    def of(cls, sim: Simulation, row: int) -> BodyValues:
+    def of(cls, sim: OdeSimulation, row: int) -> BodyValues:
         n = queried(lambda of, values: sim.library.sim_body_values(of, row, values), sim.sim, BODY_VALUES)
         (turn,) = quaternions(np.array(n[3:12]).reshape(1, 3, 3)).tolist()
         return cls(Pose(tuple(n[:3]), tuple(turn)), vector(n[12:15]), tuple(n[15:18]), *n[18:])  # type: ignore[arg-type]
 
 
-def _inertial(sim: Simulation, row: int, centre: Vector3) -> Inertial:
+def _inertial(sim: OdeSimulation, row: int, centre: Vector3) -> Inertial:
     """The mass properties of a body; the document's of static ones, for which ODE has no body."""
     body = sim.library.sim_body_of(sim.sim, row)
     if not body:
@@ -125,7 +125,7 @@ def _joint(body: JsonBody, values: BodyValues, position: list[float], velocity: 
     )
 
 
-def _shape(sim: Simulation, row: int, number: int, shape: JsonShape) -> Shape:
+def _shape(sim: OdeSimulation, row: int, number: int, shape: JsonShape) -> Shape:
     """A collision shape as ODE stores it, with the visual part of the file."""
     geom = sim.library.sim_geom(sim.sim, number)
     kind = "mesh" if sim.library.hull_is(geom) else CLASSES[sim.library.dGeomGetClass(geom)]
@@ -171,7 +171,7 @@ def _turn_to(normal: Vector3) -> Quaternion:
     return frames.normalise((1.0 + z, -y, x, 0.0))
 
 
-def read_laws(sim: Simulation) -> Iterator[tuple[str, str, list[float]]]:
+def read_laws(sim: OdeSimulation) -> Iterator[tuple[str, str, list[float]]]:
     """The laws of materials that touch: friction, restitution, threshold, rolling, torsional, soft_erp, soft_cfm, touches."""
     for first, second in itertools.combinations_with_replacement(enumerate(sim.built.materials), 2):
         law = queried(lambda of, v: sim.library.sim_law_values(of, first[0], second[0], v), sim.sim, LAW)  # noqa: B023

@@ -14,20 +14,20 @@ from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs, unit_responses
-from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
+from simspec.engines.ode.building import NAME, Integers, OdeBuild, library, pointer
 from simspec.errors import EngineError
 from simspec.formats.world import initial_coordinates
 from simspec.world.rotations import unit
 
 
-class Simulation(WorldSimulation[LawSidecar]):
+class OdeSimulation(WorldSimulation[LawSidecar]):
     """A loaded world. Coordinates are those of the part in C, and of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         super().__init__(NAME, LawSidecar, folder, sidecar)
         self.library = library()
         try:
-            self.built = Built(self.library, Walk.of(self.document), self.typed)
+            self.built = OdeBuild(self.library, Walk.of(self.document), self.typed)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
         self.sim = self.built.sim

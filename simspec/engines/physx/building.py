@@ -15,7 +15,7 @@ import numpy as np
 
 from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import checked_singles
-from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
+from simspec.engines.kit.building import PlacedBody, ShapeUnit, Walk, refuse
 from simspec.errors import EngineError
 from simspec.formats.world import FreeJoint, JsonBody
 from simspec.world import frames
@@ -153,7 +153,7 @@ def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
     return checked_singles(NAME, (SCALE * value for value in values), name)
 
 
-class Built:
+class PhysxBuild:
     """``entities`` and ``actors``: those that represent each body of ``walk``, or the body that it is a part of;
     ``shapes``: those of each unit."""
 
@@ -245,7 +245,7 @@ class Built:
         actor.inertia = checked_singles(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
         actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
 
-    def _shape(self, unit: Unit) -> Any:
+    def _shape(self, unit: ShapeUnit) -> Any:
         shape, copy, physx = unit.of.shape, unit.copy, self.physx
         size = lengths(shape.size, f"size of {shape.name}")
         # PhysX would replace such numbers, with a message on the error output alone
@@ -352,7 +352,7 @@ NUMBERS = 13
 """Single-precision numbers of each packed body: quaternion, position, velocity, angular velocity (measured, not documented)."""
 
 
-class Packed:
+class PackedActors:
     """The states of ``actors``, all dynamic actors of a system, in one call of ``PhysxCpuSystem.pack``: of 216 bodies in
     14 µs, not 1.2 ms. Raises EngineError where the system has other actors, or packs other values than theirs."""
 

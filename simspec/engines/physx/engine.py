@@ -14,12 +14,12 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.refinements import no_friction, static_or_massless, static_planes
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, COUPLED, DEVIATIONS, MESHES, boxes, meshes
 from simspec.engines.physx.building import exclusions, imported, kinds
 from simspec.engines.physx.readback import expected, inventory, neutral, read_back
-from simspec.engines.physx.simulation import Simulation
+from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
     Refinement,
@@ -67,7 +67,7 @@ def _bits_do(world: World) -> Refinement | None:
     return None
 
 
-class PhysX(WorldEngine[Simulation]):
+class PhysX(WorldEngine[PhysxSimulation]):
     """PhysX's rigid actors, by its PGS solver."""
 
     NAME: ClassVar[str] = "physx"
@@ -137,7 +137,7 @@ class PhysX(WorldEngine[Simulation]):
             "step, so that stacks move by the remaining error (see docs/engines/physx.md).",
             minimum=1,
             maximum=255,
-            group=Group.ACCURACY,
+            group=SettingGroup.ACCURACY,
             finer=255,
         )
     }
@@ -155,7 +155,7 @@ class PhysX(WorldEngine[Simulation]):
         "static.inertial": "PhysX's static actors have no mass",
     }
 
-    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
+    PARTS: ClassVar[Parts[PhysxSimulation]] = Parts(PhysxSimulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:

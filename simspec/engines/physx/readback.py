@@ -14,11 +14,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.building import Unit
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_separate, named_set, sidecar_labels
+from simspec.engines.kit.building import ShapeUnit
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    FilterCarrier,
+    Items,
+    below,
+    expected_separate,
+    named_set,
+    sidecar_labels,
+)
 from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.physx.building import AXES, NAME, SCALE, inertia_of, pose_of, touches
-from simspec.engines.physx.simulation import Simulation
+from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
@@ -31,9 +39,9 @@ KINDS = {"Sphere": "sphere", "Box": "box", "Capsule": "capsule", "Plane": "plane
 """SAPIEN's names of types of shapes."""
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: PhysxSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as PhysX stores it, and its present state."""
-    copies: dict[tuple[int, int], list[Unit]] = {}
+    copies: dict[tuple[int, int], list[ShapeUnit]] = {}
     for unit in sim.walk.units:
         copies.setdefault((unit.of.owner.row, unit.of.place), []).append(unit)
     bodies = []
@@ -47,7 +55,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return sim.model(bodies, (x, y, z), float(sim.built.system.timestep), unreadable)
 
 
-def inertial(sim: Simulation, row: int) -> Inertial:
+def inertial(sim: PhysxSimulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of a static body or a part of another."""
     if sim.walk.bodies[row].carrier != row:
         return NO_INERTIA
@@ -56,7 +64,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     return Inertial(actor.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
 
 
-def _shape(sim: Simulation, units: Sequence[Unit]) -> Shape:
+def _shape(sim: PhysxSimulation, units: Sequence[ShapeUnit]) -> Shape:
     """A collision shape as PhysX stores its copies, with the visual part of the file."""
     solid, copies = units[0].of, [sim.built.shapes[unit.number] for unit in units]
     forms = [(kind_of(copy), size_of(copy), pose_of(copy.local_pose)) for copy in copies]
@@ -147,7 +155,7 @@ BODY = Items[Any, Settings].named(
 """Values of a dynamic actor; the bound of the speed that takes back overlaps changes in every step."""
 
 
-class Copy(NamedTuple):
+class PhysxShapeCopy(NamedTuple):
     """A copy of a collision shape with the numbers of its layer."""
 
     body: Body
@@ -157,21 +165,21 @@ class Copy(NamedTuple):
 
 
 SHAPE = (
-    Items[Any, Copy].named(getattr, {"density": NEUTRAL})
-    | Items[Any, Copy].named(
+    Items[Any, PhysxShapeCopy].named(getattr, {"density": NEUTRAL})
+    | Items[Any, PhysxShapeCopy].named(
         lambda shape, name: getattr(shape, name) / SCALE,
         {"contact_offset": 3.75e-6, **dict.fromkeys(("rest_offset", "patch_radius", "min_patch_radius"), NEUTRAL)},
     )
-    | Items[Any, Copy].named(
+    | Items[Any, PhysxShapeCopy].named(
         # the read-back has the dynamic friction
         lambda shape, name: getattr(shape.physical_material, name),
         {"static_friction": lambda copy: copy.friction, "restitution": lambda copy: copy.restitution},
     )
-    | Items[Any, Copy]({"kind": (kind_of, lambda copy: copy.shape.kind)})
+    | Items[Any, PhysxShapeCopy]({"kind": (kind_of, lambda copy: copy.shape.kind)})
 )
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: PhysxSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     system = sim.built.system
     found = {**sidecar_labels(sim.sidecar), **SCENE.read(system.config, "scene"), **_counts(COUNTS.read(system))}
@@ -191,7 +199,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     return found | _filter(sim, units)
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: PhysxSimulation) -> dict[str, EngineValue]:
     """The values of a bare actor and a bare shape."""
     physx = sim.built.physx
     shape = physx.PhysxCollisionShapeSphere(1.0, physx.PhysxMaterial(0.0, 0.0, 0.0))
@@ -202,7 +210,7 @@ def _counts(counts: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     return {f"count.{name}": value for name, value in zip(("dynamic", "static", "links"), counts.values(), strict=True)}
 
 
-def _filter(sim: Simulation, names: list[str]) -> dict[str, EngineValue]:
+def _filter(sim: PhysxSimulation, names: list[str]) -> dict[str, EngineValue]:
     """For every unit the others that it does not touch, itself excluded: by SAPIEN's rule from the words that PhysX
     stores. PhysX computes no contacts of one actor, or of two static ones."""
     words = [shape.get_collision_groups() for shape in sim.built.shapes]
@@ -229,16 +237,16 @@ def expected(
     """The values that follow from ``world`` under its ``settings``; ``neutral`` are PhysX's defaults."""
     found = SCENE.expect(world, "scene") | _counts(COUNTS.expect(world))
     groups = rigid_groups(world)
-    carriers: list[Carrier] = []
+    carriers: list[FilterCarrier] = []
     units_of: dict[str, list[str]] = {}
     for body in world.bodies:
         owner = body.name if groups[body.name] == "world" else groups[body.name]
         for shape in solid_shapes(body):
             for layer in plan.layers(shape.material):
                 name, numbers = f"{shape.name}.{layer}", plan.numbers[shape.material, layer]
-                carriers.append(Carrier(name, body.name, shape.material, layer))
+                carriers.append(FilterCarrier(name, body.name, shape.material, layer))
                 units_of.setdefault(owner, []).append(name)
-                copy = Copy(body, shape, numbers.friction or 0.0, numbers.restitution or 0.0)
+                copy = PhysxShapeCopy(body, shape, numbers.friction or 0.0, numbers.restitution or 0.0)
                 found |= SHAPE.expect(copy, f"unit.{name}", below("shape", neutral)) | {f"unit.{name}.of": body.name}
     for body in world.bodies:
         at, free = f"body.{body.name}", body.joint.kind == "free"

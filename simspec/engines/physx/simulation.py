@@ -22,8 +22,8 @@ from simspec.engines.physx.building import (
     LEAST,
     NAME,
     SCALE,
-    Built,
-    Packed,
+    PackedActors,
+    PhysxBuild,
     inertia_of,
     mass_matrices,
     pose_of,
@@ -40,7 +40,7 @@ ERROR_REDUCTION = 0.01
 
 
 @dataclass(frozen=True)
-class Depths:
+class PhysxDepths:
     """Overlaps of pairs of bodies. ``rows`` (n, 2), sorted, of those that move, −1 of what cannot; ``depth`` (n,) in m, above
     zero: the deepest of each pair."""
 
@@ -48,7 +48,7 @@ class Depths:
     depth: np.ndarray
 
 
-class Recovery:
+class PhysxRecovery:
     """How fast each of ``count`` bodies may be pushed out of what it overlaps in the next step, by the common law.
 
     By the law an overlap d is (1 − β) d after the step. A deeper overlap is left over by PhysX's sweeps: it begins
@@ -62,12 +62,12 @@ class Recovery:
         self.speeds = np.full(count, LEAST)
         """m/s, of each body."""
 
-    def begin(self, found: Depths) -> None:
+    def begin(self, found: PhysxDepths) -> None:
         """Go by overlaps of the present state: all of them are as the law has them."""
         self._pairs, self._owed = self._keys(found.rows), found.depth
         self._set(found.rows, ERROR_REDUCTION * found.depth)
 
-    def go_on(self, found: Depths) -> None:
+    def go_on(self, found: PhysxDepths) -> None:
         """Go by the overlaps ``found`` where the last step began."""
         keys = self._keys(found.rows)
         owed, known = found.depth.copy(), np.zeros(len(keys), dtype=bool)
@@ -93,7 +93,7 @@ class Recovery:
         self.speeds = np.maximum(LEAST, speeds[: self._count] / self._timestep)
 
 
-def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
+def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> PhysxDepths:
     """The overlaps among contacts; ``rows``: of the actors that move."""
     # most of a step's time after PhysX's: each call of SAPIEN costs 0.1 to 0.8 µs
     ends: list[int] = []
@@ -111,9 +111,9 @@ def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))
     pairs, separations = pairs[order], np.array(least, dtype=float)[order]
     if len(pairs) < 2:
-        return Depths(pairs, -separations / SCALE)
+        return PhysxDepths(pairs, -separations / SCALE)
     begins = np.flatnonzero(np.append(True, (pairs[1:] != pairs[:-1]).any(axis=1)))
-    return Depths(pairs[begins], -np.minimum.reduceat(separations, begins) / SCALE)
+    return PhysxDepths(pairs[begins], -np.minimum.reduceat(separations, begins) / SCALE)
 
 
 def pressed(contacts: Sequence[Any], rows: Mapping[Any, int], requested: Collection[int]) -> set[int]:
@@ -219,12 +219,12 @@ friction turns balls at 3e-4."""
 NO_FORCE = np.zeros(3)
 
 
-class Simulation(FreeBodySimulation[PhysxSidecar]):
+class PhysxSimulation(FreeBodySimulation[PhysxSidecar]):
     """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         super().__init__(NAME, PhysxSidecar, folder, sidecar)
-        self._probes: Built | None = None
+        self._probes: PhysxBuild | None = None
         self._contact = True
         try:
             self._take(self._build())
@@ -234,25 +234,25 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         self.tensors = np.array([inertia_of(actor) for actor in self.bodies]).reshape(-1, 3, 3)
         self.move_to(*map(np.array, initial_coordinates(self.document)))
 
-    def _build(self) -> Built:
+    def _build(self) -> PhysxBuild:
         """A new scene."""
-        built = Built(self.walk, self.typed)
+        built = PhysxBuild(self.walk, self.typed)
         if not self._contact:
             self._part(built)
         return built
 
-    def _take(self, built: Built) -> None:
+    def _take(self, built: PhysxBuild) -> None:
         """Step this scene from now on."""
         self.built = built
         self.timestep = float(built.system.timestep)
         self.bodies = self._actors(built)
         self.entities = [built.entities[row] for row in self.free]
         self.rows = {actor: index for index, actor in enumerate(self.bodies)}
-        self._packed = Packed(built.system, self.bodies)
+        self._packed = PackedActors(built.system, self.bodies)
         self._unit_of = {shape: index for index, shape in enumerate(built.shapes)}
         self._fastest = np.full(len(self.free), LEAST)
         """m/s: how fast PhysX may push each body out of what it overlaps."""
-        self._recovery = Recovery(len(self.free), self.timestep)
+        self._recovery = PhysxRecovery(len(self.free), self.timestep)
         self._begun = False
         """Whether a state was set since the last step."""
         self._found: list[Any] = []
@@ -363,16 +363,16 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
 
     # --- contact ----------------------------------------------------------------------------------------------
 
-    def _overlaps(self) -> Depths:
+    def _overlaps(self) -> PhysxDepths:
         """The overlaps of the present state, which the scene itself would tell after its next step."""
         probe = self._probe()
         return depths(probe.system.get_contacts(), {actor: row for row, actor in enumerate(self._actors(probe))})
 
-    def _actors(self, built: Built) -> list[Any]:
+    def _actors(self, built: PhysxBuild) -> list[Any]:
         """Those that move."""
         return [built.actors[row] for row in self.free]
 
-    def _probe(self) -> Built:
+    def _probe(self) -> PhysxBuild:
         """A second scene in the present state, of which PhysX has found the contacts."""
         if self._probes is None:
             self._probes = self._build()
@@ -411,7 +411,7 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         self._part(self.built)
         self._probes = None
 
-    def _part(self, built: Built) -> None:
+    def _part(self, built: PhysxBuild) -> None:
         for shape in built.shapes:
             shape.set_collision_groups([0, 0, 0, 0])
 

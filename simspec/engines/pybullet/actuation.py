@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from simspec.dialects.kit.joints import Armature, Spring
+from simspec.dialects.kit.joints import Armature, JointSpring
 from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import UNCLAMPED, Tree, turn_of
+from simspec.engines.pybullet.simulation import PybulletSimulation
+from simspec.engines.pybullet.trees import UNCLAMPED, PybulletTree, turn_of
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.actions import JointSum
@@ -35,7 +35,7 @@ def no_dry_friction(world: World) -> Refinement | None:
     )
 
 
-def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[int, list[int], np.ndarray]]:
+def _driven(sim: PybulletSimulation, v: np.ndarray) -> Iterator[tuple[int, list[int], np.ndarray]]:
     """Of each tree its number, its links on the hinges and slides at the places ``v`` (n,), and where these stand in ``v``."""
     order = {int(place): index for index, place in enumerate(v)}
     for tree in sim.trees:
@@ -44,10 +44,10 @@ def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[int, list[int], np
             yield tree.uid, [link.link for link in links], np.array([order[link.v.start] for link in links], dtype=int)
 
 
-class JointArrays(Actuation):
+class PybulletJointArrays(Actuation):
     """One call for each tree to read, and one to drive. For simulations without springs and armature, which need more."""
 
-    def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
+    def __init__(self, engine: Engine, sim: PybulletSimulation, q: np.ndarray, v: np.ndarray):
         super().__init__(engine, q, v)
         self._sim = sim
         self._trees = []
@@ -76,10 +76,12 @@ class JointArrays(Actuation):
         self._sim.advance(1)
 
 
-class JointServos:
+class PybulletJointServos:
     """Some hinges and slides with PyBullet's own position controller."""
 
-    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+    def __init__(
+        self, sim: PybulletSimulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ):
         self._sim = sim
         gain = motor_rate(stiffness, damping, sim.sidecar.timestep) * sim.sidecar.timestep
         limit = np.minimum(motor_limit(stiffness, damping, limit), UNCLAMPED)
@@ -105,7 +107,7 @@ class JointServos:
 # positions, and efforts from outside.
 
 
-class Efforts:
+class PybulletEfforts:
     """Springs and armature of one loaded simulation, what acts along sums, and how efforts reach its joints.
 
     Springs are explicit: −k (q − rest), for a ball −k log R in the child's axes, from the state before the step; so are
@@ -115,7 +117,11 @@ class Efforts:
     """
 
     def __init__(
-        self, sim: Simulation, springs: Sequence[Spring], armature: Sequence[Armature], sums: Sequence[JointSum] = ()
+        self,
+        sim: PybulletSimulation,
+        springs: Sequence[JointSpring],
+        armature: Sequence[Armature],
+        sums: Sequence[JointSum] = (),
     ):
         self._sim = sim
         self.armature = np.zeros(sim.nv)
@@ -133,7 +139,7 @@ class Efforts:
         }
         self.sums = tuple(sums)
         self._along = [(sum_, [(*joints[joint], weight) for joint, weight in sum_.joints]) for sum_ in sums]
-        armed: dict[int, Tree] = {}
+        armed: dict[int, PybulletTree] = {}
         for entry in armature:
             tree, link = links[sim.place[entry.body]]
             self.armature[link.v] = entry.armature
@@ -157,7 +163,7 @@ class Efforts:
         """Whether there is something to apply before every step even without an effort from outside."""
         return bool(self._springs or self._armed or self._along)
 
-    def _dynamics_places(self, tree: Tree) -> tuple[list[int], np.ndarray, np.ndarray, tuple[float, ...]]:
+    def _dynamics_places(self, tree: PybulletTree) -> tuple[list[int], np.ndarray, np.ndarray, tuple[float, ...]]:
         """Of a tree with armature: its joints, their places in v, their damping, and gravity in the base's inertial axes."""
         joints = [link.link for link in tree.movers]
         places = np.array([link.v.start for link in tree.movers], dtype=int)
@@ -250,12 +256,12 @@ PROBE_STEP = 1.0
 """Seconds: the velocity gained in one step is then the acceleration, with no digits lost."""
 
 
-class Probe:
+class DynamicsProbe:
     """A simulation in which nothing but the tree dynamics acts."""
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: PybulletSimulation):
         self._sim = sim
-        self._efforts = Efforts(sim, (), ())
+        self._efforts = PybulletEfforts(sim, (), ())
         self._known: tuple[np.ndarray, list[np.ndarray]] | None = None
         p = sim.bullet
         sim.disable_contact()

@@ -19,7 +19,7 @@ from simspec.world.rotations import to_xyzw_of
 from simspec.world.types import Connect, Constraint, Follow, Pose, Quaternion, Vector3, Weld, World
 
 if TYPE_CHECKING:
-    from simspec.engines.pybullet.simulation import Simulation
+    from simspec.engines.pybullet.simulation import PybulletSimulation
 
 
 STRONG = 1e9
@@ -88,7 +88,7 @@ def in_same_tree(world: World) -> Refinement | None:
 
 
 def hold(
-    sim: Simulation, constraints: Sequence[Constraint], anchors: Mapping[str, Vector3] = MappingProxyType({})
+    sim: PybulletSimulation, constraints: Sequence[Constraint], anchors: Mapping[str, Vector3] = MappingProxyType({})
 ) -> tuple[StoredConstraint, ...]:
     """Create the constraints in PyBullet; :func:`read_constraints` reads them back. ``anchors``: by the name of a weld the
     point at which it acts (``world/constraints.py``), by default the origin of the second body's frame."""
@@ -115,7 +115,7 @@ def hold(
     return tuple(actual)
 
 
-def _joints(sim: Simulation) -> dict[str, tuple[int, int]]:
+def _joints(sim: PybulletSimulation) -> dict[str, tuple[int, int]]:
     """(tree, link) of every joint, by its name."""
     return {
         name: (tree.uid, link.link)
@@ -124,7 +124,7 @@ def _joints(sim: Simulation) -> dict[str, tuple[int, int]]:
     }
 
 
-def _joined(sim: Simulation, constraint: Connect | Weld, anchor: Vector3) -> int:
+def _joined(sim: PybulletSimulation, constraint: Connect | Weld, anchor: Vector3) -> int:
     p = sim.bullet
     links = {link.index: (tree.uid, link.link) for tree in sim.trees for link in tree.links}
     first, second = (sim.place[name] for name in (constraint.first, constraint.second))
@@ -151,7 +151,7 @@ def _joined(sim: Simulation, constraint: Connect | Weld, anchor: Vector3) -> int
     return number
 
 
-def inertial_frame(sim: Simulation, index: int) -> Pose:
+def inertial_frame(sim: PybulletSimulation, index: int) -> Pose:
     """Where PyBullet has the inertial frame of a body, in the world's frame of it."""
     offset: Vector3 = tuple(sim.offsets[index].tolist())
     centre: Vector3 = tuple(sim.centre[index].tolist())
@@ -159,7 +159,7 @@ def inertial_frame(sim: Simulation, index: int) -> Pose:
     return Pose(frames.add(offset, centre), turn)
 
 
-def read_constraints(sim: Simulation) -> tuple[Constraint, ...]:
+def read_constraints(sim: PybulletSimulation) -> tuple[Constraint, ...]:
     """The constraints as PyBullet gives them back."""
     p = sim.bullet
     joint_of = {place: name for name, place in _joints(sim).items()}

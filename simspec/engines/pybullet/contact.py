@@ -12,7 +12,7 @@ from pathlib import Path
 
 from simspec.engines.kit.deviations import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import coupled
-from simspec.engines.kit.settings import COARSE, SHARE, Group, Setting, of_thinnest
+from simspec.engines.kit.settings import COARSE, SHARE, Setting, SettingGroup, of_thinnest
 from simspec.support import classes
 from simspec.support.declarations import Level, Refinement, Table
 from simspec.support.features import Feature
@@ -221,7 +221,7 @@ SETTINGS: Mapping[str, Setting] = {
         "friction limit (see docs/engines/pybullet.md); without friction 50 suffice. The default is 2000 in worlds "
         "with closed loops (connect, weld), or with several coupled joints of bodies that move together.",
         minimum=1,
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=2000,
         frictionless=50,
     ),
@@ -232,7 +232,7 @@ SETTINGS: Mapping[str, Setting] = {
         "docs/engines/pybullet.md).",
         minimum=0.0,
         maximum=1e-3,
-        group=Group.ACCURACY,
+        group=SettingGroup.ACCURACY,
         finer=0.0,
         frictionless=1e-7,
     ),
@@ -241,7 +241,7 @@ SETTINGS: Mapping[str, Setting] = {
         "Fraction of the overlap of two bodies that each step removes; 0.01 is the common law of the core engines.",
         minimum=0.0,
         maximum=1.0,
-        group=Group.ERROR_REDUCTION,
+        group=SettingGroup.ERROR_REDUCTION,
     ),
     "friction_erp": Setting(
         0.0,
@@ -250,7 +250,7 @@ SETTINGS: Mapping[str, Setting] = {
         "common law. It removes the slow slip of carried bodies (see docs/engines/pybullet.md).",
         minimum=0.0,
         maximum=1.0,
-        group=Group.FRICTION,
+        group=SettingGroup.FRICTION,
     ),
     "joint_erp": Setting(
         0.01,
@@ -258,7 +258,7 @@ SETTINGS: Mapping[str, Setting] = {
         "that a stop rebounds by the same fraction; PyBullet's default of 0.2 would give 20 %.",
         minimum=0.0,
         maximum=1.0,
-        group=Group.JOINTS,
+        group=SettingGroup.JOINTS,
     ),
     "contact_slop": Setting(
         0.0,
@@ -266,7 +266,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         at_most=of_thinnest(SHARE),
         depth=True,
-        group=Group.ERROR_REDUCTION,
+        group=SettingGroup.ERROR_REDUCTION,
     ),
     "contact_processing_threshold": Setting(
         0.0,
@@ -275,7 +275,7 @@ SETTINGS: Mapping[str, Setting] = {
         "of other links have the right restitution nevertheless.",
         minimum=0.0,
         maximum=1e30,  # PyBullet's own: no bound
-        group=Group.GEOMETRY,
+        group=SettingGroup.GEOMETRY,
     ),
     "contact_breaking_threshold": Setting(
         0.02,
@@ -285,7 +285,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=1.0,
         frictionless=0.002,
-        group=Group.GEOMETRY,
+        group=SettingGroup.GEOMETRY,
     ),
     "collision_margin": Setting(
         0.0,
@@ -294,19 +294,19 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         at_most=of_thinnest(COARSE),
         depth=True,
-        group=Group.GEOMETRY,
+        group=SettingGroup.GEOMETRY,
     ),
     "sleeping": Setting(
         False,
         "Exclude free rigid bodies at rest (below 1 mm/s for PyBullet's 2 s) from the simulation until a moving body "
         "touches them.",
         only_with="sleeping",
-        group=Group.SLEEPING,
+        group=SettingGroup.SLEEPING,
     ),
     "deterministic_pairs": Setting(
         True,
         "Sort the pairs of bodies before the solver, so that a run does not depend on earlier runs of the same "
         "process.",
-        group=Group.ORDER,
+        group=SettingGroup.ORDER,
     ),
 }

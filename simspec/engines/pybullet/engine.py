@@ -28,12 +28,19 @@ from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import BeforeSteps
-from simspec.engines.kit.foreign import Addition, Reads
+from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import armature_felt, only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
-from simspec.engines.pybullet.actuation import NATIVE, Efforts, JointArrays, JointServos, Probe, no_dry_friction
+from simspec.engines.pybullet.actuation import (
+    NATIVE,
+    DynamicsProbe,
+    PybulletEfforts,
+    PybulletJointArrays,
+    PybulletJointServos,
+    no_dry_friction,
+)
 from simspec.engines.pybullet.constraints import in_same_tree, loops_supported
 from simspec.engines.pybullet.contact import (
     CONE,
@@ -47,7 +54,7 @@ from simspec.engines.pybullet.contact import (
     only_balls_and_boxes_are_soft,
     rows_act_on_each_other,
 )
-from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_ADDITIONS, Foreign
+from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_ADDITIONS, PybulletForeignFile
 from simspec.engines.pybullet.geometry import (
     DULL,
     KEPT,
@@ -61,7 +68,7 @@ from simspec.engines.pybullet.geometry import (
 from simspec.engines.pybullet.geometry import HOW as GROUND
 from simspec.engines.pybullet.inventory import expected, inventory, neutral
 from simspec.engines.pybullet.readback import read_back
-from simspec.engines.pybullet.simulation import Simulation, import_pybullet
+from simspec.engines.pybullet.simulation import PybulletSimulation, import_pybullet
 from simspec.engines.pybullet.trees import SHAPE_KINDS
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -107,7 +114,7 @@ def _ground_supported(world: World) -> Refinement | None:
     return ground_supported(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
 
 
-class PyBullet(SimulatedEngine[Simulation]):
+class PyBullet(SimulatedEngine[PybulletSimulation]):
     """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
 
     NAME: ClassVar[str] = "pybullet"
@@ -120,7 +127,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     HULL_PRECISION: ClassVar[float] = KEPT
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
-    FOREIGN_ADDITIONS: ClassVar[Mapping[str, Addition]] = FOREIGN_ADDITIONS
+    FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("PyBullet"),
@@ -241,9 +248,9 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._efforts: Efforts | None = None
+        self._efforts: PybulletEfforts | None = None
         self._before: BeforeSteps | None = None
-        self._probe: tuple[Simulation, Probe] | None = None
+        self._probe: tuple[PybulletSimulation, DynamicsProbe] | None = None
         self._source: tuple[Path, PybulletSidecar] | None = None
 
     @property
@@ -252,7 +259,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         return self._simulation.client
 
     @property
-    def _outside(self) -> Efforts:
+    def _outside(self) -> PybulletEfforts:
         if self._efforts is None:
             raise RuntimeError("load first")
         return self._efforts
@@ -268,8 +275,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         except ValueError as error:
             raise EngineError("pybullet", str(error)) from error
         self._source = (folder, typed)
-        self._sim = Simulation(folder, typed, self._anchors(folder, typed))
-        self._efforts = Efforts(self._sim, typed.springs, typed.armature, typed.sums or ())
+        self._sim = PybulletSimulation(folder, typed, self._anchors(folder, typed))
+        self._efforts = PybulletEfforts(self._sim, typed.springs, typed.armature, typed.sums or ())
         self._sim.set_state(*self._sim.initial_state)
         before = BeforeSteps(self, typed.passive)
         self._before = before if before.needed else None
@@ -279,9 +286,9 @@ class PyBullet(SimulatedEngine[Simulation]):
         """Where welds are best held, by what PyBullet holds of the bodies when it is loaded without them."""
         if not any(constraint.kind == "weld" for constraint in sidecar.constraints or ()):
             return {}
-        bare = Simulation(folder, dataclasses.replace(sidecar, constraints=None))
+        bare = PybulletSimulation(folder, dataclasses.replace(sidecar, constraints=None))
         try:
-            model = read_back(bare, Efforts(bare, sidecar.springs, sidecar.armature))
+            model = read_back(bare, PybulletEfforts(bare, sidecar.springs, sidecar.armature))
         finally:
             bare.close()
         return anchors(World("", model.bodies, constraints=sidecar.constraints or ()))
@@ -309,14 +316,14 @@ class PyBullet(SimulatedEngine[Simulation]):
         bias = self._probing().bias_force(q, v)
         return bias if self._before is None else self._before.bias_force(bias)
 
-    def _probing(self) -> Probe:
+    def _probing(self) -> DynamicsProbe:
         """A second simulation of the same files in which nothing but the tree dynamics acts."""
         if self._probe is None:
             if self._source is None:
                 raise RuntimeError("load first")
             folder, sidecar = self._source
-            sim = Simulation(folder, dataclasses.replace(sidecar, constraints=None))
-            self._probe = (sim, Probe(sim))
+            sim = PybulletSimulation(folder, dataclasses.replace(sidecar, constraints=None))
+            self._probe = (sim, DynamicsProbe(sim))
         return self._probe[1]
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
@@ -331,12 +338,12 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         quick = not self._outside.needed and self._before is None
-        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+        return PybulletJointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
-        return JointServos(self._simulation, v, stiffness, damping, limit)
+        return PybulletJointServos(self._simulation, v, stiffness, damping, limit)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation
@@ -382,7 +389,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         self._efforts = self._probe = self._before = None
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-        foreign = Foreign(import_pybullet(), log)
+        foreign = PybulletForeignFile(import_pybullet(), log)
         try:
             return foreign.load(file, language)
         finally:

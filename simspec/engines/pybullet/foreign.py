@@ -16,8 +16,8 @@ import numpy as np
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
-    Addition,
     Effect,
+    EngineAddition,
     EngineLink,
     Reads,
     bodies_of_links,
@@ -108,20 +108,22 @@ FOREIGN: Final[Mapping[str, Reads]] = {
     "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF),
 }
 LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
-FOREIGN_ADDITIONS: Final[Mapping[str, Addition]] = {
-    "gravity_set": Addition(None, "default", "there is no gravity before setGravity"),
-    "timestep": Addition(None, "default", "1/240 s, by default"),
-    "linear_damping": Addition(
+FOREIGN_ADDITIONS: Final[Mapping[str, EngineAddition]] = {
+    "gravity_set": EngineAddition(None, "default", "there is no gravity before setGravity"),
+    "timestep": EngineAddition(None, "default", "1/240 s, by default"),
+    "linear_damping": EngineAddition(
         0.0,
         "physics",
         "share of its speed that what moves loses each second; set linearDamping and angularDamping to 0",
     ),
-    "joints_held_by_motors": Addition(
+    "joints_held_by_motors": EngineAddition(
         0, "physics", "hinges and slides start with a motor that holds them; give VELOCITY_CONTROL with force 0"
     ),
-    "velocity_clamp": Addition(None, "physics", "no joint moves faster (rad/s, m/s); set maxJointVelocity"),
-    "self_collision": Addition(True, "physics", "links of one body touch each other only with URDF_USE_SELF_COLLISION"),
-    "collision_margin": Addition(
+    "velocity_clamp": EngineAddition(None, "physics", "no joint moves faster (rad/s, m/s); set maxJointVelocity"),
+    "self_collision": EngineAddition(
+        True, "physics", "links of one body touch each other only with URDF_USE_SELF_COLLISION"
+    ),
+    "collision_margin": EngineAddition(
         0.0, "physics", "largest margin (m) that is added around a shape; set collisionMargin to 0"
     ),
 }
@@ -140,7 +142,7 @@ TRIED: Final = 1e-3
 """That small speed (rad/s, m/s): centrifugal forces, and a part of the damping, grow with its square."""
 
 
-class Foreign:
+class PybulletForeignFile:
     """A client with a file loaded."""
 
     def __init__(self, bullet: Any, log: list[str]):

@@ -20,7 +20,7 @@ from simspec.dialects.pybullet.contact import faces_meet
 from simspec.dialects.pybullet.sidecar import frames_alongside
 from simspec.engines.kit.inventory import (
     NEUTRAL,
-    Carrier,
+    FilterCarrier,
     Items,
     below,
     expected_separate,
@@ -29,8 +29,8 @@ from simspec.engines.kit.inventory import (
     sidecar_labels,
 )
 from simspec.engines.pybullet.bullet_file import COLLIDER, Margins, colliders, dump, plain, world_values
-from simspec.engines.pybullet.simulation import Simulation, import_pybullet
-from simspec.engines.pybullet.trees import Client, Tree, joint_pose, link_names, pose_at
+from simspec.engines.pybullet.simulation import PybulletSimulation, import_pybullet
+from simspec.engines.pybullet.trees import Client, PybulletTree, joint_pose, link_names, pose_at
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -170,7 +170,7 @@ MOTORS: Mapping[str, Mapping[str, EngineValue]] = {
 """The motor of a ball is off; the force of others is their dry friction."""
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: PybulletSimulation) -> dict[str, EngineValue]:
     """The stored values by name; links by the world's names (:func:`link_names`)."""
     p, sidecar = sim.bullet, sim.sidecar
     names = link_names(sim)
@@ -222,7 +222,7 @@ def _parameters(bullet: Any) -> dict[str, EngineValue]:
     return {f"parameter.{key}": value for key, value in parameters.items() if key not in PARAMETERS}
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: PybulletSimulation) -> dict[str, EngineValue]:
     """PyBullet's defaults: of its world, and of the colliders, the surface and the joint of a model without attributes."""
     module = import_pybullet()
     p = Client(module, module.connect(module.DIRECT))
@@ -242,7 +242,7 @@ def neutral(sim: Simulation) -> dict[str, EngineValue]:
         p.disconnect()
 
 
-def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
+def _links(sim: PybulletSimulation, tree: PybulletTree, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
     """The values of every link by getDynamicsInfo and getJointInfo besides the fields of the read-back."""
     p = sim.bullet
     kinds = {link.link: link.kind for link in tree.links}
@@ -273,7 +273,7 @@ def _rounded(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(0.0 if abs(value) <= 1e-12 else value for value in values)
 
 
-def _calls(sim: Simulation, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
+def _calls(sim: PybulletSimulation, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
     """The calls made while loading, under the function's name; pairs that do not touch are left to :func:`_excluded`, masks and
     gravity to the dump and the read-back."""
     found: dict[str, EngineValue] = {}
@@ -302,7 +302,7 @@ def _value(value: Any) -> EngineValue:
     return tuple(value) if isinstance(value, (list, tuple)) else value
 
 
-def _disabled(sim: Simulation, names: Mapping[tuple[int, int], str]) -> set[tuple[str, str]]:
+def _disabled(sim: PybulletSimulation, names: Mapping[tuple[int, int], str]) -> set[tuple[str, str]]:
     """The pairs of links that are excluded from contact, in both orders."""
     found: dict[tuple[str, str], bool] = {}
     for function, positional, _ in sim.calls:
@@ -363,7 +363,7 @@ def expected(
         for link in links:
             found |= _link(link, lumped_inertial(world, link.body), settings, neutral)
             if link.part is not None:
-                solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
+                solid.append(FilterCarrier(link.name, link.body.name, link.part.material, link.part.layer))
                 static = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.primary]
                 found |= _collider(Collider(link, static, settings), neutral)
         if base != root:

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.pybullet.contact import LINK_MARGIN
-from simspec.dialects.pybullet.sidecar import Instance
-from simspec.engines.pybullet.actuation import Efforts
+from simspec.dialects.pybullet.sidecar import PybulletInstance
+from simspec.engines.pybullet.actuation import PybulletEfforts
 from simspec.engines.pybullet.bullet_file import colliders, dump
 from simspec.engines.pybullet.constraints import read_constraints
 from simspec.engines.pybullet.geometry import Alike, Hulls, StoredMesh
-from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.simulation import PybulletSimulation
 from simspec.engines.pybullet.trees import (
     JOINT_KINDS,
     SHAPE_KINDS,
     Link,
-    Tree,
+    PybulletTree,
     joint_fields,
     joint_pose,
     pose_at,
@@ -57,7 +57,7 @@ SAME_SHAPE = 1e-9
 printed from one, so that only round-off (1e-15) can stand between them."""
 
 
-def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
+def read_back(sim: PybulletSimulation, efforts: PybulletEfforts) -> ReadBack:
     """The model and its present state as PyBullet holds them."""
     q, v = sim.get_state()
     hulls = _stored_hulls(sim)
@@ -113,13 +113,18 @@ def _free_state(joint: Joint, inertial: Pose) -> Joint:
     )
 
 
-def _base_pose(sim: Simulation, tree: Tree, inertial: Pose) -> Pose:
+def _base_pose(sim: PybulletSimulation, tree: PybulletTree, inertial: Pose) -> Pose:
     place = pose_at(sim.bullet.getBasePositionAndOrientation(tree.uid), 0)
     return frames.compose(place, frames.inverse(inertial))
 
 
 def _joint(
-    sim: Simulation, tree: Tree, link: Link, inertials: dict[int, Pose], by_link: dict[int, Link], efforts: Efforts
+    sim: PybulletSimulation,
+    tree: PybulletTree,
+    link: Link,
+    inertials: dict[int, Pose],
+    by_link: dict[int, Link],
+    efforts: PybulletEfforts,
 ) -> Joint:
     if link.link < 0:
         if tree.root == "free":
@@ -143,7 +148,7 @@ def _joint(
     )
 
 
-def _stored_hulls(sim: Simulation) -> StoredHulls:
+def _stored_hulls(sim: PybulletSimulation) -> StoredHulls:
     """The hulls that PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order."""
     shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _link_shapes(sim, tree, link))
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
@@ -155,17 +160,22 @@ def _stored_hulls(sim: Simulation) -> StoredHulls:
     )
 
 
-def _links(sim: Simulation, tree: Tree) -> range:
+def _links(sim: PybulletSimulation, tree: PybulletTree) -> range:
     return range(-1, sim.bullet.getNumJoints(tree.uid))
 
 
-def _link_shapes(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
+def _link_shapes(sim: PybulletSimulation, tree: PybulletTree, link: int) -> Sequence[Any]:
     shapes: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link)
     return shapes
 
 
 def _body_shapes(
-    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape], hulls: StoredHulls
+    sim: PybulletSimulation,
+    tree: PybulletTree,
+    instance: PybulletInstance,
+    position: int,
+    visuals: list[Shape],
+    hulls: StoredHulls,
 ) -> tuple[Shape, ...]:
     """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
     every copy, in the order of layers."""
@@ -198,7 +208,7 @@ def _body_shapes(
     return _named(tuple(shapes), names, visual_only)
 
 
-def _solid(sim: Simulation, tree: Tree, link: int, hulls: StoredHulls) -> list[Shape]:
+def _solid(sim: PybulletSimulation, tree: PybulletTree, link: int, hulls: StoredHulls) -> list[Shape]:
     """The collision shapes of one link, without names, with the link's surface."""
     p = sim.bullet
     info = p.getDynamicsInfo(tree.uid, link)
@@ -224,7 +234,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: StoredHulls) -> list[S
     return found
 
 
-def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
+def _hardness(sim: PybulletSimulation, stiffness: float, damping: float) -> Hardness:
     """The combination of two links of this kind: springs in series, dampers in sum."""
     if stiffness > 0.0:
         return Hardness("stiffness", stiffness=stiffness / 2.0, damping=2.0 * damping)
@@ -298,7 +308,7 @@ def _kind(number: int) -> str:
     return SHAPE_KINDS[number]
 
 
-def _visual_shapes(sim: Simulation, tree: Tree, alike: Alike) -> dict[int, list[Shape]]:
+def _visual_shapes(sim: PybulletSimulation, tree: PybulletTree, alike: Alike) -> dict[int, list[Shape]]:
     found: dict[int, list[Shape]] = {}
     for entry in sim.bullet.getVisualShapeData(tree.uid):
         kind = _kind(entry[2])
@@ -315,7 +325,7 @@ def _visual_shapes(sim: Simulation, tree: Tree, alike: Alike) -> dict[int, list[
     return found
 
 
-def _seen_mesh(sim: Simulation, entry: Any) -> tuple[str, tuple[float, ...]]:
+def _seen_mesh(sim: PybulletSimulation, entry: Any) -> tuple[str, tuple[float, ...]]:
     """The kind of a mesh, and the vertices in the file that PyBullet names, as it scales them: of visual shapes it reports
     nothing else."""
     try:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
+from simspec.dialects.pybullet.sidecar import PybulletCollisionFilter, PybulletSidecar
 from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.constraints import WHOLE, hold
 from simspec.engines.pybullet.geometry import uses_faces, with_stl
-from simspec.engines.pybullet.trees import Called, Client, Frames, Loader, Sleepers, carriers, rub, turn_of
+from simspec.engines.pybullet.trees import Called, Client, Loader, PybulletFrames, Sleepers, carriers, rub, turn_of
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
@@ -33,7 +33,7 @@ def import_pybullet() -> Any:
     return pybullet
 
 
-class Simulation:
+class PybulletSimulation:
     """A PyBullet client holding the artifacts of ``folder``; ``anchors``: where it holds welds (``holding.py``)."""
 
     def __init__(self, folder: Path, sidecar: PybulletSidecar, anchors: Mapping[str, Vector3] = MappingProxyType({})):
@@ -93,7 +93,7 @@ class Simulation:
             carried = zip(tree.copies, instance.copies, strict=True)
             self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
-        self.frames = Frames(sidecar.frames or (), self.place)
+        self.frames = PybulletFrames(sidecar.frames or (), self.place)
         self.stored_constraints = hold(self, sidecar.constraints or (), self._anchors)
         self._set_cone(sidecar)
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
@@ -186,7 +186,7 @@ class Simulation:
 
     # --- collision filter --------------------------------------------------------------------------------------
 
-    def _set_filter(self, content: CollisionFilter) -> None:
+    def _set_filter(self, content: PybulletCollisionFilter) -> None:
         where: dict[str, tuple[int, int]] = {}
         for tree, instance in zip(self.trees, self.sidecar.instances, strict=True):
             where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)

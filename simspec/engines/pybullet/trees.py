@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.sidecar import Frame, Instance
+from simspec.dialects.pybullet.sidecar import FixedFrame, PybulletInstance
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.world import frames
@@ -85,7 +85,7 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Tree:
+class PybulletTree:
     """One PyBullet body: its unique id and its links in the order of the file."""
 
     uid: int
@@ -120,7 +120,7 @@ class Loader:
         self.place = {name: index for index, name in enumerate(names)}
         self._file_links: dict[str, list[str]] = {}
 
-    def load(self, instance: Instance) -> Tree:
+    def load(self, instance: PybulletInstance) -> PybulletTree:
         """One tree. Raises EngineError where PyBullet refuses the file or holds another tree than the sidecar says."""
         p, path = self.bullet, self.folder / instance.file
         if not path.is_file():
@@ -155,11 +155,11 @@ class Loader:
         movers = tuple(link for link in links if link.kind in TREE_JOINTS)
         first = len(instance.bodies) - 1 + extra
         copies = tuple((first + k, self.place[copy.body]) for k, copy in enumerate(instance.copies))
-        tree = Tree(uid, instance.root, tuple(links), movers, copies)
+        tree = PybulletTree(uid, instance.root, tuple(links), movers, copies)
         self._quieten(tree)
         return tree
 
-    def _check_links(self, uid: int, extra: int, instance: Instance) -> None:
+    def _check_links(self, uid: int, extra: int, instance: PybulletInstance) -> None:
         """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
         p = self.bullet
         actual = [p.getBodyInfo(uid)[0].decode()]
@@ -182,7 +182,7 @@ class Loader:
             kind = self.kinds[self.place[name]]
             raise EngineError("pybullet", f"holds the joint of {name!r} as {joint_kind}, the sidecar says {kind}")
 
-    def _quieten(self, tree: Tree) -> None:
+    def _quieten(self, tree: PybulletTree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
         p = self.bullet
         anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
@@ -212,7 +212,7 @@ class Loader:
                 rub(p, tree, link, p.getJointInfo(tree.uid, link.link)[7])
 
 
-def rub(bullet: Any, tree: Tree, link: Link, friction: float) -> None:
+def rub(bullet: Any, tree: PybulletTree, link: Link, friction: float) -> None:
     """Give a hinge or slide dry friction: a velocity motor with target 0 and ``friction`` as its largest force."""
     bullet.setJointMotorControl2(tree.uid, link.link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction)
 
@@ -220,7 +220,7 @@ def rub(bullet: Any, tree: Tree, link: Link, friction: float) -> None:
 # Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``).
 
 
-def solid_on_link(instance: Instance, position: int) -> list[str]:
+def solid_on_link(instance: PybulletInstance, position: int) -> list[str]:
     """The names of the collision shapes on the own link of a tree's body: all of its first solid shape's material. Links of
     their own carry the other materials, and further copies of the first."""
     seen = set(instance.visual_only[position])
@@ -231,7 +231,9 @@ def solid_on_link(instance: Instance, position: int) -> list[str]:
     return [name for name in solid if (name in again if again is not None else name not in elsewhere)]
 
 
-def carriers(trees: Iterable[Any], instances: Iterable[Instance]) -> dict[tuple[int, int], tuple[int, tuple[str, ...]]]:
+def carriers(
+    trees: Iterable[Any], instances: Iterable[PybulletInstance]
+) -> dict[tuple[int, int], tuple[int, tuple[str, ...]]]:
     """Of every link (tree's uid, link) that stands for a body or carries its shapes: the body's index and those shapes' names.
 
     ``trees`` are ``pybullet_simulation.Tree``s, in the order of the sidecar's ``instances``.
@@ -263,10 +265,10 @@ def link_names(sim: Any) -> dict[tuple[int, int], str]:
 Array = np.ndarray
 
 
-class Frames:
+class PybulletFrames:
     """Frames on bodies that PyBullet has, each by its pose in the frame of that body; ``index``: of all bodies in the world."""
 
-    def __init__(self, given: Sequence[Frame], index: Mapping[str, int]):
+    def __init__(self, given: Sequence[FixedFrame], index: Mapping[str, int]):
         self._frames = tuple(given)
         on: dict[str, tuple[str, Pose]] = {}
         for frame in self._frames:

@@ -151,7 +151,7 @@ class Laws:
                 )
 
 
-class Built:
+class RapierBuild:
     """``world``: Rapier's. ``bodies``: the handle of the rigid body of each body of the document; ``colliders``: the handle of
     the collider of each shape of ``walk``."""
 

@@ -12,7 +12,7 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.refinements import only_balls_slide, static_or_massless, static_planes
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (
     COUPLED,
@@ -25,7 +25,7 @@ from simspec.engines.rapier.approximations import (
     hull_support,
 )
 from simspec.engines.rapier.readback import expected, inventory, neutral, read_back
-from simspec.engines.rapier.simulation import Simulation
+from simspec.engines.rapier.simulation import RapierSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
@@ -42,7 +42,7 @@ _BOUNCE = (
 )
 
 
-class Rapier(WorldEngine[Simulation]):
+class Rapier(WorldEngine[RapierSimulation]):
     """Rapier's rigid bodies, by its pipeline with one iteration a step and many sweeps in it."""
 
     NAME: ClassVar[str] = "rapier"
@@ -106,7 +106,7 @@ class Rapier(WorldEngine[Simulation]):
             "Number of sweeps over all contacts in a step (num_internal_pgs_iterations). Fewer add energy in piles "
             "(see docs/engines/rapier.md).",
             minimum=1,
-            group=Group.ACCURACY,
+            group=SettingGroup.ACCURACY,
             finer=1000,
         )
     }
@@ -119,7 +119,7 @@ class Rapier(WorldEngine[Simulation]):
         "collision_group": "Rapier filters pairs by a hook, and has no named groups"
     }
 
-    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
+    PARTS: ClassVar[Parts[RapierSimulation]] = Parts(RapierSimulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:

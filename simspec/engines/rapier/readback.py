@@ -12,10 +12,18 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_separate, named_set, sidecar_labels
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    FilterCarrier,
+    Items,
+    below,
+    expected_separate,
+    named_set,
+    sidecar_labels,
+)
 from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.rapier.building import AXES, SCALE
-from simspec.engines.rapier.simulation import Simulation, inertia_of, pose_of
+from simspec.engines.rapier.simulation import RapierSimulation, inertia_of, pose_of
 from simspec.world import frames
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.inertia import NO_INERTIA
@@ -33,7 +41,7 @@ KINDS = {
 """Rapier's names of types of shapes."""
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+def read_back(sim: RapierSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as Rapier stores it, and its present state."""
     solid = {(shape.owner.row, shape.place): shape.number for shape in sim.walk.shapes}
     bodies = [
@@ -54,7 +62,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return sim.model(bodies, (x, y, z), timestep, unreadable, laws=laws(sim))
 
 
-def inertial(sim: Simulation, row: int) -> Inertial:
+def inertial(sim: RapierSimulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of a part of another body."""
     if sim.walk.bodies[row].carrier not in (-1, row):
         return NO_INERTIA
@@ -67,7 +75,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     return Inertial(mass.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
 
 
-def _shape(sim: Simulation, number: int) -> Shape:
+def _shape(sim: RapierSimulation, number: int) -> Shape:
     """A collision shape as Rapier stores it, with the visual part of the file."""
     solid, collider = sim.walk.shapes[number], sim.world.colliders[sim.built.colliders[number]]
     kind, pose = kind_of(collider), pose_of(collider.position_wrt_parent)
@@ -101,7 +109,7 @@ def size_of(collider: Any, kind: str) -> tuple[float, ...]:
     return ()
 
 
-def laws(sim: Simulation) -> tuple[PairContact, ...]:
+def laws(sim: RapierSimulation) -> tuple[PairContact, ...]:
     """The table of laws; the numbers of a uniform law are the means of those of the colliders, as Rapier combines them."""
     hook = sim.built.laws
     found = {pair: row for pair, row in hook.table.items() if pair[0] <= pair[1]}
@@ -208,7 +216,7 @@ DYNAMIC: Mapping[str, EngineValue] = {"gyroscopic_forces_enabled": False, "allow
 """Values of bodies that move, in place of Rapier's defaults."""
 
 
-class Solid(NamedTuple):
+class RapierSolid(NamedTuple):
     """A collision shape of the world: its number, its body, the law of all pairs where there is only one, and whether Rapier
     queries the hook for the others that it touches."""
 
@@ -219,7 +227,7 @@ class Solid(NamedTuple):
     filtered: bool
 
 
-def _hooks(solid: Solid) -> str:
+def _hooks(solid: RapierSolid) -> str:
     return f"ActiveHooks(bits=0b{(0 if solid.law else 0b100) | (0b1 if solid.filtered else 0):08b})"
 
 
@@ -229,7 +237,7 @@ def _groups(collider: Any, name: str) -> str:
 
 
 COLLIDER = (
-    Items[Any, Solid].named(
+    Items[Any, RapierSolid].named(
         getattr,
         {
             **dict.fromkeys(("is_sensor", "is_enabled", "contact_skin", "contact_force_event_threshold"), NEUTRAL),
@@ -239,7 +247,7 @@ COLLIDER = (
             "restitution": lambda solid: solid.law.restitution if solid.law else 0.0,
         },
     )
-    | Items[Any, Solid].named(
+    | Items[Any, RapierSolid].named(
         lambda collider, name: word(getattr(collider, name)),
         {
             **dict.fromkeys(("friction_combine_rule", "restitution_combine_rule", "active_events"), NEUTRAL),
@@ -247,8 +255,8 @@ COLLIDER = (
             "active_hooks": _hooks,
         },
     )
-    | Items[Any, Solid].named(_groups, dict.fromkeys(("collision_groups", "solver_groups"), NEUTRAL))
-    | Items[Any, Solid]({"kind": (kind_of, lambda solid: solid.shape.kind)})
+    | Items[Any, RapierSolid].named(_groups, dict.fromkeys(("collision_groups", "solver_groups"), NEUTRAL))
+    | Items[Any, RapierSolid]({"kind": (kind_of, lambda solid: solid.shape.kind)})
 )
 
 
@@ -257,7 +265,7 @@ def _world(world: Any) -> dict[str, EngineValue]:
     return parameters | COUNTS.read(world, "count") | {"threads": world.num_threads}
 
 
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
+def inventory(sim: RapierSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     found: dict[str, EngineValue] = {**sidecar_labels(sim.sidecar), **_world(sim.world)}
     solids = dict(zip(sim.built.colliders, sim.walk.shapes, strict=True))
@@ -284,7 +292,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     return found
 
 
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
+def neutral(sim: RapierSimulation) -> dict[str, EngineValue]:
     """The values of an empty world, of a bare body of each type and of a bare collider."""
     rapier = sim.rapier
     world = rapier.PhysicsWorld()
@@ -302,7 +310,7 @@ def expected(
     found = PARAMETERS.expect(Parameters(world, settings), "parameters", defaults)
     found |= COUNTS.expect(world, "count") | {"threads": 1}
     groups, law = rigid_groups(world), _only_law(world)
-    carriers: list[Carrier] = []
+    carriers: list[FilterCarrier] = []
     shapes_of: dict[str, list[str]] = {}
     for body in world.bodies:
         owner = body.name if groups[body.name] == "world" else groups[body.name]
@@ -322,8 +330,8 @@ def expected(
         elif _separate(world, body):
             found |= {f"{at}.{name}": value for name, value in DYNAMIC.items()}
         for shape in solid_shapes(body):
-            solid = Solid(len(carriers), body, shape, law, _filtered(world, body, shape.material))
-            carriers.append(Carrier(f"{shape.name}.0", body.name, shape.material, 0))
+            solid = RapierSolid(len(carriers), body, shape, law, _filtered(world, body, shape.material))
+            carriers.append(FilterCarrier(f"{shape.name}.0", body.name, shape.material, 0))
             found |= COLLIDER.expect(solid, f"shape.{shape.name}", below("collider", neutral))
             found[f"shape.{shape.name}.of"] = body.name
     return found | expected_separate(world, plan, carriers)

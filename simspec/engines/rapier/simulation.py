@@ -18,7 +18,7 @@ import numpy as np
 from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_singles, empty_contacts
 from simspec.engines.kit.world_simulation import FreeBodySimulation
-from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
+from simspec.engines.rapier.building import NAME, SCALE, SQUARE, RapierBuild
 from simspec.errors import EngineError
 from simspec.formats.world import initial_coordinates
 from simspec.world import frames
@@ -95,7 +95,7 @@ LONG = 1.0
 """The step (s) that measures mass matrix and bias force: the change of a velocity in 1 ms has few digits."""
 
 
-class Simulation(FreeBodySimulation[LawSidecar]):
+class RapierSimulation(FreeBodySimulation[LawSidecar]):
     """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
@@ -104,7 +104,7 @@ class Simulation(FreeBodySimulation[LawSidecar]):
         super().__init__(NAME, LawSidecar, folder, sidecar)
         self.rapier = rapier3d
         try:
-            self.built = Built(rapier3d, self.walk, self.settings, self.typed.laws)
+            self.built = RapierBuild(rapier3d, self.walk, self.settings, self.typed.laws)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
         self._pushed: set[int] = set()
@@ -226,9 +226,9 @@ class Simulation(FreeBodySimulation[LawSidecar]):
         potential = -sum(body.mass * frames.dot(gravity, tuple(body.center_of_mass)) for body in self.bodies)
         return kinetic / SQUARE, potential / SQUARE
 
-    def _probe(self) -> Simulation:
+    def _probe(self) -> RapierSimulation:
         """A copy of this simulation in its present state, without contact, whose step is ``LONG``."""
-        probe = object.__new__(Simulation)
+        probe = object.__new__(RapierSimulation)
         probe.__dict__.update(self.__dict__)
         world = self.rapier.PhysicsWorld.restore(self.world.snapshot())
         world.integration_parameters.dt = LONG
@@ -318,7 +318,7 @@ class Simulation(FreeBodySimulation[LawSidecar]):
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
         q, v = self.get_state()
-        probe = object.__new__(Simulation)
+        probe = object.__new__(RapierSimulation)
         probe.__dict__.update(self.__dict__)
         probe.set_state(q, v)
         probe.world.detect_collisions()

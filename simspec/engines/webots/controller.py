@@ -65,7 +65,7 @@ for _end, _result, _ in KINDS.values():
     FUNCTIONS[f"wb_supervisor_field_get_mf_{_end}"] = (_result, (FIELD, ctypes.c_int))
 
 
-class Controller:
+class WebotsController:
     """The client of Webots. In the first message: ``bodies``, names of nodes; ``tops``, of those, by number, the ones that
     move by themselves, with velocities in the states and forces that act on them."""
 
@@ -194,7 +194,7 @@ def main(arguments: Sequence[str]) -> int:
     """Serve the socket of the command line."""
     library, descriptor = arguments
     with socket.socket(fileno=int(descriptor)) as channel:
-        Controller(library, channel).serve()
+        WebotsController(library, channel).serve()
     return 0
 
 

@@ -20,10 +20,10 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.refinements import no_friction, static_planes
-from simspec.engines.kit.settings import Group, Setting, of_mobility
+from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility
 from simspec.engines.kit.simulated import GivenEngine
 from simspec.engines.webots.program import INSTALLED
-from simspec.engines.webots.simulation import Simulation, read_back
+from simspec.engines.webots.simulation import WebotsSimulation, read_back
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -152,7 +152,7 @@ _JOINT = approximate(
 )
 
 
-class Webots(GivenEngine[Simulation]):
+class Webots(GivenEngine[WebotsSimulation]):
     """Webots' copy of ODE, with a .wbt that leaves nothing to a default. Files only: where no Webots is installed, the
     independent reader proves the files (L0). An installed Webots is started without a window, once for every state that
     is set, and controlled through its Supervisor. simspec has never run a real Webots: the interface was tested with a
@@ -219,14 +219,14 @@ class Webots(GivenEngine[Simulation]):
             "points. It must be above 0, since Webots replaces 0 by its default.",
             minimum=1e-15,
             at_most=of_mobility,
-            group=Group.SOFTNESS,
+            group=SettingGroup.SOFTNESS,
         ),
         "joint_softness": Setting(
             1e-10,
             "CFM of the world, of joints and of dry friction. With Webots' default of 1e-5 joints under 1 N separate "
             "at 1e-5 m/s.",
             minimum=1e-15,
-            group=Group.JOINTS,
+            group=SettingGroup.JOINTS,
         ),
         "joint_error_reduction": Setting(
             0.2,
@@ -234,21 +234,21 @@ class Webots(GivenEngine[Simulation]):
             "removes. Webots' default.",
             minimum=0.0,
             maximum=1.0,
-            group=Group.JOINTS,
+            group=SettingGroup.JOINTS,
         ),
         "contact_points": Setting(
             100,
             "maxContactJoints: the maximum number of contact points of two shapes; the deepest are kept. Webots' "
             "default of 10 leaves out points of boxes and cylinders.",
             minimum=1,
-            group=Group.BOUNDS,
+            group=SettingGroup.BOUNDS,
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
 
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> WebotsSimulation:
+        return WebotsSimulation(folder, sidecar)
 
     def _read_model(self) -> ReadBack:
         return read_back(self._simulation)

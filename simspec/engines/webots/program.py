@@ -48,7 +48,7 @@ SCREEN: Final = ("xvfb-run", "-a")
 """Starts a program with a screen in memory."""
 
 
-class Installed:
+class WebotsInstallation:
     """The Webots of this machine."""
 
     def version(self) -> str | None:
@@ -87,7 +87,7 @@ class Installed:
         return environment
 
 
-INSTALLED: Final = Installed()
+INSTALLED: Final = WebotsInstallation()
 
 
 def _home() -> Path:

@@ -31,7 +31,7 @@ from simspec.world.types import Body, Constraint, Pose, Quaternion, ReadBack, Ve
 # R2023b): so each state is written into a file, by the fields for the initial places and velocities of Solids.
 
 
-class States:
+class WebotsStates:
     """The coordinates of a document and its sidecar. Poses and velocities are those of the world's body frames.
 
     Raises ValueError, which names the place, where the two do not fit together or hold what simspec does not write.
@@ -168,21 +168,21 @@ TURN_STEPS = 8
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 
 
-class Placed(NamedTuple):
+class WebotsPoses(NamedTuple):
     """Poses of the world's body frames, and the velocities, linear and angular, of their origins."""
 
     poses: list[Pose]
     twists: list[Twist]
 
 
-class Simulation:
+class WebotsSimulation:
     """A loaded world. Webots starts on the first query: a state that is set is the file that the
     next one begins in."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
             given = WebotsSidecar.of(sidecar)
-            self.states = States(Wbt().read(folder), given)
+            self.states = WebotsStates(Wbt().read(folder), given)
         except (ValueError, FileNotFoundError, SpecError) as error:
             raise EngineError(NAME, str(error)) from error
         self.typed = given
@@ -199,7 +199,7 @@ class Simulation:
         self._smooth: list[int] = []
         self._live: Live | None = None
         self._said: list[str] = []
-        self._placed: Placed | None = None
+        self._placed: WebotsPoses | None = None
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -227,7 +227,7 @@ class Simulation:
         self._stop()
         self._wanted, self._last = (q, v), q
 
-    def placed(self) -> Placed:
+    def placed(self) -> WebotsPoses:
         """Where the world's bodies are, and how they move."""
         if self._placed is None:
             states = self.states
@@ -244,7 +244,7 @@ class Simulation:
                         frames.rotate(back, vector3(part)) for part in (of_top[top][:3], of_top[top][3:])
                     )
                     twists[row] = moved((linear, angular), self._centre(poses, top), poses[row].position)
-            self._placed = Placed(poses, twists)
+            self._placed = WebotsPoses(poses, twists)
         return self._placed
 
     def _centre(self, poses: Sequence[Pose], top: int) -> Vector3:
@@ -370,7 +370,7 @@ MOVES: Final = ("linearVelocity", "angularVelocity")
 MOVING: Final = ("Solid", "Robot")
 
 
-def read_back(sim: Simulation) -> ReadBack:
+def read_back(sim: WebotsSimulation) -> ReadBack:
     """The model as Webots holds it, and its state. Raises EngineError, which names the node, for what simspec did not write.
     Fields that a newer Webots adds to those of R2023b are reported with its messages, and not compared."""
     live = sim.live()

@@ -25,7 +25,7 @@ from simspec.errors import Problem, SpecError, clipped
 from simspec.experiments.executors.local import ExecutorError, Publish, Supplies, Task
 from simspec.experiments.executors.remote import (
     EndedError,
-    RefusedError,
+    RefusedTaskError,
     batch_parcel,
     do_batch,
     results_of,
@@ -256,7 +256,7 @@ class DaskExecutor:
             results, seconds = results_of(reply, batch.tasks, self._supplies)
         except EndedError:
             return batch.tasks
-        except RefusedError as error:
+        except RefusedTaskError as error:
             raise ExecutorError(f"a worker of {self._address} failed: {error}") from None
         for task, result in zip(batch.tasks, results, strict=True):
             publish(task, result)

@@ -158,7 +158,7 @@ DemandAlive = Callable[[], None]
 that is no result of theirs."""
 
 
-class RefusedError(SimspecError):
+class RefusedTaskError(SimspecError):
     """A worker cannot do its task, or failed as a machine does. The message is the reason."""
 
 
@@ -201,7 +201,7 @@ def do_batch(request: bytes, demand_alive: DemandAlive = lambda: None) -> bytes:
 
 
 def results_of(reply: Any, tasks: Sequence[Task], supplies: Supplies) -> tuple[list[TaskResult], float]:
-    """Results of :func:`do_batch` for ``tasks``, and the seconds that it took. Raises RefusedError where it refused them,
+    """Results of :func:`do_batch` for ``tasks``, and the seconds that it took. Raises RefusedTaskError where it refused them,
     EndedError where another worker should do them."""
     try:
         parcel = Parcel.unpack(reply)
@@ -209,33 +209,33 @@ def results_of(reply: Any, tasks: Sequence[Task], supplies: Supplies) -> tuple[l
         if parcel.facts.get("ended"):
             raise EndedError(host)
         if "error" in parcel.facts:
-            raise RefusedError(f"{host}: {parcel.facts['error']}")
+            raise RefusedTaskError(f"{host}: {parcel.facts['error']}")
         seconds = float(parcel.facts["seconds"])
         results = [
             result_from(data, parcel.contents, f"{place}/") for place, data in enumerate(parcel.facts["results"])
         ]
     except (ParcelError, KeyError, TypeError, ValueError) as error:
-        raise RefusedError(f"a worker's answer is {error}") from None
+        raise RefusedTaskError(f"a worker's answer is {error}") from None
     if len(results) != len(tasks):
-        raise RefusedError(f"{host}: {len(results)} results of {len(tasks)} tasks")
+        raise RefusedTaskError(f"{host}: {len(results)} results of {len(tasks)} tasks")
     for task, result in zip(tasks, results, strict=True):
         world = sha256(shared_world(supplies.case(task).resolved))
         if (result.key, result.result["world"], result.result["engine"]) != (task.key, world, task.engine):
-            raise RefusedError(f"{host}: its answer is of another run than the requested one")
+            raise RefusedTaskError(f"{host}: its answer is of another run than the requested one")
     return results, seconds
 
 
 def _demand_versions(tasks: Iterable[Task], wanted: Mapping[str, str]) -> None:
-    """Raise RefusedError where other versions are at work here: runs would be stored under a key that is not theirs."""
+    """Raise RefusedTaskError where other versions are at work here: runs would be stored under a key that is not theirs."""
     for label in {task.engine for task in tasks}:
         try:
             here = _versions_here(label)
         except SimspecError as error:
-            raise RefusedError(str(error)) from None
+            raise RefusedTaskError(str(error)) from None
         for name, value in wanted.items():
             if here.get(name) != value:
                 version = "engine" if name == "engine_version" else name.removesuffix("_version")
-                raise RefusedError(
+                raise RefusedTaskError(
                     f"{label}: {version} is {here.get(name)} here, and {value} where the sweep was started"
                 )
 

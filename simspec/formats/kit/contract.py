@@ -60,7 +60,7 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
-class Plain:
+class PlainFiles:
     """The files of a world as {relative path: text}, and all that they do not carry of it."""
 
     files: Mapping[str, str]
@@ -95,7 +95,7 @@ class Format:
     SINGLE: ClassVar[tuple[str, ...]] = ()
     """Ends of the names of single files that the same plain files can be written as."""
 
-    def single(self, plain: Plain, suffix: str) -> bytes:
+    def single(self, plain: PlainFiles, suffix: str) -> bytes:
         """Plain files as one file of this kind, one of ``SINGLE``."""
         raise NotImplementedError
 
@@ -126,7 +126,7 @@ class Format:
         writer's nor an engine's. Raises ValueError, which names the place, for what is not of the language."""
         raise NotImplementedError
 
-    def plain(self, world: World) -> Plain:
+    def plain(self, world: World) -> PlainFiles:
         """``world`` in plain files for any tool, with all that they do not carry. Raises UnsupportedError where this format
         does not write plain files."""
         raise UnsupportedError(

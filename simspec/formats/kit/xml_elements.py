@@ -161,7 +161,7 @@ def read_xml(path: Path) -> XmlElement:
 def parse_xml(content: bytes, name: str, encoding: str | None = None, space: str | None = None) -> XmlElement:
     """The root element of a text called ``name`` in errors; as :func:`read_xml`. ``encoding``: in place of the declared one;
     ``space``: the characters that are white space around texts (None: those of Unicode)."""
-    builder = _Builder(name, encoding, space)
+    builder = _ElementBuilder(name, encoding, space)
     parser = builder.parser
     try:
         for start in range(0, max(len(content), 1), CHUNK):
@@ -180,7 +180,7 @@ def parse_xml(content: bytes, name: str, encoding: str | None = None, space: str
     return builder.root
 
 
-class _Builder:
+class _ElementBuilder:
     """Collects elements as expat meets them."""
 
     def __init__(self, name: str, encoding: str | None, space: str | None):

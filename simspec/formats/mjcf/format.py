@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 
 from simspec.control.reference import drives
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, gather, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, gather, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import environment, hulls_of, mesh_files
 from simspec.formats.mjcf import tree
@@ -377,10 +377,10 @@ class Mjcf(Format):
         text = template.render(model=tree, flags=flags, events=_events(tree.bodies))
         return {MODEL: text, **mesh_files(mesh.vertices for mesh in tree.meshes)}
 
-    def plain(self, world: World) -> Plain:
+    def plain(self, world: World) -> PlainFiles:
         """``model.xml`` in the language's own words. Raises UnsupportedError for joints that the language refuses."""
         model, more = model_and_losses(world)
-        return Plain(self.write(model), losses(world, SUPPORT, more))
+        return PlainFiles(self.write(model), losses(world, SUPPORT, more))
 
     def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
         """``model.xml``."""

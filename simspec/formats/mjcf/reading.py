@@ -340,10 +340,10 @@ def document_of(root: XmlElement, file: str) -> MjcfDocument:
     """The document of a parsed file, called ``file`` in errors. Raises ValueError as :func:`read_document`."""
     if root.tag != "mujoco":
         raise ValueError(f"{file}:{root.line}: the root is <{root.tag[:60]}>, should be <mujoco>")
-    return _Reader(root, file).document()
+    return _MjcfReader(root, file).document()
 
 
-class _Reader:
+class _MjcfReader:
     def __init__(self, root: XmlElement, file: str):
         self._root, self._file = root, file
         self._includes = tuple(element for element in root.walk() if element.tag == "include")

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Plain, losses
+from simspec.formats.kit.contract import Format, PlainFiles, losses
 from simspec.formats.kit.text import environment, mesh_file, mesh_files, number
 from simspec.formats.kit.xml_elements import XmlElement, read_xml
 from simspec.formats.sdf import tree
@@ -131,12 +131,12 @@ class Sdf(Format):
         meshes = mesh_files(shape.size for shape in shapes if shape.kind == "mesh")
         return {WORLD: environment().get_template("sdf/world.sdf.j2").render(content), **meshes}
 
-    def plain(self, world: types.World) -> Plain:
+    def plain(self, world: types.World) -> PlainFiles:
         """``world.sdf``: a model for each tree."""
         tree = plain_tree(world)
         if self.profile == CLASSIC:
-            return Plain(self.write(classic(tree)), losses(world, {**SUPPORT, **OLDER}, more_losses(world)))
-        return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
+            return PlainFiles(self.write(classic(tree)), losses(world, {**SUPPORT, **OLDER}, more_losses(world)))
+        return PlainFiles(self.write(tree), losses(world, SUPPORT, more_losses(world)))
 
     def parts(self, world: types.World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
         """``world.sdf``."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import environment, mesh_file, mesh_files
 from simspec.formats.skel.reading import SkelDocument
@@ -287,9 +287,9 @@ class Skel(Format):
         meshes = mesh_files(shape.size for shape in shapes if shape.kind == "mesh")
         return {WORLD: environment().get_template("skel/world.skel.j2").render(content), **meshes}
 
-    def plain(self, world: types.World) -> Plain:
+    def plain(self, world: types.World) -> PlainFiles:
         """``world.skel``, without a collision detector's name."""
-        return Plain(self.write(plain_tree(world)), losses(world, SUPPORT, renamed(world)))
+        return PlainFiles(self.write(plain_tree(world)), losses(world, SUPPORT, renamed(world)))
 
     def read(self, folder: Path) -> SkelDocument:
         """The document of ``world.skel`` in ``folder``, with the files of meshes below it.

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import FIELDS, environment, field_files, json_text, mesh_files
 from simspec.formats.urdf.reading import UrdfDocument
@@ -229,10 +229,10 @@ class Urdf(Format):
         hulls = (geometry.mesh for geometry in _geometries(tree) if geometry.mesh)
         return {**robots, **mesh_files(hulls), **field_files(fields)}
 
-    def plain(self, world: World) -> Plain:
+    def plain(self, world: World) -> PlainFiles:
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
         robots, placement = robots_and_placement(world, self.profile)
-        return Plain({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
+        return PlainFiles({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
 
     def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
         """The file of each distinct tree, with the bodies of the first tree that has it."""

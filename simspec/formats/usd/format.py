@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, losses
 from simspec.formats.usd.joints import carriers, separate_carriers, several
 from simspec.formats.usd.stage import model_of, stage_of
 from simspec.formats.usd.text import BINARY, PACKAGE, TEXT, UsdStage, encoded, text
@@ -148,16 +148,16 @@ class Usd(Format):
         """The format in this layout. Raises SpecError for a name that is not of ``PROFILES``."""
         return Usd(name) if name in self.PROFILES else super().in_profile(name)
 
-    def plain(self, world: World) -> Plain:
+    def plain(self, world: World) -> PlainFiles:
         """``world.usda``."""
         tree = stage_of(world, nested=self.profile == "nested")
-        return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
+        return PlainFiles(self.write(tree), losses(world, SUPPORT, more_losses(world)))
 
     def parts(self, world: types.World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
         """``world.usda``."""
         return {WORLD: world.bodies}
 
-    def single(self, plain: Plain, suffix: str) -> bytes:
+    def single(self, plain: PlainFiles, suffix: str) -> bytes:
         """The stage as text, as a binary file, or as a package. Raises SpecError where usd-core is needed and not installed."""
         return encoded(plain.files[WORLD], suffix)
 

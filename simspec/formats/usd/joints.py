@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from simspec.control.reference import Drive
+from simspec.control.reference import ActuatorDrive
 from simspec.formats.kit.contract import readable
 from simspec.formats.usd.text import UsdPrim
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -185,7 +185,7 @@ class Joined:
     loop: bool = False
 
 
-def single(prim: UsdPrim, joint: Joint, joined: Joined, drives: Mapping[str, Drive]) -> None:
+def single(prim: UsdPrim, joint: Joint, joined: Joined, drives: Mapping[str, ActuatorDrive]) -> None:
     """A joint of one kind. ``drives``: the driven joints of the world, by name."""
     axis, turn = _towards(joint.axis) if any(joint.axis) else ("X", frames.IDENTITY)
     here = Pose(joint.origin.position, frames.multiply(joint.origin.quaternion, turn))
@@ -207,7 +207,9 @@ def single(prim: UsdPrim, joint: Joint, joined: Joined, drives: Mapping[str, Dri
     _state(prim, joint, "")
 
 
-def axes(prim: UsdPrim, chain: Several, joined: Joined, names: Sequence[str], drives: Mapping[str, Drive]) -> None:
+def axes(
+    prim: UsdPrim, chain: Several, joined: Joined, names: Sequence[str], drives: Mapping[str, ActuatorDrive]
+) -> None:
     """A joint of several axes. ``names`` of the spec's joints, within their model."""
     origin = chain.joints[0].origin
     here = Pose(origin.position, frames.multiply(origin.quaternion, chain.turn))
@@ -273,7 +275,7 @@ def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, prefix: str) -> No
         prim.custom("double2", f"{prefix}limits", joint.position_limits)
 
 
-def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive | None) -> None:
+def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: ActuatorDrive | None) -> None:
     """The spring and the damper of a hinge or a slide, and the gains of its controller, as one drive: springs and dampers
     add up to. Its targets are those at time 0, its largest effort the controller's."""
     if control is not None and (control.effort_limit == 0 or not (control.kp or control.kd)):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simspec.errors import Location
 from simspec.imports.elements import Element, UniqueNames
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
-from simspec.language.beginning import Start
+from simspec.language.beginning import LimitStart
 from simspec.language.document import Path_
 from simspec.language.trees import MOST
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -164,12 +164,12 @@ class MjcfBodies:
             self.joints[number] = given
         return self.joints[number]
 
-    def starts(self, around: Path_) -> list[Start]:
+    def starts(self, around: Path_) -> list[LimitStart]:
         """Joints that begin at a limit, since their reference is beyond it; ``around``: the path of the bodies in the spec."""
         found = []
         for number, position in self.begun.items():
             body = self.names[int(self.model["jnt_bodyid"][number])]
-            found.append(Start(self.joints.get(number, f"{body}_joint"), (*around, body), position, 0.0))
+            found.append(LimitStart(self.joints.get(number, f"{body}_joint"), (*around, body), position, 0.0))
         return found
 
     def leave_start(self, number: int) -> None:

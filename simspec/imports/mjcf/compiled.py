@@ -23,7 +23,7 @@ from simspec.files import NotReadableError, parse_json
 from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import APPEARANCE, HARDNESS_HINT, HOW_HARD, INFORMATION, PHYSICS, Element
 from simspec.imports.mjcf.assembly import MjcfAssembly
-from simspec.language.foreign import Severity
+from simspec.language.foreign import LossSeverity
 from simspec.plugins import Plugins
 
 # They are found in the compiled numbers: a value of a class of defaults counts like an attribute, and one without effect is no
@@ -39,7 +39,7 @@ class MjcfFeature(NamedTuple):
     """``attributes``: where files say it, as ``tag/attribute``; ``*`` for an element itself."""
 
     attributes: str
-    severity: Severity
+    severity: LossSeverity
     reason: str
     hint: str = ""
 

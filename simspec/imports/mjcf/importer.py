@@ -19,7 +19,7 @@ from simspec.imports.mjcf.contact import MjcfSurfaces
 from simspec.imports.mjcf.parts import NOTE, add_actuators, add_shapes, add_states, outside_the_tree
 from simspec.imports.writing import SHARE, round_step
 from simspec.language.document import Path_, dotted
-from simspec.language.foreign import Account, Imported, ImportOptions, Severity
+from simspec.language.foreign import Account, Imported, ImportOptions, LossSeverity
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
@@ -217,7 +217,7 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
         if tag in SEPARATE and not in_default:
             lost = [name for name in lost if features.has(name, element)]
         if lost:
-            feature = FEATURES[min(lost, key=lambda entry: list(Severity).index(FEATURES[entry].severity))]
+            feature = FEATURES[min(lost, key=lambda entry: list(LossSeverity).index(FEATURES[entry].severity))]
             element.lose(name, feature.reason, feature.severity, feature.hint)
         elif name in aside:
             element.lose(name, reason, INFORMATION)
@@ -257,7 +257,7 @@ class MjcfImporter:
         return outermost(content) == ROOT.encode()
 
     @staticmethod
-    def losses() -> list[tuple[str, Severity, str, str]]:
+    def losses() -> list[tuple[str, LossSeverity, str, str]]:
         """Elements and attributes that files have and a spec has not: their places, the effect of the loss, the reason, and the
         way out."""
         rows = []

@@ -17,7 +17,7 @@ from simspec.imports.mjcf.bodies import MjcfBodies, MjcfNames, Vector, inverse, 
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf
 from simspec.imports.mjcf.constraints import add_tendons
 from simspec.imports.mjcf.contact import MjcfSurfaces
-from simspec.language.beginning import Start
+from simspec.language.beginning import LimitStart
 from simspec.language.joints import ROUND_OFF, nearest, scaled_to, within
 from simspec.language.shapes import MOST_VERTICES
 from simspec.language.trees import MOST
@@ -289,7 +289,10 @@ MOST_STATES: Final = 1000
 
 
 def add_states(
-    bodies: MjcfBodies, constraints: Mapping[str, Any], actuators: Mapping[str, Mapping[str, Any]], starts: list[Start]
+    bodies: MjcfBodies,
+    constraints: Mapping[str, Any],
+    actuators: Mapping[str, Mapping[str, Any]],
+    starts: list[LimitStart],
 ) -> dict[str, dict[str, Any]]:
     """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. Joints that a key puts
     beyond their limits are at the nearest limit, and are added to ``starts``. A joint that follows another begins where that
@@ -297,7 +300,7 @@ def add_states(
     model, names, following = bodies.model, MjcfNames(), _following(constraints)
     states: dict[str, dict[str, Any]] = {}
     for key in range(min(model.numbers["nkey"], MOST_STATES)):
-        moved: list[Start] = []
+        moved: list[LimitStart] = []
         state = _state(bodies, model["key_qpos"][key], model["key_qvel"][key], following, moved)
         if state is not None:
             name = model.part("key", key).name
@@ -332,7 +335,9 @@ def _commands(
     return commands
 
 
-def _state(bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved: list[Start]) -> dict[str, Any] | None:
+def _state(
+    bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved: list[LimitStart]
+) -> dict[str, Any] | None:
     """A key as a state; None for a joint whose implied name is another's. Joints at a limit, since they would be beyond it, are
     added to ``moved``."""
     model = bodies.model
@@ -362,7 +367,7 @@ def _state(bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved:
             angle = 2.0 * math.atan2(math.hypot(*orientation[1:]), abs(orientation[0]))
             if angle > largest + ROUND_OFF:
                 orientation = list(scaled_to(orientation, largest))
-                moved.append(Start(name, (), largest, angle))
+                moved.append(LimitStart(name, (), largest, angle))
             positions[name] = {"quat": numbers(orientation)}
             if np.any(qvel[dof : dof + 3]):
                 velocities[name] = numbers(np.asarray(qvel[dof : dof + 3]))
@@ -372,7 +377,7 @@ def _state(bodies: MjcfBodies, qpos: Any, qvel: Any, following: set[str], moved:
             if bool(model["jnt_limited"][joint]) and not model.disabled("limit", "constraint"):
                 limits = [float(bound) - reference for bound in model["jnt_range"][joint]]
                 if within(value, limits) is None:
-                    moved.append(Start(name, (), nearest(value, limits), value))
+                    moved.append(LimitStart(name, (), nearest(value, limits), value))
                 value = nearest(value, limits)
             positions[name] = value
             if qvel[dof]:

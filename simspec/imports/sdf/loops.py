@@ -24,7 +24,7 @@ from simspec.imports.sdf.joints import (
 )
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import IN_JOINT, finite_of, set_aside
-from simspec.language.foreign import Severity
+from simspec.language.foreign import LossSeverity
 from simspec.world import frames
 from simspec.world.frames import direction
 from simspec.world.types import Pose, Vector3
@@ -118,7 +118,7 @@ def _lose(joint: SdfJointRead) -> None:
         joint.element.lose(None, "the joint closes a loop: its rotor has no inertia")
 
 
-def _said(joint: SdfJointRead, tags: tuple[str, ...], reason: str, severity: Severity) -> None:
+def _said(joint: SdfJointRead, tags: tuple[str, ...], reason: str, severity: LossSeverity) -> None:
     for axis in joint.element.look("axis"):
         for element in axis.look(*tags):
             element.lose(None, reason, severity)

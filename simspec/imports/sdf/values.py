@@ -22,7 +22,7 @@ from simspec.imports.elements import (
     UniqueNames,
     plugin_loss,
 )
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, LossSeverity
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
@@ -283,7 +283,7 @@ def _move_step(physics: Element) -> None:
             return
 
 
-Said = tuple[Fate, Severity, str]
+Said = tuple[Fate, LossSeverity, str]
 
 _NO_SENSOR: Final[Said] = (LOST, INFORMATION, "simspec has no sensors")
 _PLUGIN: Final[Said] = (LOST, PHYSICS, "a plugin is a program of another simulator, which may do anything")

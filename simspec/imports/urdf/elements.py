@@ -25,7 +25,7 @@ from simspec.imports.elements import (
     plugin_loss,
 )
 from simspec.imports.reference import ElementRow
-from simspec.language.foreign import Severity
+from simspec.language.foreign import LossSeverity
 from simspec.numerals import NUMBER, SPACE, parts_of
 
 READER: Final = "mujoco"
@@ -58,7 +58,7 @@ def _rows(places: str, becomes: str) -> list[ElementRow]:
     return [ElementRow(place, becomes) for place in places.split()]
 
 
-def _lost(places: str, reason: str, hint: str = "", severity: Severity = INFORMATION) -> list[ElementRow]:
+def _lost(places: str, reason: str, hint: str = "", severity: LossSeverity = INFORMATION) -> list[ElementRow]:
     return [ElementRow(place, "", LOST, severity, reason, hint) for place in places.split()]
 
 

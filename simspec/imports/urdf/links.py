@@ -10,7 +10,7 @@ from simspec.imports.draft import CONTACT_OF_LINK, Draft, LinkSurface, Materials
 from simspec.imports.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, Element, outwards
 from simspec.imports.urdf.joints import UrdfJointRead
 from simspec.imports.urdf.shapes import UrdfShapeRead
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, LossSeverity
 from simspec.language.vocabulary import SCALAR_JOINTS
 
 WORLD: Final = "world"
@@ -344,7 +344,7 @@ def _take_friction(gazebo: Element, is_used: bool) -> None:
             child.ignore(None, NO_EFFECT)
 
 
-def _aside(gazebo: Element, fate: Fate, reason: str, severity: Severity) -> None:
+def _aside(gazebo: Element, fate: Fate, reason: str, severity: LossSeverity) -> None:
     for child in gazebo.look(FIRST, SECOND, DIRECTION):
         child.set_aside(None, fate, reason, severity)
 

@@ -16,7 +16,7 @@ from simspec.imports.usd.assembly import UsdAssembly
 from simspec.imports.usd.bodies import AS_UNSAID
 from simspec.imports.usd.shapes import ROTATIONS
 from simspec.imports.usd.stage import PrimRead, StageRead, read_stage
-from simspec.language.foreign import Fate, Imported, ImportOptions, Severity
+from simspec.language.foreign import Fate, Imported, ImportOptions, LossSeverity
 
 # Fates of prims and attributes that no reader takes, by type and name, and the rows of the documentation.
 
@@ -27,12 +27,12 @@ class LossRule(NamedTuple):
     pattern: re.Pattern[str]
     shown: str
     fate: Fate
-    severity: Severity
+    severity: LossSeverity
     reason: str
     hint: str = ""
 
 
-def _lost(pattern: str, shown: str, severity: Severity, reason: str, hint: str = "") -> LossRule:
+def _lost(pattern: str, shown: str, severity: LossSeverity, reason: str, hint: str = "") -> LossRule:
     return LossRule(re.compile(pattern), shown, LOST, severity, reason, hint)
 
 

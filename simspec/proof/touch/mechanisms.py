@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from simspec.dynamics.oracle import random_states
-from simspec.dynamics.oracle_tree import Tree
+from simspec.dynamics.oracle_tree import OracleTree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.touch.geometry import Gap, Solid, gap, transforms, wanted_depth
 from simspec.proof.touch.scene import POSES, Pair, Scene, States, easy
@@ -38,7 +38,7 @@ class Mechanism:
             dict(zip((b.name for b in world.bodies), layout_of(world).position, strict=True)),
         )
         bodies = tuple(body for root in roots for body in known[root])
-        self.tree = Tree(dataclasses.replace(world, bodies=bodies))
+        self.tree = OracleTree(dataclasses.replace(world, bodies=bodies))
         self._pin, self._model, self._data = self.tree.pin, self.tree.model, self.tree.data
         # where the coordinates of these trees' bodies stand in the world's q
         self._places = np.concatenate([np.zeros(0, int), *(np.r_[places[body.name]] for body in bodies)]).astype(int)

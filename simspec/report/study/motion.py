@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.analysis.conservation import Conservation, Depths, Drift, conservation, displacement, penetration
+from simspec.analysis.conservation import Conservation, Drift, OverlapDepths, conservation, displacement, penetration
 from simspec.analysis.distributions import SUMMARY, permutation_test, run_summary, sign_flip_test, summary_scales
 from simspec.analysis.horizons import Horizons, consistency, convergence, horizons
 from simspec.comparison.floor import Floor
@@ -269,7 +269,7 @@ def penetration_tables(done: Done) -> list[StudyTable]:
     return [made]
 
 
-def _deepest(depths: Depths) -> float:
+def _deepest(depths: OverlapDepths) -> float:
     return max(0.0, float(depths.depth.max(initial=0.0)))
 
 

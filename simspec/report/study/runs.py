@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from simspec.analysis.speed import Speed, speed
-from simspec.analysis.validity import Failure, Trial, first_failure, trial
+from simspec.analysis.validity import Failure, TimestepTrial, first_failure, trial
 from simspec.attribution.explanation import Explanation
 from simspec.errors import clipped
 from simspec.experiments.cases import world_of
@@ -287,7 +287,7 @@ class Judged:
 
     cell: Cell
     row: Row
-    trial: Trial
+    trial: TimestepTrial
     deviation: Deviation | None
     failure: Failure | None
 

@@ -9,7 +9,7 @@ import random
 
 import pytest
 
-from simspec.dialects.dart.contact import Nodes
+from simspec.dialects.dart.contact import DartNodePlan
 from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.proof.selftest_worlds import surfaces
@@ -94,7 +94,7 @@ def test_every_two_shapes_meet_once_with_the_numbers_of_their_pair(seed, tmp_pat
 def test_no_more_nodes_than_there_are_different_neighbours(seed):
     """Two nodes of one body differ in some other part that one of them meets and the other must not meet."""
     world = random_world(seed)
-    nodes = Nodes(world, target(world).plan)
+    nodes = DartNodePlan(world, target(world).plan)
     passing = {frozenset((pair.first, pair.second)) for pair in world.contact.pairs if not pair.collide}
     parts = {part for actual in nodes.of.values() for node in actual for part in node.parts}
     plan = target(world).plan

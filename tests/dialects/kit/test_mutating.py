@@ -8,7 +8,7 @@ from collections import Counter
 import pytest
 
 from simspec.dialects.kit.mutating import mutations
-from simspec.dialects.kit.mutations import KINDS, Addition, Inert, MutationTable
+from simspec.dialects.kit.mutations import KINDS, FileAddition, Inert, MutationTable
 
 XML = '<root name="r"><a name="one" size="1 0" on="true"/><a name="two" size="1 2" on="true"/><m> 3 </m></root>'
 SIDE = {"flag": True, "list": [1.5, 2.5], "word": "x", "empty": None, "count": 0}
@@ -78,13 +78,13 @@ def test_words_integers_and_zeros_are_as_the_table_says():
 
 def test_possible_elements_and_attributes_are_added_to_each_place():
     rows = (
-        Addition("a", "5", "more"),
-        Addition("a", "5", "size"),
-        Addition("root", '<b of="{a[1]}"/>'),
-        Addition("root", '<b of="{a[2]}"/>'),
-        Addition("a", "<c/>", once=True),
+        FileAddition("a", "5", "more"),
+        FileAddition("a", "5", "size"),
+        FileAddition("root", '<b of="{a[1]}"/>'),
+        FileAddition("root", '<b of="{a[2]}"/>'),
+        FileAddition("a", "<c/>", once=True),
     )
-    alongside = (Addition("", "1", "fresh"), Addition("list", "3.5"))
+    alongside = (FileAddition("", "1", "fresh"), FileAddition("list", "3.5"))
     found = made(MutationTable(additions={"*.xml": rows, "sidecar.json": alongside}))
     added = [(entry.kind, entry.site, entry.change) for entry in found if "added" in entry.kind]
     assert Counter(added) == {

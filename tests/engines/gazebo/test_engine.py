@@ -13,7 +13,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.gazebo import building
-from simspec.engines.gazebo.building import Plan, proper
+from simspec.engines.gazebo.building import SdfPlan, proper
 from simspec.engines.gazebo.engine import Gazebo
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.compiled import CompileError, Missing
@@ -74,7 +74,7 @@ def test_the_text_has_no_turned_inertia_and_no_joint_that_becomes_a_weld(tmp_pat
     """gz-physics turns an <inertial> twice, and makes welds of ``continuous`` joints and gearboxes (measured)."""
     world = accepting_gazebo(worlds.every_joint())
     files = compile_world(world, ["gazebo"])["gazebo"].files
-    text = Plan(Walk.of(WorldJson().read(write(files, tmp_path)))).text
+    text = SdfPlan(Walk.of(WorldJson().read(write(files, tmp_path)))).text
     assert "continuous" not in text
     assert "gearbox" not in text
     lines = text.splitlines()

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.gazebo.building import Plan
+from simspec.engines.gazebo.building import SdfPlan
 from simspec.engines.gazebo.engine import Gazebo
 from simspec.engines.gzsim.simulation import stepped_world
 from simspec.testing.worlds import accepting
 from tests.engines.gzsim.worlds import ARMS, world_of
 
 
-class OfGzSim(Plan):
+class OfGzSim(SdfPlan):
     def __init__(self, walk):
         super().__init__(walk)
         self.text = stepped_world(walk)
@@ -27,8 +27,8 @@ def test_the_text_of_gzsim_makes_the_same_bodies_in_gazebo(tmp_path, monkeypatch
     compiled = compile_world(world, ["gazebo"])["gazebo"]
     write_folder(compiled.files, tmp_path)
     values = []
-    for plan in (Plan, OfGzSim):
-        monkeypatch.setattr("simspec.engines.gazebo.simulation.Plan", plan)
+    for plan in (SdfPlan, OfGzSim):
+        monkeypatch.setattr("simspec.engines.gazebo.simulation.SdfPlan", plan)
         engine = Gazebo()
         engine.load(tmp_path, json.loads(compiled.files["sidecar.json"]))
         engine.step(3)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from simspec.engines.kit import compiled
-from simspec.engines.kit.compiled import Compiled, CompileError, Missing, package_version
+from simspec.engines.kit.compiled import CompileError, Missing, NativeBinary, package_version
 from simspec.errors import EXIT_ENGINE
 from tests.files import program
 
@@ -37,10 +37,10 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def of(place: Path, text: str = SOUND, **more) -> Compiled:
+def of(place: Path, text: str = SOUND, **more) -> NativeBinary:
     source = place / "part.c"
     source.write_text(text)
-    return Compiled("toy", "toy-part", (source,), **more)
+    return NativeBinary("toy", "toy-part", (source,), **more)
 
 
 def count(place: Path) -> int:
@@ -55,7 +55,7 @@ def left(place: Path) -> list[str]:
     )
 
 
-def failure(what: Compiled, **more) -> CompileError:
+def failure(what: NativeBinary, **more) -> CompileError:
     with pytest.raises(CompileError) as raised:
         what.file(**more)
     assert raised.value.exit_code == EXIT_ENGINE
@@ -103,8 +103,8 @@ def test_no_more_are_kept_than_are_used(place):
 def test_two_at_once_compile_once(place):
     of(place)
     text = (
-        "import sys; from pathlib import Path; from simspec.engines.kit.compiled import Compiled\n"
-        "print(Compiled('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
+        "import sys; from pathlib import Path; from simspec.engines.kit.compiled import NativeBinary\n"
+        "print(NativeBinary('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
     )
     program(place / "bin" / "cc", (place / "bin" / "cc").read_text().replace(";; esac", "; sleep 0.5;; esac"))
     command = [sys.executable, "-c", text, str(place / "part.c")]
@@ -202,8 +202,8 @@ def test_a_process_that_is_killed_while_it_compiles_leaves_nothing_in_the_way(pl
     quick = (place / "bin" / "cc").read_text()
     program(place / "bin" / "cc", slow)
     text = (
-        "import sys; from pathlib import Path; from simspec.engines.kit.compiled import Compiled\n"
-        "print(Compiled('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
+        "import sys; from pathlib import Path; from simspec.engines.kit.compiled import NativeBinary\n"
+        "print(NativeBinary('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
     )
     command = [sys.executable, "-c", text, str(place / "part.c")]
     popen = subprocess.Popen(command, start_new_session=True)

@@ -12,7 +12,7 @@ from simspec import selection
 from simspec.comparison.study import missing_engines
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import installed, process, registry
-from simspec.engines.kit.compiled import Compiled, Needs
+from simspec.engines.kit.compiled import NativeBinary, Needs
 from simspec.engines.kit.installed import how_to_install, not_installed, why_not
 from simspec.errors import EngineError
 from tests.files import program
@@ -24,7 +24,7 @@ def toys(tmp_path, monkeypatch):
     (tmp_path / "toys.pc").write_text("Name: toys\nDescription: of a test\nVersion: 1.2\n")
     monkeypatch.setenv("PKG_CONFIG_PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    part = Compiled("toys", "toys-part", (tmp_path / "part.c",), packages=("toys >= 1.0",))
+    part = NativeBinary("toys", "toys-part", (tmp_path / "part.c",), packages=("toys >= 1.0",))
     (tmp_path / "part.c").write_text("int x;\n")
     debian = (("libtoys-dev", "the engine"), ("gcc", "compiles its part"))
 

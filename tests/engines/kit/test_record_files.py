@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from simspec.engines.kit import recorder
 from simspec.engines.kit.arrays import CONTACT_FIELDS
-from simspec.engines.kit.recorder import Columns, Contacts
+from simspec.engines.kit.recorder import ColumnBuffer, Contacts
 
 
 def read(folder, name, described):
@@ -26,7 +26,7 @@ def test_rows_are_stored_once_and_in_order(rows, bodies, chunk):
     wanted = np.arange(rows * (7 * bodies + 1), dtype=float).reshape(rows, 7 * bodies + 1)
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorder, "CHUNK_BYTES", chunk)
-        columns = Columns(shapes, Path(f"{folder}/0."))
+        columns = ColumnBuffer(shapes, Path(f"{folder}/0."))
         for row in wanted:
             columns.row()[:] = row
             columns.done()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simspec.engines.physx.building import SCALE, Packed
+from simspec.engines.physx.building import SCALE, PackedActors
 from simspec.engines.physx.engine import PhysX
 from simspec.engines.physx.simulation import depths, pressed
 from simspec.errors import EngineError
@@ -47,7 +47,7 @@ def system(actors, order=AS_SAPIEN):
 
 def test_states_are_those_of_the_actors_in_order():
     actors = [actor(number) for number in range(3)]
-    poses, speeds = Packed(system(actors[::-1]), actors).read()
+    poses, speeds = PackedActors(system(actors[::-1]), actors).read()
     for row in range(3):
         assert poses[row].tolist() == (100.0 * row + np.arange(7.0)).tolist()
         assert speeds[row].tolist() == (100.0 * row + np.arange(7.0, 13.0)).tolist()
@@ -60,17 +60,17 @@ def test_another_layout_of_packed_data_is_rejected(swapped):
     order[entry], order[other] = order[other], order[entry]
     actors = [actor(1), actor(2)]
     with pytest.raises(EngineError, match="packs states in another way"):
-        Packed(system(actors, order), actors)
+        PackedActors(system(actors, order), actors)
 
 
 def test_bodies_that_are_not_requested_or_not_packed_are_refused():
     actors = [actor(number) for number in range(3)]
     with pytest.raises(EngineError, match="has 3 bodies that move, not 2"):
-        Packed(system(actors), actors[:2])
+        PackedActors(system(actors), actors[:2])
     with pytest.raises(EngineError, match="has 2 bodies that move, not 3"):
-        Packed(system(actors[:2]), actors)
+        PackedActors(system(actors[:2]), actors)
     with pytest.raises(EngineError, match="packs 36 numbers of 3 bodies, not 13 of each"):
-        Packed(system(actors, tuple(range(12))), actors)
+        PackedActors(system(actors, tuple(range(12))), actors)
 
 
 @installed

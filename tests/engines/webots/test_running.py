@@ -19,13 +19,13 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.webots.nodes import WebotsSidecar
 from simspec.dialects.webots.raising import raised
-from simspec.engines.kit.environments import State, diagnose
+from simspec.engines.kit.environments import InstallState, diagnose
 from simspec.engines.kit.session import Session
 from simspec.engines.ode.engine import Ode
 from simspec.engines.webots import program
 from simspec.engines.webots import program as live
 from simspec.engines.webots.engine import Webots
-from simspec.engines.webots.simulation import States
+from simspec.engines.webots.simulation import WebotsStates
 from simspec.errors import EXIT_OK, EngineError
 from simspec.formats.wbt.format import Wbt
 from simspec.formats.wbt.reading import parse
@@ -47,7 +47,7 @@ COMPILER = shutil.which("cc")
 def states_of(world, folder):
     write_folder(compile_world(world, ["webots"])["webots"].files, folder)
     sidecar = WebotsSidecar.of(read_sidecar(folder))
-    return States(Wbt().read(folder), sidecar), sidecar
+    return WebotsStates(Wbt().read(folder), sidecar), sidecar
 
 
 def elsewhere(states, seed=1):
@@ -142,7 +142,7 @@ def begun(home, tmp_path):
 
 def test_an_installed_program_is_found(home):
     assert Webots.version() == "R2025a"
-    assert (diagnose(Webots).state, Webots.files_alone()) == (State.WHOLE, "")
+    assert (diagnose(Webots).state, Webots.files_alone()) == (InstallState.WHOLE, "")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_half_an_installation_is_none_and_says_why(home, break_it, why):
     break_it(home)
     assert Webots.version() is None
     found = diagnose(Webots)
-    assert found.state is State.FILES
+    assert found.state is InstallState.FILES
     assert why in found.problems[1]
 
 

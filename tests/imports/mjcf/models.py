@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simspec.imports.mjcf.importer import MjcfImporter
-from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
+from simspec.language.foreign import Account, Fate, Imported, ImportOptions, LossSeverity
 
 ARM = """<mujoco model="arm">
   <compiler angle="degree"/>
@@ -68,6 +68,6 @@ def read(path: Path, options: ImportOptions | None = None) -> Imported:
     return MjcfImporter().read(path, path.name, options or ImportOptions())
 
 
-def lost(imported: Imported, severity: Severity = Severity.PHYSICS) -> list[Account]:
+def lost(imported: Imported, severity: LossSeverity = LossSeverity.PHYSICS) -> list[Account]:
     """Losses of a severity."""
     return [account for account in imported.accounts if account.fate is Fate.LOST and account.severity is severity]

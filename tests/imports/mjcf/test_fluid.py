@@ -7,7 +7,7 @@ import pytest
 from simspec.errors import SpecError
 from simspec.imports.mjcf.comparison import deviations
 from simspec.imports.mjcf.compiled import FEATURES
-from simspec.language.foreign import ImportOptions, Severity
+from simspec.language.foreign import ImportOptions, LossSeverity
 from tests.imports.mjcf.models import read, written
 
 SWIMMER = """<mujoco><option density="4000" viscosity="0.1" wind="0.1 0.2 0.3" timestep="0.01"/><worldbody><body name="torso">
@@ -21,7 +21,7 @@ def imported(folder, text):
     path = folder / "model.xml"
     path.write_text(text, encoding="utf-8")
     found, what = deviations(path, ImportOptions())
-    return found, what, [entry.reason for entry in what.losses() if entry.severity is Severity.PHYSICS]
+    return found, what, [entry.reason for entry in what.losses() if entry.severity is LossSeverity.PHYSICS]
 
 
 def test_passive_forces_are_those_of_the_original(tmp_path):

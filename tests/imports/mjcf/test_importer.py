@@ -16,7 +16,7 @@ from simspec.imports.mjcf.compiled import FEATURES, compilers
 from simspec.imports.mjcf.contact import MjcfSurface, combined
 from simspec.imports.mjcf.importer import MjcfImporter
 from simspec.language import foreign
-from simspec.language.foreign import Fate, ImportOptions, Severity
+from simspec.language.foreign import Fate, ImportOptions, LossSeverity
 from simspec.language.load import load
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
@@ -171,7 +171,7 @@ def test_margins_of_shapes_and_pairs(tmp_path):
     assert margins == [0.001, 0.002, 0.0]
     assert not lost(imported)
     (gap,) = [entry for entry in imported.accounts if entry.what.endswith("/@gap")]
-    assert (gap.fate, gap.severity) == (Fate.LOST, Severity.INFORMATION)
+    assert (gap.fate, gap.severity) == (Fate.LOST, LossSeverity.INFORMATION)
     for margin in (0.004, 0.0):
         path = written(tmp_path, MARGINS.replace('"a" margin="0.002"/>', f'"a" margin="{margin}"/>'))
         assert not lost(read(path))
@@ -240,7 +240,7 @@ def test_unknown_elements_are_lost(tmp_path):
     text = ARM.replace('<geom class="visual" size=".01"', '<geom class="visual" size=".01" gap="0.1"')
     text = text.replace("</mujoco>", '<sensor><jointpos joint="swing"/></sensor></mujoco>')
     imported = read(written(tmp_path, text))
-    assert "sensor" in {entry.what for entry in lost(imported, Severity.INFORMATION)}
+    assert "sensor" in {entry.what for entry in lost(imported, LossSeverity.INFORMATION)}
     assert {"geom[visual]/@gap"} <= {entry.what.rpartition("body[upper]/")[2] for entry in imported.accounts}
     every = [entry.what for entry in imported.accounts]
     assert len(every) > 60
@@ -316,11 +316,11 @@ def test_equalities_are_constraints(tmp_path):
     assert connect["connect"]["second_at"] == pytest.approx([-0.7, 0.1, 0.2])
     given = {(entry.location.line, entry.severity, entry.reason) for entry in imported.losses()}
     assert {(line, severity) for line, severity, _ in given} == {
-        (1, Severity.INFORMATION),  # the mocap body
-        (7, Severity.INFORMATION),
-        (10, Severity.PHYSICS),
-        (11, Severity.PHYSICS),
-        (12, Severity.INFORMATION),
+        (1, LossSeverity.INFORMATION),  # the mocap body
+        (7, LossSeverity.INFORMATION),
+        (10, LossSeverity.PHYSICS),
+        (11, LossSeverity.PHYSICS),
+        (12, LossSeverity.INFORMATION),
     }
     assert len(load(path).resolve().constraints) == 3
 
@@ -354,7 +354,7 @@ def test_the_timestep_is_stable_for_explicit_dampers(tmp_path):
     path = written(tmp_path, ARM.replace('damping="0.1"', 'damping="5000"'))
     imported = read(path)
     assert imported.data["physics"]["timestep"] < 0.001
-    assert FEATURES["option.timestep"].reason in {entry.reason for entry in lost(imported, Severity.INFORMATION)}
+    assert FEATURES["option.timestep"].reason in {entry.reason for entry in lost(imported, LossSeverity.INFORMATION)}
     assert load(path).resolve().physics.timestep == imported.data["physics"]["timestep"]
 
 

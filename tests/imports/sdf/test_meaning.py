@@ -7,7 +7,7 @@ import math
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.foreign import Fate, ImportOptions, Severity
+from simspec.language.foreign import Fate, ImportOptions, LossSeverity
 from simspec.language.load import load
 from simspec.language.moments import principal_moments
 from simspec.world.kinematics import trees
@@ -442,5 +442,5 @@ def test_names_that_the_language_does_not_allow_are_changed_and_reported(tmp_pat
     result = imported(model(link("1 a") + link("b.c") + joint("fixed", parent="1 a", child="b.c")), tmp_path)
     assert result.data["model"]["bodies"].keys() == {"_1_a", "b_c"}
     accounts = [account for account in result.accounts if account.what.endswith("link[1 a]/@name")]
-    assert [(account.fate, account.severity) for account in accounts] == [(Fate.CARRIED, Severity.INFORMATION)]
+    assert [(account.fate, account.severity) for account in accounts] == [(Fate.CARRIED, LossSeverity.INFORMATION)]
     assert "_1_a" in accounts[0].reason

@@ -7,7 +7,7 @@ import pytest
 from simspec.errors import SpecError
 from simspec.imports.urdf.importer import UrdfImporter
 from simspec.imports.writing import copies, from_folder, spec_text
-from simspec.language.foreign import Fate, ImportOptions, Severity
+from simspec.language.foreign import Fate, ImportOptions, LossSeverity
 from simspec.language.load import load
 from tests.imports.urdf.robots import SOLID, read, refused, two_links, watched
 from tests.meshes.solids import box, stl
@@ -78,14 +78,14 @@ def test_the_written_spec_names_the_files_from_where_it_stands_or_copies(folder)
 def test_a_missing_mesh_is_a_defect_where_it_collides_and_a_loss_where_it_is_seen(tmp_path):
     text = two_links(arm=SOLID + mesh("visual", "gone.stl") + mesh("visual", "gone.wrl"))
     lost = [account for account in read(text, tmp_path).accounts if account.fate is Fate.LOST]
-    assert [account.severity for account in lost] == [Severity.APPEARANCE] * 2
+    assert [account.severity for account in lost] == [LossSeverity.APPEARANCE] * 2
     text = two_links(arm=SOLID + mesh("collision", "package://gone/a.stl"))
     (problem,) = refused(text, tmp_path)
     assert "the package 'gone' is not found" in problem
     assert "--repair missing-meshes" in problem
     imported = read(text, tmp_path, "missing-meshes")
     assert "shapes" not in imported.data["model"]["bodies"]["arm"]
-    assert [account.severity for account in imported.losses()] == [Severity.PHYSICS]
+    assert [account.severity for account in imported.losses()] == [LossSeverity.PHYSICS]
 
 
 def test_a_mesh_that_cannot_be_read_is_as_a_missing_mesh(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simspec.imports.urdf.joints import across
-from simspec.language.foreign import Severity
+from simspec.language.foreign import LossSeverity
 from simspec.language.load import load
 from tests.imports.urdf.robots import SOLID, read, refused, two_links
 
@@ -59,10 +59,10 @@ def test_limits_and_dampers_of_a_planar_joint_are_reported(tmp_path):
     inside = '<limit lower="-1" upper="1" effort="1" velocity="1"/><dynamics damping="2" friction="0"/>'
     imported = read(two_links(inside, kind="planar"), tmp_path)
     lost = {account.what: account.severity for account in imported.losses()}
-    assert lost["joint[hinge]/limit/@lower"] is Severity.INFORMATION
-    assert lost["joint[hinge]/dynamics/@damping"] is Severity.PHYSICS
+    assert lost["joint[hinge]/limit/@lower"] is LossSeverity.INFORMATION
+    assert lost["joint[hinge]/dynamics/@damping"] is LossSeverity.PHYSICS
     static = read(two_links('<dynamics damping="0"/>', kind="planar"), tmp_path)
-    assert not [account for account in static.losses() if account.severity is Severity.PHYSICS]
+    assert not [account for account in static.losses() if account.severity is LossSeverity.PHYSICS]
     (problem,) = refused(two_links('<dynamics damping="much"/>', kind="planar"), tmp_path)
     assert "robot.urdf:4:" in problem
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, LossSeverity
 from tests.imports.urdf.robots import read, two_links
 
 
@@ -14,4 +14,4 @@ def test_a_rating_of_zero_is_none_and_is_said_to_be(name, tmp_path):
     body = next(body for body in imported.data["model"]["bodies"].values() if "parent" in body)
     assert body["joint"]["limits"] == {"position": [-1, 1], other: 3}
     (account,) = (account for account in imported.accounts if account.what.endswith(f"limit/@{name}"))
-    assert (account.fate, account.severity) == (Fate.LOST, Severity.INFORMATION)
+    assert (account.fate, account.severity) == (Fate.LOST, LossSeverity.INFORMATION)

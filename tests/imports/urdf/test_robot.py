@@ -7,7 +7,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.imports.urdf.elements import GAZEBO, rows
-from simspec.language.foreign import Fate, Severity, of_physics
+from simspec.language.foreign import Fate, LossSeverity, of_physics
 from simspec.language.load import load
 from simspec.world import frames
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
@@ -143,7 +143,7 @@ def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
         for fate, severity in met:
             assert fate is row.fate, where
             assert fate is Fate.CARRIED or severity is row.severity, where
-    assert fates["gazebo/unheard"] == [(Fate.LOST, Severity.PHYSICS)]
+    assert fates["gazebo/unheard"] == [(Fate.LOST, LossSeverity.PHYSICS)]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_types_of_joints(tmp_path, kind, inside, joint):
 def test_a_rating_in_a_namespace_is_information(tmp_path):
     text = two_links('<limit lower="0" upper="1" p:acceleration="3" p:other="1"/>', kind="revolute")
     severities = {account.what.split("/")[-1]: account.severity for account in read(text, tmp_path).losses()}
-    assert severities == {"@p:acceleration": Severity.INFORMATION, "@p:other": Severity.PHYSICS}
+    assert severities == {"@p:acceleration": LossSeverity.INFORMATION, "@p:other": LossSeverity.PHYSICS}
 
 
 def test_a_fixed_joint_has_no_axis_and_no_limits(tmp_path):

@@ -1,6 +1,6 @@
 """Stages of USD for tests, and what of their import is lost."""
 
-from simspec.language.foreign import ImportOptions, Severity
+from simspec.language.foreign import ImportOptions, LossSeverity
 from simspec.language.load import load
 
 BALL = 'def Sphere "%s" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsCollisionAPI"]) {\n%s\n}\n'
@@ -26,4 +26,4 @@ def hinge(folder, *lines, head=""):
 
 
 def lost(spec):
-    return [loss.what for loss in spec.source.imported.losses() if loss.severity is Severity.PHYSICS]
+    return [loss.what for loss in spec.source.imported.losses() if loss.severity is LossSeverity.PHYSICS]

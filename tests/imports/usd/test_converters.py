@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.foreign import ImportOptions, Severity
+from simspec.language.foreign import ImportOptions, LossSeverity
 from simspec.language.load import load
 from tests.imports.usd.stages import BALL, hinge, lost, stage
 
@@ -248,7 +248,7 @@ def test_a_ball_has_a_damper_and_an_armature_and_loses_its_friction(tmp_path):
     assert np.allclose((joint.damping, joint.armature), (0.25 / DEGREE, 0.5))
     assert [what.rpartition("@")[2] for what in lost(spec)] == ["newton:friction"]
     assert all(
-        loss.severity is not Severity.PHYSICS for loss in spec.source.imported.losses() if "armature" in loss.what
+        loss.severity is not LossSeverity.PHYSICS for loss in spec.source.imported.losses() if "armature" in loss.what
     )
 
 

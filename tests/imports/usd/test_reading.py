@@ -16,7 +16,7 @@ from simspec import cli
 from simspec.errors import SpecError
 from simspec.imports.usd.shapes import CORNERS
 from simspec.imports.usd.stage import agree, lines_of
-from simspec.language.foreign import Fate, ImportOptions, Severity
+from simspec.language.foreign import Fate, ImportOptions, LossSeverity
 from simspec.language.load import load
 from simspec.world.kinematics import poses
 
@@ -121,9 +121,9 @@ def test_everything_is_accounted_for(tmp_path):
         assert any(what.endswith(f"@{name}") for what in record), name
     fates = {account.what: account for account in imported.accounts}
     unheard = fates["/rig/base/@physx:unheard"]
-    assert (unheard.fate, unheard.severity) == (Fate.LOST, Severity.PHYSICS)
+    assert (unheard.fate, unheard.severity) == (Fate.LOST, LossSeverity.PHYSICS)
     assert unheard.location.line == RIG.splitlines().index('    def Xform "base" (') + 1
-    assert fates["/rig/base/@apiSchemas:UnknownAPI"].severity is Severity.INFORMATION
+    assert fates["/rig/base/@apiSchemas:UnknownAPI"].severity is LossSeverity.INFORMATION
 
 
 CHAIN = (
