@@ -157,12 +157,15 @@ def test_short_reasons_fit_in_a_comment_on_a_single_line():
         assert "#" not in short, short
 
 
-def test_short_reasons_are_unique():
-    """But for engines that read the same files."""
-    users = {}
-    for name, feature, short in DECLARED:
-        users.setdefault(short, set()).add((_dialect(name), feature))
-    assert not {short: features for short, features in users.items() if len(features) > 1}
+def test_features_that_share_a_short_reason_share_the_whole_reason():
+    users, reasons = {}, {}
+    for owner in (*dialects().values(), *engines().values()):
+        for feature, declaration in owner.SUPPORT.items():
+            for reason in (declaration, *declaration.cases):
+                if reason.level in (Level.APPROXIMATE, Level.OUTSIDE):
+                    users.setdefault(reason.short, set()).add((_dialect(owner.NAME), feature))
+                    reasons.setdefault(reason.short, set()).add(reason.how)
+    assert not {short: found for short, found in users.items() if len(found) > 1 and len(reasons[short]) > 1}
 
 
 def test_every_link_leads_to_the_whole_reason():
