@@ -35,6 +35,12 @@ def clipped(text: str, most: int = MOST_TEXT) -> str:
     return text if len(text) <= most else f"{text[:most]}… ({len(text):,} characters)"
 
 
+def more_places(paths: Sequence[object]) -> str:
+    """" (and 3 more places)" after a message that names the first of ``paths``; "" where there is one."""
+    more = len(paths) - 1
+    return f" (and {more} more place{'s' if more > 1 else ''})" if more else ""
+
+
 def visible(text: str, lines: bool = False) -> str:
     """``text`` with everything escaped that is not seen, or that does more than be seen: control characters (with ``lines``,
     all but the ends of lines), other ends of lines, marks that change the direction of writing, and halves of characters."""

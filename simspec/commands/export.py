@@ -20,7 +20,7 @@ from simspec.audit.exported import ReaderLoss, reader_losses
 from simspec.commands.loading import LoadedSpec, load_all
 from simspec.commands.options import print_json
 from simspec.commands.scenario_options import ExportOptions
-from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError, more_places
 from simspec.files import NotReadableError, read_bytes
 from simspec.formats.kit.contract import Format, PlainFiles, formats
 from simspec.formats.kit.text import json_text
@@ -101,7 +101,7 @@ class Export:
         for loss in self.plain.losses:
             if loss.of_the_model:
                 path = next(path for path in loss.paths if path.startswith("bodies."))
-                more = f" (and {len(loss.paths) - 1} more places)" if len(loss.paths) > 1 else ""
+                more = more_places(loss.paths)
                 yield Problem(
                     f"{self.format_name} does not carry {loss.feature}, which is {loss.fate.value}: {loss.how}{more}",
                     path,

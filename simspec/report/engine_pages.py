@@ -156,7 +156,7 @@ INDEX_HEAD = f"""# Engines
 All features side by side: the [support matrix](support-matrix.md). Levels of a certificate: [proof.md](../concepts/proof.md).
 `simspec engines doctor` checks the installations of this machine.
 """
-PLACES = re.compile(r" \(and \d+ more places\)")
+PLACES = re.compile(r" \(and \d+ more places?\)")
 LEVELS = (*WORDS.values(), NOT_YET)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from simspec.errors import EngineRefusal, Location, UnsupportedError
+from simspec.errors import EngineRefusal, Location, UnsupportedError, more_places
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Absence, Level, Support, Table, acceptance
 from simspec.support.features import MEANING, Feature
@@ -241,8 +241,7 @@ def negotiate(
             decisions.append(Decision(need.feature, support.level, support.how, need.paths, short))
             continue
         message, hint, option = refused
-        more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""
-        path = need.paths[0]
+        more, path = more_places(need.paths), need.paths[0]
         meaning = f"{need.feature.value}: {MEANING[need.feature]}"
         place = locate(path)
         problems.append(
