@@ -36,7 +36,7 @@ def clipped(text: str, most: int = MOST_TEXT) -> str:
 
 
 def more_places(paths: Sequence[object]) -> str:
-    """" (and 3 more places)" after a message that names the first of ``paths``; "" where there is one."""
+    """ " (and 3 more places)" after a message that names the first of ``paths``; "" where there is one."""
     more = len(paths) - 1
     return f" (and {more} more place{'s' if more > 1 else ''})" if more else ""
 
