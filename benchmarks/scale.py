@@ -32,7 +32,7 @@ from simspec.experiments.certify import LocalSupplies
 from simspec.experiments.executors.dask import BATCH_BYTES, BATCH_SECONDS, LARGEST_BATCH, WINDOW
 from simspec.experiments.executors.local import Task
 from simspec.experiments.executors.remote import batch_parcel, do_batch, results_of, wanted_versions
-from simspec.experiments.index import Row, row_of
+from simspec.experiments.index import RunRow, row_of
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import cell_data, stored_key
@@ -122,11 +122,11 @@ def measure_runs(plan: Plan, engine: str, folder: Path) -> dict[str, float]:
     return figures
 
 
-def _bytes_of(row: Row) -> float:
+def _bytes_of(row: RunRow) -> float:
     """Memory that a row of the index takes."""
     text = json.dumps(asdict(row))
     tracemalloc.start()
-    rows = [Row(**json.loads(text)) for _ in range(1000)]
+    rows = [RunRow(**json.loads(text)) for _ in range(1000)]
     taken, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     return taken / len(rows)

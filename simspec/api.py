@@ -13,10 +13,10 @@ from simspec import selection
 from simspec.compiler import Compiled, compile_world
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.session import Session
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell, plan_sweep
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome, local_executor, side_by_side
+from simspec.experiments.sweep import SweepOutcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.timing import versions_of
 from simspec.files import scratch_folder
@@ -47,10 +47,10 @@ def session(world: World, engine: str) -> Session:
 class Swept:
     """The runs of a sweep. ``outcome``: counts, proofs and problems; ``store``: where the runs are."""
 
-    outcome: Outcome
+    outcome: SweepOutcome
     store: Store
 
-    def rows(self) -> Iterator[tuple[Cell, Row | None]]:
+    def rows(self) -> Iterator[tuple[Cell, RunRow | None]]:
         """Every cell of the plan in order, with the row of its run; None where there is none."""
         return self.outcome.rows()
 

@@ -25,7 +25,7 @@ from simspec.world.types import World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
-    from simspec.proof.judge import Stored
+    from simspec.proof.judge import StoredProofs
 
 GENERATED = Path("generated")
 CERTIFICATE_FILE = "certificate.json"
@@ -56,7 +56,7 @@ class Written:
 
     folder: Path
     changed: bool
-    stored: Stored | None
+    stored: StoredProofs | None
 
 
 def write(built: CompiledSpec, folder: Path) -> Written:
@@ -65,7 +65,7 @@ def write(built: CompiledSpec, folder: Path) -> Written:
     Engines that were not compiled this time keep their artifacts as long as they are of the same world; a certificate keeps the
     proofs that are of these very files. Raises SpecError when the folder may not be written (:mod:`simspec.outputs.targets`).
     """
-    found: list[Stored] = []
+    found: list[StoredProofs] = []
 
     def change(real: Path | None) -> dict[str, bytes] | None:
         files = dict(built.files)
@@ -83,14 +83,16 @@ def write(built: CompiledSpec, folder: Path) -> Written:
     return Written(folder, changed, found[0] if found else None)
 
 
-def _holding(content: bytes, world: World, files: Mapping[str, bytes], folder: Path) -> tuple[bytes | None, Stored]:
+def _holding(
+    content: bytes, world: World, files: Mapping[str, bytes], folder: Path
+) -> tuple[bytes | None, StoredProofs]:
     """A certificate without the proofs that do not hold of ``files``, None where none does; and what became of it."""
-    from simspec.proof.judge import Stored, holding_proofs
+    from simspec.proof.judge import StoredProofs, holding_proofs
 
     try:
         certificate = _parsed(content, folder)
     except SpecError as error:
-        return None, Stored(unread=_why(error, folder))
+        return None, StoredProofs(unread=_why(error, folder))
     stored = holding_proofs(certificate, world, engine_hashes(files))
     if stored.dropped and stored.kept:
         content = replace(certificate, engines=dict(stored.kept)).to_json().encode()
@@ -268,7 +270,7 @@ class Certified:
     """The result of writing a certificate: whether it changed, and the proofs of other engines that were kept or dropped."""
 
     changed: bool
-    stored: Stored
+    stored: StoredProofs
 
 
 def write_certificate(certificate: Certificate, world: World, folder: Path) -> Certified:
@@ -277,9 +279,9 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
     An old proof that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
     Raises SpecError where the files are not those that were verified.
     """
-    from simspec.proof.judge import Stored, holding_proofs
+    from simspec.proof.judge import StoredProofs, holding_proofs
 
-    found = Stored()
+    found = StoredProofs()
 
     def change(real: Path | None) -> dict[str, bytes] | None:
         nonlocal found
@@ -297,7 +299,7 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
             try:
                 found = holding_proofs(_parsed(now[CERTIFICATE_FILE], folder), world, hashes, certificate.oracle)
             except SpecError as error:
-                found = Stored(unread=_why(error, folder))
+                found = StoredProofs(unread=_why(error, folder))
         content = certificate.joined(found.kept).to_json().encode()
         return None if now.get(CERTIFICATE_FILE) == content else now | {CERTIFICATE_FILE: content}
 

@@ -10,7 +10,7 @@ import numpy as np
 from simspec.world import frames
 from simspec.world.actions import Force
 from simspec.world.kinematics import layout_of, poses
-from simspec.world.types import Connect, Follow, Pose, World
+from simspec.world.types import ConnectConstraint, FollowConstraint, Pose, World
 from tests import worlds
 
 
@@ -24,7 +24,7 @@ def follower() -> World:
     base = hinges()
     leader, joint = (body.joint for body in base.bodies[1:3])
     offset = joint.position[0] + leader.position[0]
-    return dataclasses.replace(base, constraints=(Follow("mirror", joint.name, leader.name, -1.0, offset),))
+    return dataclasses.replace(base, constraints=(FollowConstraint("mirror", joint.name, leader.name, -1.0, offset),))
 
 
 def closed_loop() -> World:
@@ -33,7 +33,7 @@ def closed_loop() -> World:
     root, last = base.bodies[0].name, base.bodies[-1].name
     place = poses(base)
     point = frames.compose(frames.inverse(place[root]), place[last]).position
-    return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.0, 0.0, 0.0)),))
+    return dataclasses.replace(base, constraints=(ConnectConstraint("latch", root, last, point, (0.0, 0.0, 0.0)),))
 
 
 def pushed_loop() -> World:
@@ -45,7 +45,7 @@ def pushed_loop() -> World:
     joint = bodies[1].joint
     limits = (joint.position[0] - 0.01, joint.position[0] + 0.5)
     bodies[1] = dataclasses.replace(bodies[1], joint=dataclasses.replace(joint, position_limits=limits))
-    pin, force = Connect("pin", root, last, point, (0.0, 0.0, 0.0)), Force(last, (1.0, 0.0, 0.0), until=0.01)
+    pin, force = ConnectConstraint("pin", root, last, point, (0.0, 0.0, 0.0)), Force(last, (1.0, 0.0, 0.0), until=0.01)
     return dataclasses.replace(world, bodies=tuple(bodies), constraints=(pin,), forces=(force,))
 
 
@@ -68,17 +68,17 @@ def linkage(*limits: tuple[float, float] | None) -> World:
     place = poses(base)
     root, last = bodies[0].name, bodies[-1].name
     point = frames.compose(frames.inverse(place[root]), frames.compose(place[last], Pose((0.2, 0.0, 0.0)))).position
-    return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.2, 0.0, 0.0)),))
+    return dataclasses.replace(base, constraints=(ConnectConstraint("latch", root, last, point, (0.2, 0.0, 0.0)),))
 
 
 def violation(base: World, q: np.ndarray) -> float:
     """How far the constraints of :func:`follower` and :func:`closed_loop` are from holding in the state ``q`` (rad, m)."""
     (constraint,) = base.constraints
     at = {body.joint.name: q[place] for body, place in zip(base.bodies, layout_of(base).position, strict=True)}
-    if isinstance(constraint, Follow):
+    if isinstance(constraint, FollowConstraint):
         wanted = constraint.ratio * at[constraint.leader] + constraint.offset
         return float(np.abs(at[constraint.joint] - wanted).max())
-    assert isinstance(constraint, Connect)
+    assert isinstance(constraint, ConnectConstraint)
     moved = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=tuple(at[body.joint.name].tolist())))
         for body in base.bodies

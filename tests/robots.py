@@ -14,7 +14,18 @@ from simspec.world import frames
 from simspec.world.frames import sorted_pair
 from simspec.world.hull import centred, corners, mesh_size
 from simspec.world.kinematics import poses
-from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Pose, Shape, Weld, World
+from simspec.world.types import (
+    Body,
+    ConnectConstraint,
+    Contact,
+    FollowConstraint,
+    Material,
+    PairContact,
+    Pose,
+    Shape,
+    WeldConstraint,
+    World,
+)
 from tests import worlds
 
 KINDS = ("hinge", "slide", "ball", "fixed")
@@ -32,7 +43,7 @@ def robot(seed: int, kinds: tuple[str, ...] = KINDS, *, loops: bool = True, free
     base = World("robot", bodies)
     constraints = [*_follows(bodies, draw), *(_loops(base, draw) if loops else ())]
     excluded = {sorted_pair(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
-    excluded |= {sorted_pair(loop.first, loop.second) for loop in constraints if not isinstance(loop, Follow)}
+    excluded |= {sorted_pair(loop.first, loop.second) for loop in constraints if not isinstance(loop, FollowConstraint)}
     contact = Contact(
         materials=(Material("default", 0.5),),
         pairs=(PairContact("default", "default", 0.5, 0.0),),
@@ -77,16 +88,16 @@ def hull(number: int) -> tuple[float, ...]:
     return mesh_size(centred(points[corners(points)])[1])
 
 
-def _follows(bodies: tuple[Body, ...], draw: random.Random) -> list[Follow]:
+def _follows(bodies: tuple[Body, ...], draw: random.Random) -> list[FollowConstraint]:
     driven = [body.joint.name for body in bodies if body.joint.kind in ("hinge", "slide")]
     return [
-        Follow(name, name, draw.choice(driven[:index]), draw.choice([1.0, -1.0, 0.37]))
+        FollowConstraint(name, name, draw.choice(driven[:index]), draw.choice([1.0, -1.0, 0.37]))
         for index, name in enumerate(driven)
         if index and draw.random() < 0.5
     ]
 
 
-def _loops(base: World, draw: random.Random) -> list[Connect | Weld]:
+def _loops(base: World, draw: random.Random) -> list[ConnectConstraint | WeldConstraint]:
     """A loop between two bodies that no joint joins, if there are two that could move against each other."""
     place = poses(base)
     names = [body.name for body in base.bodies]
@@ -103,9 +114,9 @@ def _loops(base: World, draw: random.Random) -> list[Connect | Weld]:
     first, second = draw.choice(pairs)
     between = frames.compose(frames.inverse(place[first]), place[second])
     if draw.random() < 0.3:
-        return [Weld("latch", first, second, between)]
+        return [WeldConstraint("latch", first, second, between)]
     point = pose(draw, 0.2).position
-    return [Connect("latch", first, second, frames.compose(between, Pose(point)).position, point)]
+    return [ConnectConstraint("latch", first, second, frames.compose(between, Pose(point)).position, point)]
 
 
 def assert_same(ours: World, theirs: World, tolerance: float) -> None:
@@ -146,9 +157,9 @@ def _pose(place: Pose) -> tuple[float, ...]:
 def _constraints(base: World) -> dict[tuple[str, ...], tuple[float, ...]]:
     said: dict[tuple[str, ...], tuple[float, ...]] = {}
     for constraint in base.constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             said["follow", constraint.joint, constraint.leader] = (constraint.ratio, constraint.offset)
-        elif isinstance(constraint, Connect):
+        elif isinstance(constraint, ConnectConstraint):
             said["connect", constraint.first, constraint.second] = (*constraint.first_point, *constraint.second_point)
         else:
             said["weld", constraint.first, constraint.second] = _pose(constraint.pose)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import collections
 import functools
 import re
 from pathlib import Path
@@ -63,6 +64,21 @@ EXCEPTIONS = {
 ENTRANCES = ("__init__.py", "__main__.py")
 """The package's own doors, which may open every part."""
 LONGEST = 500
+IN_SPEC_AND_WORLD = (
+    "Body",
+    "Contact",
+    "EngineOptions",
+    "Fluid",
+    "Frame",
+    "Joint",
+    "Material",
+    "PairSettings",
+    "Physics",
+    "Pose",
+    "Shape",
+)
+"""Class names that stand for two classes: the model of a spec's text (``simspec.language``, where the name is a definition of
+the JSON schema and of docs/reference/language.md), and the same thing resolved (``simspec.world``). All others are unique."""
 HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
@@ -380,6 +396,17 @@ def test_a_name_at_home_is_not_foreign(path, free, foreign):
 def test_files_stay_readable():
     lengths = {name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     assert not {name: length for name, length in lengths.items() if length > LONGEST}
+
+
+def test_class_names_are_unique():
+    homes = collections.defaultdict(list)
+    for path in MODULES:
+        for node in nodes(parsed(path)):
+            if isinstance(node, ast.ClassDef):
+                homes[node.name].append(name_of(path))
+    shared = {name: paths for name, paths in homes.items() if len(paths) > 1}
+    assert sorted(shared) == sorted(IN_SPEC_AND_WORLD)
+    assert {tuple(sorted(path.split("/")[0] for path in paths)) for paths in shared.values()} == {("language", "world")}
 
 
 def writes(tree: ast.AST) -> list[tuple[int, str]]:

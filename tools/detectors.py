@@ -26,7 +26,7 @@ from simspec.dialects.dart.contact import REFUSED, UNSOUND
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.session import Session
 from simspec.language.vocabulary import SHAPE_KINDS
-from simspec.proof.touch.geometry import Solid, gap, solids, transform
+from simspec.proof.touch.geometry import CollisionSolid, gap, solids, transform
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.hull import centred, corners, mesh_size
@@ -109,7 +109,9 @@ def _turn(draw: np.random.Generator) -> tuple[float, ...]:
     return frames.normalise(tuple(draw.normal(size=4).tolist()))
 
 
-def poses(solid: Solid, other: Solid, count: int, draw: np.random.Generator) -> Iterator[tuple[float, list[Pose]]]:
+def poses(
+    solid: CollisionSolid, other: CollisionSolid, count: int, draw: np.random.Generator
+) -> Iterator[tuple[float, list[Pose]]]:
     """(signed distance, poses of both), for each distance as many."""
     least = min(solid.inner, other.inner)
     wanted = [-depth for depth in OVERLAPS if depth <= ALLOWED * least] + list(GAPS)

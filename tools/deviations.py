@@ -37,10 +37,10 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact import stacks
 from simspec.proof.contact.normal import DROP_RESTITUTION
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Probe, ProbeFigure, ProbeLaw, ProbeTrial
 from simspec.proof.contact.run import COUPLED, PROBES, widened
 from simspec.proof.contact.worlds import EVERYTHING, drive_of, motion_of, world_of_trial
-from simspec.world.reach import Reach
+from simspec.world.reach import MaterialReach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
@@ -91,7 +91,7 @@ class Grid:
             for point in itertools.product(values.frictions, values.restitutions, values.ratios)
         ]
 
-    def laws(self, probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
+    def laws(self, probe: Probe, cone: str, timestep: float) -> Iterator[ProbeLaw]:
         laws = (law_of(*point, cone, timestep) for point in self.points(probe))
         return (law for law in laws if probe.applies(law))
 
@@ -145,12 +145,12 @@ def kind_of(probe: Probe) -> str:
     return kinds.get(probe.NAME) or ("coupled" if probe.NAME in COUPLED else "pair")
 
 
-def law_of(friction: float, restitution: float, ratio: float, cone: str, timestep: float) -> Law:
-    reach = Reach(True, True, True, True, ratio, 3, crosses=True, jams=True, squeezes=True, plane=True)
-    return Law(PairContact("base", "body", friction, restitution), cone, timestep, reach=reach)
+def law_of(friction: float, restitution: float, ratio: float, cone: str, timestep: float) -> ProbeLaw:
+    reach = MaterialReach(True, True, True, True, ratio, 3, crosses=True, jams=True, squeezes=True, plane=True)
+    return ProbeLaw(PairContact("base", "body", friction, restitution), cone, timestep, reach=reach)
 
 
-def worlds(engine: str, law: Law, trials: Sequence[Trial], settings: Mapping[str, Any]) -> list[World]:
+def worlds(engine: str, law: ProbeLaw, trials: Sequence[ProbeTrial], settings: Mapping[str, Any]) -> list[World]:
     pair = law.pair
     materials = tuple(Material(name, pair.friction, pair.restitution) for name in (pair.first, pair.second))
     pairs = tuple(
@@ -163,11 +163,11 @@ def worlds(engine: str, law: Law, trials: Sequence[Trial], settings: Mapping[str
 
 
 def measure(
-    engine: str, settings: Mapping[str, Any], jobs: Sequence[tuple[Probe, Law]]
-) -> list[tuple[Law, Figure]] | str:
+    engine: str, settings: Mapping[str, Any], jobs: Sequence[tuple[Probe, ProbeLaw]]
+) -> list[tuple[ProbeLaw, ProbeFigure]] | str:
     """Every figure of some probes under their laws, all of one process; or why the engine refuses."""
     operations: list[Operation] = []
-    tried: list[tuple[Probe, Law, list[World]]] = []
+    tried: list[tuple[Probe, ProbeLaw, list[World]]] = []
     refused = ""
     with tempfile.TemporaryDirectory() as folder:
         for probe, law in jobs:
@@ -198,7 +198,7 @@ def measure(
         return found
 
 
-def off(figure: Figure) -> float:
+def off(figure: ProbeFigure) -> float:
     if figure.measured is None or not math.isfinite(figure.measured):
         return math.inf
     return abs(figure.measured - figure.expected) / figure.tolerance
@@ -368,7 +368,7 @@ def uncovered(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
         engine = find_engine(row["engine"])
         settings = {name: setting.default for name, setting in engine.SETTINGS.items()} | row["settings"]
         law = law_of(row["friction"], row["restitution"], row["ratio"], row["cone"], row["timestep"] / 1e3)
-        figure = Figure(row["probe"], "", row["case"], "", "", row["expected"], row["measured"], row["tolerance"])
+        figure = ProbeFigure(row["probe"], "", row["case"], "", "", row["expected"], row["measured"], row["tolerance"])
         declared = [deviation for deviation in engine.CONTACT_DEVIATIONS if not deviation.is_local]
         covered = widened(figure, law, declared, settings, engine.version())
         if not covered.passed or (covered.deviation and off(covered) > NEAR):
@@ -537,14 +537,14 @@ def main() -> int:
     return 0
 
 
-def record(law: Law, figure: Figure, local: bool) -> dict[str, Any]:
+def record(law: ProbeLaw, figure: ProbeFigure, local: bool) -> dict[str, Any]:
     numbers = {"friction": law.pair.friction, "restitution": law.pair.restitution, "ratio": law.reach.ratio}
     return {"local": local, **numbers, "off": off(figure), **{name: getattr(figure, name) for name in KEPT}}
 
 
-def worst_by_probe(found: Sequence[tuple[Law, Figure]]) -> Iterator[tuple[Law, Figure]]:
+def worst_by_probe(found: Sequence[tuple[ProbeLaw, ProbeFigure]]) -> Iterator[tuple[ProbeLaw, ProbeFigure]]:
     """Of each probe's figures beyond their tolerance the one that is furthest off."""
-    by_probe: dict[str, list[tuple[Law, Figure]]] = {}
+    by_probe: dict[str, list[tuple[ProbeLaw, ProbeFigure]]] = {}
     for law, figure in found:
         by_probe.setdefault(figure.probe, []).append((law, figure))
     for some in by_probe.values():

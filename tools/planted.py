@@ -36,7 +36,7 @@ from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact import run
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Probe, ProbeFigure, ProbeLaw, ProbeTrial, TrialMotion
 from simspec.proof.contact.run import deviating
 from simspec.proof.contact.worlds import EVERYTHING, drive_of, joined, motion_of, split, world_of_trial
 from simspec.support.declarations import Level
@@ -69,19 +69,19 @@ class Job:
     """One probe with one defect in an engine: the true law, and of each trial its worlds and what drives them."""
 
     defect: Defect
-    law: Law
+    law: ProbeLaw
     probe: Probe
     settings: Mapping[str, Any]
     worlds: list[list[World]]
     operations: list[list[Operation]]
 
     @property
-    def key(self) -> tuple[Law, str]:
+    def key(self) -> tuple[ProbeLaw, str]:
         """The part that it shares with the same probe of the unchanged law."""
         return self.law, self.probe.NAME
 
 
-Found = list[list[Motion]] | EngineError | UnsupportedError
+Found = list[list[TrialMotion]] | EngineError | UnsupportedError
 """Of each trial the motions of its worlds, or why there are none."""
 
 
@@ -91,7 +91,7 @@ class Tried:
 
     job: Job
     found: Found
-    figures: Sequence[Figure]
+    figures: Sequence[ProbeFigure]
 
     @property
     def fails(self) -> list[str]:
@@ -124,7 +124,7 @@ class Result:
     date: str = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).date().isoformat())
 
 
-def altered(trial: Trial, probe: str, defect: Defect) -> Trial:
+def altered(trial: ProbeTrial, probe: str, defect: Defect) -> ProbeTrial:
     heavier, slick = (re.compile(some.get(probe, "(?!)")) for some in (defect.heavier, defect.slick))
 
     def body_of(body: Body) -> Body:
@@ -137,7 +137,7 @@ def altered(trial: Trial, probe: str, defect: Defect) -> Trial:
             body = dataclasses.replace(body, shapes=shapes)
         return body
 
-    return Trial(tuple(map(body_of, trial.bodies)), trial.phases, () if defect.no_contact else trial.meets)
+    return ProbeTrial(tuple(map(body_of, trial.bodies)), trial.phases, () if defect.no_contact else trial.meets)
 
 
 def job(engine: str, judged: Mapping[str, Any], cone: str, defect: Defect, probe: Probe) -> Job | None:
@@ -218,12 +218,12 @@ def _written(engine: str, planned: Job, place: Path) -> list[Operation]:
     return found
 
 
-def figures(planned: Job, engine: str, found: Found) -> list[Figure]:
+def figures(planned: Job, engine: str, found: Found) -> list[ProbeFigure]:
     """Figures of level L5; an engine that fails gives a failed figure, and a refused job gives none."""
     if isinstance(found, UnsupportedError):
         return []
     if isinstance(found, EngineError):
-        return [Figure(planned.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
+        return [ProbeFigure(planned.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
     kind = find_engine(engine)
     with np.errstate(invalid="ignore"):  # bodies that never meet have no impact: NaN, which fails
         raw = planned.probe.figures(planned.law, [joined(parts) for parts in found])
@@ -276,7 +276,7 @@ def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]
     return [*failing, *mine.values()]
 
 
-def judge(result: Result, engine: str, attempts: Sequence[Tried], before: Mapping[tuple[Law, str], Tried]) -> None:
+def judge(result: Result, engine: str, attempts: Sequence[Tried], before: Mapping[tuple[ProbeLaw, str], Tried]) -> None:
     """Say in ``result`` what the coupled probes show of a defect; ``before``: the same without it."""
     acts, rows = False, list[str]()
     for attempt in attempts:

@@ -7,18 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from simspec.proof.contact.probe import Law
-from simspec.world.reach import Reach
+from simspec.proof.contact.probe import ProbeLaw
+from simspec.world.reach import MaterialReach
 from simspec.world.types import Hardness, PairContact
 
 TIMESTEP = 1e-3
 LEANING, JAMMING, IMPACTS = ("rod", "clamp", "pile"), ("jam", "jam-light"), ("strike", "row", "edge")
-_REACH = Reach(
+_REACH = MaterialReach(
     leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True, squeezes=True
 )
 _KINDS = ("box", "capsule", "cylinder")
-RIGID = Law(PairContact("base", "body", 0.5, 0.0), "elliptic", TIMESTEP, reach=_REACH)
-LAWS: Mapping[str, Law] = {
+RIGID = ProbeLaw(PairContact("base", "body", 0.5, 0.0), "elliptic", TIMESTEP, reach=_REACH)
+LAWS: Mapping[str, ProbeLaw] = {
     "rigid": RIGID,
     "bouncing": dataclasses.replace(RIGID, pair=PairContact("base", "body", 0.5, 0.5)),
     "slippery": dataclasses.replace(RIGID, pair=PairContact("base", "body", 0.1, 0.0)),

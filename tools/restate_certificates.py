@@ -19,7 +19,7 @@ from simspec.generated import CERTIFICATE_FILE, GENERATED, owned_files
 from simspec.outputs.targets import COMPILED
 from simspec.outputs.writing import write_folder
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import contact_checks, deviating, laws
 from simspec.proof.expected import NO_FRAMES, Realised, not_checked_parts, realised, unreadable
 from simspec.proof.judge import judge_proof
@@ -60,7 +60,7 @@ def _texts(engine: str, stored: Mapping[str, str], declared: Mapping[str, str]) 
     return {name: declared[name] for name in stored}
 
 
-def _figure(figure: Figure, world: World, engine: type[Engine], files: Realised, version: str) -> Figure:
+def _figure(figure: ProbeFigure, world: World, engine: type[Engine], files: Realised, version: str) -> ProbeFigure:
     """The figure with the reason of the declared deviation of the same size."""
     law = next((law for law in laws(world) if law.subject == figure.subject), None)
     if not figure.deviation or law is None:

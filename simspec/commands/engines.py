@@ -240,7 +240,7 @@ def _list(as_json: bool) -> int:
     return EXIT_OK
 
 
-def _row(record: trusted.Record) -> dict[str, Any]:
+def _row(record: trusted.TrustRecord) -> dict[str, Any]:
     """A record as plain data, with what the file is today."""
     row = {"file": record.file, "record": record.place}
     if record.file is None:

@@ -17,7 +17,7 @@ from simspec.outputs.targets import LARGEST_MARKER
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters
 from simspec.report.screen import say
-from simspec.report.study.pages import PUBLISHED_FILE, Mark, filled, marks, study_tables, tables_text
+from simspec.report.study.pages import PUBLISHED_FILE, PageMark, filled, marks, study_tables, tables_text
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
@@ -71,7 +71,7 @@ def _tables_in(path: Path, kept: dict[Path, StudyTables | None]) -> Callable[[st
     return lambda study: kept[path / study]
 
 
-def _absent(found: Mapping[Path, Sequence[Mark]], older: bool) -> set[Path]:
+def _absent(found: Mapping[Path, Sequence[PageMark]], older: bool) -> set[Path]:
     """The folders of studies that are not there, where all pages that name them say so, or are to say so."""
     said: dict[Path, bool] = {}
     for path, local in found.items():

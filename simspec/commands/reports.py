@@ -22,7 +22,7 @@ from simspec.report.screen import say
 
 if TYPE_CHECKING:
     from simspec.comparison.study import Study
-    from simspec.report.tested import Suite
+    from simspec.report.tested import TestedSuite
 
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 """Variable of the environment of a step of GitHub Actions: the file that the job's summary is added to."""
@@ -54,7 +54,7 @@ class Reports:
 
     def write(
         self,
-        suites: Sequence[Suite],
+        suites: Sequence[TestedSuite],
         *,
         study: Study | None = None,
         warnings: Sequence[Problem] = (),

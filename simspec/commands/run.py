@@ -27,7 +27,7 @@ from simspec.outputs.targets import COMPILED, RUN, STUDY, demand, existing_name_
 from simspec.outputs.writing import Artifacts, change_file, open_folder, remove_file, write_file
 from simspec.report.baseline import (
     Baseline,
-    Comparison,
+    BaselineComparison,
     baseline_of,
     compare,
     comparison_data,
@@ -296,7 +296,7 @@ def _tolerance(options: RunOptions) -> float:
 class Compared:
     """Result of a comparison with a baseline: the comparison (None: there was no baseline), notes, and the baseline written."""
 
-    comparison: Comparison | None
+    comparison: BaselineComparison | None
     notes: tuple[str, ...]
     written: Path | None
 

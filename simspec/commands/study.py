@@ -26,7 +26,7 @@ from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.published import MODELS_FILE, MOST_MODELS, outdated_runs, sweep_models
 from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome, local_executor, side_by_side
+from simspec.experiments.sweep import SweepOutcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.timing import versions_of
 from simspec.files import resource_folder
@@ -39,7 +39,7 @@ from simspec.report.plain import PAGE_FILE as HTML_FILE
 from simspec.report.problems import show_error
 from simspec.report.screen import console, duration, progress, say
 from simspec.report.study.pages import PUBLISHED_FILE, SCHEMA, TABLES_FILE, study_parts
-from simspec.report.study.runs import Done, Explained, StudyTable
+from simspec.report.study.runs import Done, StudyExplanation, StudyTable
 from simspec.report.study.tables import counted, measured, shown_of
 from simspec.report.study.validity import unfailed
 from simspec.report.table import Table, html_data, markdown
@@ -84,7 +84,7 @@ def study(options: StudyOptions) -> int:
     for entry, plan in planned:
         say(f"{source.name}: {entry.name}, {len(plan):,} runs", error=True)
 
-        def run_plan(plan: Plan, item: SweepOfStudy = entry) -> Outcome:
+        def run_plan(plan: Plan, item: SweepOfStudy = entry) -> SweepOutcome:
             with progress(not options.as_json) as tell:
                 return run_sweep(
                     plan,
@@ -106,7 +106,7 @@ def study(options: StudyOptions) -> int:
             say(f"{source.name}: {entry.name}, moved by {amount} (the first gap), {count} runs", error=True)
             moved.append((second, run_plan(second.plan)))
         figures = [figure for figure in source.figures if figure.sweep == entry.name]
-        found: list[Explained] = []
+        found: list[StudyExplanation] = []
         if "attribution" in entry.words.show:
             with progress(not options.as_json) as tell:
                 found = explained(outcome, opened, pythons, options.deadline, tell)
@@ -187,7 +187,7 @@ def _show(
     return code
 
 
-def exit_code(outcome: Outcome, show: Collection[str]) -> int:
+def exit_code(outcome: SweepOutcome, show: Collection[str]) -> int:
     """The exit code of a sweep of a study. A study is to find runs that fail or miss expectations, and therefore,
     where the study shows it (``CONTACT_SHOWN``), is contact beyond the tolerances of L5 at a timestep."""
     if outcome.invalid_count:
@@ -336,8 +336,8 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
 
 
 def explained(
-    outcome: Outcome, store: Store, pythons: Mapping[str, str], deadline: float, progress: Callable[..., None]
-) -> list[Explained]:
+    outcome: SweepOutcome, store: Store, pythons: Mapping[str, str], deadline: float, progress: Callable[..., None]
+) -> list[StudyExplanation]:
     """Of each engine but the first of the plan, where it differs from that, from the runs of the scenario itself at the
     smallest timestep. An unsupported or failed comparison has its reason."""
     keys: dict[str, tuple[float, str]] = {}
@@ -347,14 +347,14 @@ def explained(
         if cell.engine not in keys or row.timestep < keys[cell.engine][0]:
             keys[cell.engine] = (row.timestep, row.key)
     first, *others = outcome.plan.engines
-    found: list[Explained] = []
+    found: list[StudyExplanation] = []
     for engine in others:
         missing = next((name for name in (first, engine) if name not in keys), None)
         if missing is not None:
-            found.append(Explained(engine, first, None, f"{missing} has no whole run"))
+            found.append(StudyExplanation(engine, first, None, f"{missing} has no whole run"))
             continue
         if keys[first][0] != keys[engine][0]:
-            found.append(Explained(engine, first, None, f"{first} has no run at {keys[engine][0]:g} s"))
+            found.append(StudyExplanation(engine, first, None, f"{first} has no run at {keys[engine][0]:g} s"))
             continue
         progress(f"explaining where {engine} differs from {first}")
         runs = [store.load(keys[name][1]) for name in (first, engine)]
@@ -363,9 +363,9 @@ def explained(
                 *runs, windows=WINDOWS, names=(first, engine), pythons=pythons, deadline=deadline, progress=progress
             )
         except SimspecError as error:
-            found.append(Explained(engine, first, None, str(error).splitlines()[0]))
+            found.append(StudyExplanation(engine, first, None, str(error).splitlines()[0]))
         else:
-            found.append(Explained(engine, first, explanation))
+            found.append(StudyExplanation(engine, first, explanation))
     return found
 
 

@@ -17,7 +17,7 @@ from simspec.experiments.executors.dask import DaskExecutor, demand_address
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome, local_executor, side_by_side
+from simspec.experiments.sweep import SweepOutcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.timing import disturbances, versions_of
 from simspec.outputs.targets import STORE, STUDY, demand, file_problem, folder_problem
@@ -112,7 +112,12 @@ def is_csv(content: bytes) -> bool:
 
 
 def _show(
-    options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: LoadedSpec, reports: Reports
+    options: SweepOptions,
+    outcome: SweepOutcome,
+    selection: Selection,
+    folder: Path,
+    loaded: LoadedSpec,
+    reports: Reports,
 ) -> int:
     """Write and print the results; the exit code."""
     csv, warnings = options.csv, loaded.warnings

@@ -17,7 +17,7 @@ from simspec.control.reference import Native, Reference, Servos, natives
 from simspec.errors import SimspecError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.processes import processor_clock
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World
 
@@ -42,7 +42,7 @@ class Joints(Protocol):
         """One step under the efforts that were given."""
 
 
-def needs_dynamics(controller: Controller) -> bool:
+def needs_dynamics(controller: JointController) -> bool:
     """Whether a law needs M, h or g of the joint's tree."""
     implicit = controller.law == "pd" and controller.discretisation == "implicit"
     return controller.law == "computed-torque" or controller.gravity_compensation or implicit
@@ -196,7 +196,7 @@ class _JointGroup:
         return np.linalg.solve(mass + np.diag(self._ahead), free)
 
 
-def _dynamics(world: World, bodies: tuple[Body, ...], controllers: list[Controller]) -> Any:
+def _dynamics(world: World, bodies: tuple[Body, ...], controllers: list[JointController]) -> Any:
     unexpected = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
     if unexpected:
         names = ", ".join(sorted({controller.name for controller in controllers}))

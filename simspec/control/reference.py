@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from simspec.world.types import World
 
 
@@ -72,8 +72,8 @@ def reference(world: World) -> Reference:
     return Reference(joints, position, _among(joints, columns, efforts(trajectory), np.zeros(len(joints))))
 
 
-def positions(trajectory: Trajectory) -> Piecewise:
-    """The positions of a trajectory, in its own columns (see :class:`simspec.world.actions.Trajectory`)."""
+def positions(trajectory: JointTrajectory) -> Piecewise:
+    """The positions of a trajectory, in its own columns (see :class:`simspec.world.actions.JointTrajectory`)."""
     times, values = np.array(trajectory.times), np.array(trajectory.positions)
     if len(times) == 1:
         return Piecewise(np.array([times[0], times[0] + 1.0]), values[None], values[-1])
@@ -84,7 +84,7 @@ def positions(trajectory: Trajectory) -> Piecewise:
     return Piecewise(times, _smooth(trajectory, times, values), values[-1])
 
 
-def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _smooth(trajectory: JointTrajectory, times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Coefficients of the cubic or quintic pieces."""
     from scipy.interpolate import BPoly, CubicSpline, PPoly, make_interp_spline
 
@@ -105,7 +105,7 @@ def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np
     return result
 
 
-def efforts(trajectory: Trajectory) -> Piecewise:
+def efforts(trajectory: JointTrajectory) -> Piecewise:
     """The feed-forward efforts of a trajectory, in its own columns; zero when it has none."""
     times = np.array(trajectory.times)
     if not trajectory.efforts:
@@ -152,7 +152,7 @@ class Servos(Protocol):
         """Where the joints should be and how fast, each (n,), for the next step; to be called before every step."""
 
 
-def natives(world: World) -> tuple[Controller, ...]:
+def natives(world: World) -> tuple[JointController, ...]:
     """The controllers that are the engine's own."""
     return tuple(controller for controller in world.controllers if controller.law == "native")
 

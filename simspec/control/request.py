@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from simspec.control.law import Control
 from simspec.control.reference import Piecewise, Reference, positions, reference
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.actions import Box, Fluid, Force, Motion, Trajectory
+from simspec.world.actions import Fluid, Force, InertiaBox, JointTrajectory, KinematicMotion
 from simspec.world.canonical import from_plain, to_plain
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.passive_forces import Drag
 from simspec.world.rotations import conjugate, cross, exponential, logarithm, matrices, multiply, rotate
-from simspec.world.types import Body, Contact, Record, World
+from simspec.world.types import Body, Contact, RecordOptions, World
 
 # Forces and torques on bodies (:mod:`simspec.world.actions`) at work: as generalised efforts Jᵀ F, the same in every engine.
 #
@@ -141,7 +141,7 @@ def forces_to_request(world: World) -> dict[str, Any]:
     if not world.forces:
         return {}
     bodies = tuple(replace(body, shapes=()) for body in world.bodies)
-    bare = World(world.name, bodies, Contact(), world.physics, Record(), forces=world.forces)
+    bare = World(world.name, bodies, Contact(), world.physics, RecordOptions(), forces=world.forces)
     return {"forces": to_plain(bare)}
 
 
@@ -180,7 +180,7 @@ SHARES: Mapping[str, tuple[float, ...]] = {
 class PoseCurve:
     """Where a kinematic body is."""
 
-    def __init__(self, motion: Motion, place: Piecewise):
+    def __init__(self, motion: KinematicMotion, place: Piecewise):
         self._place = place
         self._times = np.array(motion.times)
         turns = np.array(motion.quaternions)
@@ -198,13 +198,15 @@ class PoseCurve:
         return place, multiply(self._turns[row], exponential(share[:, None] * self._angles[row]))
 
 
-def curve(motion: Motion) -> PoseCurve:
+def curve(motion: KinematicMotion) -> PoseCurve:
     """A motion that gives places; needs scipy where it is smooth."""
     return PoseCurve(motion, _place(motion))
 
 
-def _place(motion: Motion) -> Piecewise:
-    return positions(Trajectory(("x", "y", "z"), motion.times, motion.positions, interpolation=motion.interpolation))
+def _place(motion: KinematicMotion) -> Piecewise:
+    return positions(
+        JointTrajectory(("x", "y", "z"), motion.times, motion.positions, interpolation=motion.interpolation)
+    )
 
 
 CHUNK = 1000
@@ -255,7 +257,7 @@ class Prescribed:
 class _Around:
     """The fluid around a kinematic body, which an engine lets it feel as any other, and which its motion is not to show."""
 
-    def __init__(self, box: Box, fluid: Fluid):
+    def __init__(self, box: InertiaBox, fluid: Fluid):
         self._axes, self._flow = np.array(box.quaternion), np.array(fluid.velocity)
         self._drag = Drag(box.edges, fluid)
 
@@ -279,7 +281,7 @@ def motions_to_request(world: World) -> tuple[dict[str, Any], dict[str, Array]]:
     if not world.motions:
         return {}, {}
     bodies = tuple(dataclasses.replace(body, shapes=()) for body in world.bodies)
-    bare = World(world.name, bodies, Contact(), world.physics, Record(), motions=world.motions)
+    bare = World(world.name, bodies, Contact(), world.physics, RecordOptions(), motions=world.motions)
     arrays = {}
     for number, motion in enumerate(world.motions):
         place = _place(motion)
@@ -320,7 +322,14 @@ def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not world.controllers:
         return given, arrays
     bare = dataclasses.replace(
-        world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None, forces=(), motions=()
+        world,
+        contact=Contact(),
+        record=RecordOptions(),
+        expectations=(),
+        engines=(),
+        trajectory=None,
+        forces=(),
+        motions=(),
     )
     targets = reference(world)
     for name, part in (("position", targets.position), ("effort", targets.effort)):

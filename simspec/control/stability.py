@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import OracleTree
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.kinematics import initial_state, layout, sprung_trees, within
 from simspec.world.passive_forces import JointSums
 from simspec.world.types import Body, World
@@ -111,7 +111,7 @@ def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
 
 
 def _systems(
-    world: World, bodies: tuple[Body, ...], controllers: Sequence[Controller], postures: Sequence[np.ndarray]
+    world: World, bodies: tuple[Body, ...], controllers: Sequence[JointController], postures: Sequence[np.ndarray]
 ) -> list[System]:
     local_world = within(world, bodies)
     tree = OracleTree(local_world)

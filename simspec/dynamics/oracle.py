@@ -27,7 +27,7 @@ from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.mapped import blocks
 from simspec.world.actions import Force, JointSum
 from simspec.world.kinematics import constrained_trees, initial_state, layout_of, members, trees, within
-from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
+from simspec.world.types import VELOCITY_SIZE, Body, Constraint, FollowConstraint, World
 
 # Where probes of constrained worlds begin: positions at which the constraints hold, away from the limits of joints.
 
@@ -53,7 +53,9 @@ def constrained_position(
 ) -> np.ndarray:
     """A position (nq,) at which the constraints hold: near ``wanted`` where joints are coupled alone; where loops are closed
     some way from ``start``, at which they hold, towards anywhere."""
-    if tree.violation is not None and all(isinstance(constraint, Follow) for constraint in tree.violation.constraints):
+    if tree.violation is not None and all(
+        isinstance(constraint, FollowConstraint) for constraint in tree.violation.constraints
+    ):
         near = tree.settled(wanted)
         return start if near is None else near
     away = tree.constrained_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
@@ -139,9 +141,11 @@ def model_key(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), su
     )
     actual = tuple(
         (
-            tuple((joints if isinstance(constraint, Follow) else index)[name] for name in members(constraint)),
+            tuple(
+                (joints if isinstance(constraint, FollowConstraint) else index)[name] for name in members(constraint)
+            ),
             dataclasses.replace(constraint, name="", joint="", leader="")
-            if isinstance(constraint, Follow)
+            if isinstance(constraint, FollowConstraint)
             else dataclasses.replace(constraint, name="", first="", second=""),
         )
         for constraint in constraints

@@ -17,7 +17,7 @@ from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of, within
 from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import logarithm
-from simspec.world.types import Body, Follow, Pose, Weld, World
+from simspec.world.types import Body, FollowConstraint, Pose, WeldConstraint, World
 
 # The force of a fluid on one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face.
 
@@ -416,16 +416,16 @@ class OracleTree:
         bodies = {body.name: row for row, body in enumerate(self.world.bodies)}
         parts = [np.zeros((0, self.nv))]
         for constraint in self.violation.constraints:
-            if isinstance(constraint, Follow):
+            if isinstance(constraint, FollowConstraint):
                 row = np.zeros((1, self.nv))
                 row[0, joints[constraint.joint]] += 1.0
                 row[0, joints[constraint.leader]] -= constraint.ratio
                 parts.append(row)
                 continue
-            weld = isinstance(constraint, Weld)
+            weld = isinstance(constraint, WeldConstraint)
             ends = (
                 (Pose(constraint.pose.position), Pose())
-                if isinstance(constraint, Weld)
+                if isinstance(constraint, WeldConstraint)
                 else (Pose(constraint.first_point), Pose(constraint.second_point))
             )
             first, second = (

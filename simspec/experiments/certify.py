@@ -29,7 +29,7 @@ from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
 from simspec.runner.run import Case
 from simspec.world.canonical import sha256, to_plain
-from simspec.world.types import Record, World
+from simspec.world.types import RecordOptions, World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
@@ -117,7 +117,7 @@ PARTS = ("world", "settings", "files", "version")
 
 
 @dataclass(frozen=True)
-class Model:
+class CertifiedModel:
     """A model that an engine is given, by hashes, as it is compiled today. Figures that were stored with other hashes are older
     than the code.
 
@@ -147,29 +147,29 @@ class Model:
         return ", ".join([self.engine, *([self.case] if self.case else []), *values])
 
 
-def models_of(plan: Plan) -> Iterator[Model]:
+def models_of(plan: Plan) -> Iterator[CertifiedModel]:
     """Every model of a plan once. Values that make the scenario invalid have empty hashes."""
     known: set[str] = set()
     for cell in plan:
-        place = Model(cell.engine, cell.case, cell.overrides, "", "", "", "").place
+        place = CertifiedModel(cell.engine, cell.case, cell.overrides, "", "", "", "").place
         if place not in known:
             known.add(place)
             yield model_of(plan, cell)
 
 
-def model_of(plan: Plan, cell: Cell) -> Model:
+def model_of(plan: Plan, cell: Cell) -> CertifiedModel:
     """The model of a cell, as it is compiled today."""
     version = plan.versions[cell.engine]["engine_version"]
     try:
         world = case_of(plan, cell).resolved
     except SpecError:
-        return Model(cell.engine, cell.case, cell.overrides, "", "", "", version)
+        return CertifiedModel(cell.engine, cell.case, cell.overrides, "", "", "", version)
     try:
         files = files_hash(world, compile_world(world, [cell.engine])[cell.engine])
     except UnsupportedError:
         files = ""
     alike = sha256(dataclasses.replace(world, name="", engines=()))
-    return Model(cell.engine, cell.case, cell.overrides, alike, _settings(world, cell.engine), files, version)
+    return CertifiedModel(cell.engine, cell.case, cell.overrides, alike, _settings(world, cell.engine), files, version)
 
 
 def files_hash(world: World, compiled: Compiled) -> str:
@@ -185,7 +185,7 @@ def _settings(world: World, label: str) -> str:
     return digest([settings, sorted(options.accept), sorted(options.outside)]).hex()
 
 
-def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
+def changed(kept: Iterable[CertifiedModel], now: Iterable[CertifiedModel]) -> str | None:
     """In words, how models differ from those that were kept; None where they do not."""
     before = {model.place: model for model in kept}
     after = {model.place: model for model in now}
@@ -209,14 +209,14 @@ def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
     return f"{counts.total()} of {len(before.keys() | after.keys())} models differ ({text}), first {first}"
 
 
-def plain_model(model: Model) -> dict[str, Any]:
+def plain_model(model: CertifiedModel) -> dict[str, Any]:
     """As data of JSON."""
     return {**dataclasses.asdict(model), "values": [list(entry) for entry in model.values]}
 
 
-def read_model(plain: Mapping[str, Any]) -> Model:
+def read_model(plain: Mapping[str, Any]) -> CertifiedModel:
     """The inverse of :func:`plain_model`."""
-    return Model(**{**plain, "values": tuple((path, value) for path, value in plain["values"])})
+    return CertifiedModel(**{**plain, "values": tuple((path, value) for path, value in plain["values"])})
 
 
 KEY_SCHEMA = 1
@@ -227,7 +227,7 @@ MEASURED_CONTACT = "L5"
 def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> str:
     """The hash of the model that an engine is given, different for all models that the proof distinguishes."""
     physics = dataclasses.replace(world.physics, steps=0)
-    alike = dataclasses.replace(world, name="", expectations=(), engines=(), record=Record(), physics=physics)
+    alike = dataclasses.replace(world, name="", expectations=(), engines=(), record=RecordOptions(), physics=physics)
     name = engine_name(prepared.compiled.engine)
     return sha256(
         {

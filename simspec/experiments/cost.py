@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from simspec.errors import SpecError
-from simspec.experiments.index import Index, Row
+from simspec.experiments.index import Index, RunRow
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.store import Store
 from simspec.language.engine_options import WHOLE
@@ -37,7 +37,7 @@ class Cost:
         return self.start + self.step * steps
 
 
-def costs(rows: Iterable[Row], name: str) -> dict[str, Cost]:
+def costs(rows: Iterable[RunRow], name: str) -> dict[str, Cost]:
     """By engine, what runs of the spec ``name`` took (medians); of other specs where there are none of it."""
     whole = [row for row in rows if row.failed is None and row.steps and row.step_seconds and row.process_seconds]
     found = {}

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from simspec.analysis.horizons import first_gap, perturbation_of
 from simspec.comparison.floor import Floor, measure_floor
 from simspec.errors import SpecError
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome
+from simspec.experiments.sweep import SweepOutcome
 from simspec.language.sweep import Perturb
 from simspec.runner.run import Run
 
@@ -38,16 +38,16 @@ class SecondPass:
     plan: Plan
 
 
-def unmoved(outcome: Outcome) -> dict[Overrides, dict[str, tuple[Cell, Row]]]:
+def unmoved(outcome: SweepOutcome) -> dict[Overrides, dict[str, tuple[Cell, RunRow]]]:
     """The whole runs whose initial state is not moved, by what the sweep puts in and by engine; without its named cases."""
-    worlds: dict[Overrides, dict[str, tuple[Cell, Row]]] = {}
+    worlds: dict[Overrides, dict[str, tuple[Cell, RunRow]]] = {}
     for cell, row in outcome.rows():
         if row is not None and row.failed is None and cell.case is None and cell.seed is None and cell.repeat == 0:
             worlds.setdefault(cell.overrides, {})[cell.engine] = (cell, row)
     return worlds
 
 
-Repeats = Iterable[tuple[Cell, Row]]
+Repeats = Iterable[tuple[Cell, RunRow]]
 
 
 def floors_of(pair: Sequence[Run], overrides: Overrides, repeats: Repeats, store: Store) -> list[Floor]:
@@ -64,7 +64,7 @@ def floors_of(pair: Sequence[Run], overrides: Overrides, repeats: Repeats, store
     return floors if len(floors) == len(pair) else []
 
 
-def moved_by_round_off(outcome: Outcome) -> list[tuple[Cell, Row]]:
+def moved_by_round_off(outcome: SweepOutcome) -> list[tuple[Cell, RunRow]]:
     """The runs of a sweep that show noise, with an initial state moved in the last bits."""
     return [
         (cell, row)
@@ -84,7 +84,7 @@ def amount_of(a: Run, b: Run, floors: Sequence[Floor]) -> float | None:
     return amount if SMALLEST <= amount <= LARGEST else None
 
 
-def second_passes(outcome: Outcome, store: Store, seeds: int) -> Iterator[SecondPass]:
+def second_passes(outcome: SweepOutcome, store: Store, seeds: int) -> Iterator[SecondPass]:
     """The second passes of a sweep whose runs are done: for each world, one for each size of gap that two of its engines
     have."""
     plan, noisy = outcome.plan, moved_by_round_off(outcome)

@@ -33,7 +33,7 @@ DAMAGED = (OSError, ValueError, KeyError, TypeError, MemoryError)
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RunRow:
     """One run. ``fingerprint`` and ``world_stamp``: of its files when they were checked; ``content``: the hash of what a
     repetition gives again; ``summary``: quantities at the end as JSON; ``passed`` of ``expected`` expectations, those of the
     hash ``expectations``; seconds are of the step calls (wall and processor) and of the whole process."""
@@ -68,16 +68,16 @@ class Row:
         return {name: float(value) for name, value in json.loads(self.summary).items()}
 
 
-TYPES: Mapping[str, str] = {entry.name: str(entry.type) for entry in fields(Row)}
+TYPES: Mapping[str, str] = {entry.name: str(entry.type) for entry in fields(RunRow)}
 
 
-def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> Row:
+def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> RunRow:
     """The row of a run whose files are those of its hashes. Raises SpecError where its facts are not those of a run."""
     result, requested = facts.result, facts.request
     provenance: Mapping[str, Any] = result.provenance
     try:
         seconds = facts.circumstances.get("seconds", {})
-        row = Row(
+        row = RunRow(
             key=key,
             cell=str((requested.cell or {}).get("key", "")),
             fingerprint=store.fingerprint(key),
@@ -125,14 +125,14 @@ class Index:
     ``notes``: remarks on the rows; ``lost_worlds``: worlds that are missing or were damaged, although their runs are whole.
     """
 
-    rows: dict[str, Row] = field(default_factory=dict)
+    rows: dict[str, RunRow] = field(default_factory=dict)
     cells: dict[str, str] = field(default_factory=dict)
     certificates: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     lost_worlds: set[str] = field(default_factory=set)
     changed: bool = False
 
-    def add(self, row: Row) -> None:
+    def add(self, row: RunRow) -> None:
         """Know a run."""
         self.rows[row.key] = row
         if row.cell:
@@ -151,7 +151,7 @@ class Index:
             self.certificates[cell] = certificate
             self.changed = True
 
-    def done(self, cell: str) -> Row | None:
+    def done(self, cell: str) -> RunRow | None:
         """The run that a cell requests, where it is known to be there."""
         return self.rows.get(self.cells.get(cell, ""))
 
@@ -186,7 +186,7 @@ def refresh(store: Store, repair: bool, tell: Callable[[str, float | None], None
         if row is not None and row["fingerprint"] == store.fingerprint(key):
             stamp = store.world_stamp(row["world"])
             if stamp and stamp == row["world_stamp"]:
-                index.rows[key] = Row(**row)
+                index.rows[key] = RunRow(**row)
                 continue
         fresh += 1
         _check(store, key, repair, worlds, index)

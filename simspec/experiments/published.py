@@ -12,7 +12,7 @@ from simspec.experiments.cases import case_of
 from simspec.experiments.certify import changed, models_of, plain_model, read_model
 from simspec.experiments.plan import Plan, digest
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome, stored_key
+from simspec.experiments.sweep import SweepOutcome, stored_key
 from simspec.language.study_specs import StudySource, SweepOfStudy
 from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import STUDY, read_marker
@@ -39,7 +39,7 @@ def sweep_models(source: StudySource, study: SweepOfStudy, plan: Plan) -> dict[s
     return {"asked": request_of(source, study), "models": [plain_model(model) for model in models_of(plan)]}
 
 
-def outdated_runs(outcome: Outcome, store: Store) -> Iterator[str]:
+def outdated_runs(outcome: SweepOutcome, store: Store) -> Iterator[str]:
     """Runs that a sweep took from its store and that are not of the models that the code makes of it today, in words."""
     plan = outcome.plan
     for cell, row in outcome.rows():

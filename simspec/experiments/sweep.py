@@ -24,7 +24,7 @@ from simspec.experiments.cases import case_of, rounded_data, roundings
 from simspec.experiments.certify import Certifier, LocalSupplies
 from simspec.experiments.cost import USUAL, Steps, costs
 from simspec.experiments.executors.local import Executor, LocalExecutor, Supplies, Task, packed
-from simspec.experiments.index import Index, Row, refresh, row_of
+from simspec.experiments.index import Index, RunRow, refresh, row_of
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.store import Store, TaskResult
 from simspec.experiments.timing import timed_tasks
@@ -49,7 +49,7 @@ Start = Callable[[LocalSupplies], Executor]
 
 
 @dataclass
-class Outcome:
+class SweepOutcome:
     """Result of a call of :func:`sweep`.
 
     ``done``: cells that were there before; ``ran``: runs that were made now; ``skipped``: cells of an engine that was stopped;
@@ -72,7 +72,7 @@ class Outcome:
     verified: bool = True
     notes: list[str] = field(default_factory=list)
 
-    def rows(self) -> Iterator[tuple[Cell, Row | None]]:
+    def rows(self) -> Iterator[tuple[Cell, RunRow | None]]:
         """Every cell of the plan, with its run where there is one."""
         for cell in self.plan:
             yield cell, self.index.done(cell.key)
@@ -118,7 +118,7 @@ def sweep(
     source: Mapping[str, Any] | None = None,
     progress: Progress = lambda text, share: None,
     wait: bool = False,
-) -> Outcome:
+) -> SweepOutcome:
     """Do the runs that ``plan`` requests and ``store`` does not have.
 
     start         makes the executor, for the supplies that it is given
@@ -133,7 +133,7 @@ def sweep(
     """
     with store.writing(wait):
         index = refresh(store, repair=True, tell=progress)
-        outcome = Outcome(plan, index, verified=verify, notes=list(index.notes))
+        outcome = SweepOutcome(plan, index, verified=verify, notes=list(index.notes))
         supplies = LocalSupplies(pythons)
         driver = _Driver(outcome, store, supplies, retry_failed, pythons or {}, deadline, source, progress)
         try:
@@ -153,7 +153,7 @@ class _Driver:
 
     def __init__(
         self,
-        outcome: Outcome,
+        outcome: SweepOutcome,
         store: Store,
         supplies: LocalSupplies,
         retry_failed: bool,
@@ -199,7 +199,7 @@ class _Driver:
             else:
                 yield from self._task(cell)
 
-    def _settled(self, cell: Cell) -> Row | None:
+    def _settled(self, cell: Cell) -> RunRow | None:
         """The run of a cell that needs nothing more: neither a run nor a proof."""
         row = self._index.done(cell.key)
         if row is None or (self._retry and row.failed is not None and row.key not in self._begun):
@@ -211,7 +211,7 @@ class _Driver:
             return None
         return row
 
-    def _pass_over(self, row: Row) -> None:
+    def _pass_over(self, row: RunRow) -> None:
         """A cell whose run is there."""
         if row.key not in self._begun:
             self._outcome.done += 1

@@ -71,7 +71,7 @@ class FixedJoint:
 
 @dataclass(frozen=True, slots=True)
 class JsonServo:
-    """The engine's own controller of a joint: gains as in :class:`simspec.world.actions.Controller`, and the largest effort."""
+    """The engine's own controller of a joint: gains as in :class:`simspec.world.actions.JointController`, largest effort."""
 
     kp: float
     kd: float

@@ -11,7 +11,7 @@ from simspec.language.contact import Names
 from simspec.language.quantities import Number
 from simspec.language.shapes import NameOf
 from simspec.language.strict import Fault, Faults, Strict
-from simspec.language.words import Setting, Text
+from simspec.language.words import SettingValue, Text
 
 WHOLE = 1e-9
 """Relative deviation from a whole number of steps, or from a bound of timesteps, that is round-off of the division."""
@@ -21,7 +21,7 @@ class PairSettings(Strict):
     """Solver settings of one engine for contact between two materials. They replace its `settings` there."""
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field(
+    settings: dict[NameOf, Annotated[Any, SettingValue()]] = Field(
         ..., description="Solver settings that the engine has for each pair of materials"
     )
 
@@ -43,7 +43,9 @@ class SettingsAtTimestep(Strict):
     above: Annotated[float, Number("time", 0, above=True)] = Field(
         ..., description="The settings apply to every timestep greater than this one"
     )
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    settings: dict[NameOf, Annotated[Any, SettingValue()]] = Field(
+        {}, description="Solver settings, by the engine's names"
+    )
     pairs: list[PairSettings] = Field([], description="Settings of pairs of materials")
 
     @classmethod
@@ -56,7 +58,9 @@ class SettingsAtTimestep(Strict):
 class EngineOptions(Strict):
     """The options of an engine in a scenario. Nothing here may change the model."""
 
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    settings: dict[NameOf, Annotated[Any, SettingValue()]] = Field(
+        {}, description="Solver settings, by the engine's names"
+    )
     pairs: list[PairSettings] = Field(
         [], description="Settings of pairs of materials, which replace `settings` in their contacts"
     )

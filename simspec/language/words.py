@@ -125,7 +125,7 @@ class FileName(Text):
 
 
 @dataclass(frozen=True)
-class Setting(Reader):
+class SettingValue(Reader):
     """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
 
     WORDS = "a number, a word, true or false"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.meshes.reading import MeshError, split
-from simspec.world.hull import Points, Solid, Triangles, corners, solid
+from simspec.world.hull import HullSolid, Points, Triangles, corners, solid
 
 EQUAL = 1e-9
 """Share of the extent within which two distances are the same, so that of a symmetric solid's vertices the first in the file is
@@ -167,7 +167,7 @@ class Enclosed:
     """The solid that a closed surface bounds (None: it is not closed, for the reason ``why``), and of how many separate closed
     surfaces it is made."""
 
-    solid: Solid | None
+    solid: HullSolid | None
     why: str = ""
     surfaces: int = 1
 

@@ -26,7 +26,7 @@ from simspec.meshes.reading import MeshError, MeshFile, MeshSurface, open_mesh, 
 from simspec.outputs.collection import Entries
 from simspec.stored import MeshEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
-from simspec.world.hull import FlatError, Points, Solid, centred, corners, hull, mesh_size
+from simspec.world.hull import FlatError, HullSolid, Points, centred, corners, hull, mesh_size
 from simspec.world.types import Pose
 
 # The geometry that a world takes from a file of triangles: convex solids with their frames, and the solid that the surface
@@ -71,7 +71,7 @@ class MadeMesh:
 
     parts: tuple[ConvexSolid, ...]
     hull_volume: float
-    enclosed: Solid | None
+    enclosed: HullSolid | None
     open_because: str = ""
     surfaces: int = 1
 

@@ -43,7 +43,7 @@ class StoredTrust(Stored):
 
 
 @dataclass(frozen=True)
-class Record:
+class TrustRecord:
     """The entry of the store on one file. ``file``: its resolved path, None where the record is damaged."""
 
     place: Path
@@ -112,14 +112,14 @@ def revoke(file: Path) -> int:
     return _forget(folder, file) if folder.is_dir() else 0
 
 
-def records() -> list[Record]:
+def records() -> list[TrustRecord]:
     """All records, by path; those that are damaged last. Raises SpecError."""
     folder = store()
     found = list(_records(folder)) if folder.is_dir() else []
     return sorted(found, key=lambda record: (record.file is None, str(record.file), record.place.name))
 
 
-def _records(folder: Path) -> Iterator[Record]:
+def _records(folder: Path) -> Iterator[TrustRecord]:
     with os.scandir(folder) as entries:
         names = sorted(entry.name for entry in entries if _NAME.fullmatch(entry.name))
     for name in names:
@@ -127,22 +127,22 @@ def _records(folder: Path) -> Iterator[Record]:
             yield _read_or_damaged(folder / name)
 
 
-def _read_or_damaged(place: Path) -> Record:
+def _read_or_damaged(place: Path) -> TrustRecord:
     try:
         return _read(place)
     except SpecError:
-        return Record(place, None)
+        return TrustRecord(place, None)
 
 
-def _read(place: Path) -> Record:
+def _read(place: Path) -> TrustRecord:
     """A record. Raises FileNotFoundError, SpecError where something else than a file is there."""
     content = read_bytes(place, MOST_BYTES, place.parent)
     try:
         found = read_as(StoredTrust, content, str(place))
     except SpecError:
-        return Record(place, None)
+        return TrustRecord(place, None)
     plain = found.version == VERSION and os.path.isabs(found.file) and "\0" not in found.file
-    return Record(place, Path(found.file) if plain else None)
+    return TrustRecord(place, Path(found.file) if plain else None)
 
 
 def _forget(folder: Path, file: Path, keep: str = "") -> int:

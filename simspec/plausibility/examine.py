@@ -15,12 +15,12 @@ from simspec.language import trees
 from simspec.language.foreign import Fate
 from simspec.language.load import Spec
 from simspec.language.moments import principal_moments
-from simspec.plausibility.findings import Finding, Grade, Plausibility, ordered
+from simspec.plausibility.findings import Grade, Plausibility, PlausibilityFinding, ordered
 from simspec.plausibility.parts import (
     DIRECTIONS,
     Floats,
     Lump,
-    Part,
+    MotionPart,
     carrying,
     extent,
     judged_parts,
@@ -56,14 +56,14 @@ INWARDS: Final = "inwards"
 """The word by which a surface that is wound so is known."""
 
 
-def joint_findings(spec: Spec, world: World) -> Iterator[Finding]:
+def joint_findings(spec: Spec, world: World) -> Iterator[PlausibilityFinding]:
     """All findings about joints."""
     yield from _axes(spec)
     yield from _limits(world)
     yield from _accounts(spec)
 
 
-def _axes(spec: Spec) -> Iterator[Finding]:
+def _axes(spec: Spec) -> Iterator[PlausibilityFinding]:
     """Axes as robot files have them; in a spec they may have any length."""
     for bodies in trees.every(spec.source):
         if bodies.source.imported is None:
@@ -84,10 +84,12 @@ def _axes(spec: Spec) -> Iterator[Finding]:
                 message = f"an axis of length {length:.4g}"
                 severity = abs(math.log(length)) / UNIT
                 where = ".".join(map(str, path))
-                yield Finding("axis-length", Grade.NOTE, element, message, length, "", severity, where, location)
+                yield PlausibilityFinding(
+                    "axis-length", Grade.NOTE, element, message, length, "", severity, where, location
+                )
 
 
-def _limits(world: World) -> Iterator[Finding]:
+def _limits(world: World) -> Iterator[PlausibilityFinding]:
     at = poses(world)
     for bodies in trees_of(world).values():
         solids = [lump.at(at[body.name]) for body in bodies for lump in lumps_of(world)[body.name]]
@@ -102,22 +104,26 @@ def _limits(world: World) -> Iterator[Finding]:
             if span == 0.0:
                 unit = "rad" if joint.kind == "hinge" else "m"
                 message = f"lower and upper limit are both {lower:.6g} {unit}"
-                yield Finding("limits-equal", Grade.WARNING, joint.name, message, lower, unit, 1.0, path)
+                yield PlausibilityFinding("limits-equal", Grade.WARNING, joint.name, message, lower, unit, 1.0, path)
             elif joint.kind == "hinge" and span < NARROW:
                 message = f"a range of {math.degrees(span):.3g}°"
-                yield Finding("limits-narrow", Grade.WARNING, joint.name, message, span, "rad", NARROW / span, path)
+                yield PlausibilityFinding(
+                    "limits-narrow", Grade.WARNING, joint.name, message, span, "rad", NARROW / span, path
+                )
             elif joint.kind == "hinge" and span > WIDE * (1.0 + UNIT):
                 half_turns = span / math.pi
                 if abs(half_turns - round(half_turns)) > WHOLE:
                     message = f"a range of {span:.5g} rad, {span / 2.0 / math.pi:.3g} turns"
                     grade = Grade.WARNING if max(-lower, upper) > WIDE else Grade.NOTE
-                    yield Finding("limits-wide", grade, joint.name, message, span, "rad", span / WIDE, path)
+                    yield PlausibilityFinding("limits-wide", grade, joint.name, message, span, "rad", span / WIDE, path)
             elif joint.kind == "slide" and span > longest:
                 message = f"a travel of {span:.4g} m"
-                yield Finding("limits-wide", Grade.WARNING, joint.name, message, span, "m", span / longest, path)
+                yield PlausibilityFinding(
+                    "limits-wide", Grade.WARNING, joint.name, message, span, "m", span / longest, path
+                )
 
 
-def _accounts(spec: Spec) -> Iterator[Finding]:
+def _accounts(spec: Spec) -> Iterator[PlausibilityFinding]:
     """Losses of importers: ratings of 0, which they take for unknown, and joints whose limits leave
     them one position, which they fix."""
     fixed: set[str] = set()
@@ -138,10 +144,12 @@ def _accounts(spec: Spec) -> Iterator[Finding]:
                 message, rule = account.reason, "limits-equal"
             else:
                 continue
-            yield Finding(rule, Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location)
+            yield PlausibilityFinding(
+                rule, Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location
+            )
 
 
-def mesh_findings(spec: Spec) -> Iterator[Finding]:
+def mesh_findings(spec: Spec) -> Iterator[PlausibilityFinding]:
     """All findings about the files of collision meshes."""
     shapes = [shape for shape in mesh_shapes(spec.source) if shape.shape.collision]
     if not shapes:
@@ -155,16 +163,18 @@ def mesh_findings(spec: Spec) -> Iterator[Finding]:
         stems.setdefault(shape.file.stem, {}).setdefault(str(shape.file.resolve()), path)
         if len(stems[shape.file.stem]) == 2 and stems[shape.file.stem][str(shape.file.resolve())] == path:
             message = f"another collision mesh is called {shape.file.stem} too"
-            yield Finding("mesh-names", Grade.NOTE, element, message, 2.0, "files", 1.0, path, location)
+            yield PlausibilityFinding("mesh-names", Grade.NOTE, element, message, 2.0, "files", 1.0, path, location)
         made = meshes[shape.file, shape.options]
         if made.enclosed is None:
             # ``open_because`` says of which kind; it is the reader's own sentence
             message = f"encloses no volume: {made.open_because}"
             grade = Grade.WARNING if INWARDS in made.open_because else Grade.NOTE
-            yield Finding("mesh-surface", grade, element, message, 0.0, "m³", 1.0, path, location)
+            yield PlausibilityFinding("mesh-surface", grade, element, message, 0.0, "m³", 1.0, path, location)
         elif len(made.parts) == 1 and (ratio := made.hull_volume / made.enclosed.volume) > CONCAVE:
             message = f"its hull has {ratio:.3g} times its volume"
-            yield Finding("mesh-concave", Grade.NOTE, element, message, ratio, "", ratio / CONCAVE, path, location)
+            yield PlausibilityFinding(
+                "mesh-concave", Grade.NOTE, element, message, ratio, "", ratio / CONCAVE, path, location
+            )
 
 
 # Rules on masses, centres of mass and inertias against the shapes that should hold them.
@@ -195,7 +205,7 @@ ALIKE: Final = 1e-6
 """Relative difference of three principal moments that are one number, as placeholders have."""
 
 
-def mass_findings(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding]:
+def mass_findings(world: World, foreign: Callable[[str], bool]) -> Iterator[PlausibilityFinding]:
     """All findings about masses. ``foreign``: whether a body comes from a robot file; of others those that cannot be touched
     are left out, and what does not fit the shapes is a note."""
     for part in judged_parts(world):
@@ -208,7 +218,7 @@ def mass_findings(world: World, foreign: Callable[[str], bool]) -> Iterator[Find
     yield from _ratios(world)
 
 
-def _centre(part: Part, grade: Grade) -> Generator[Finding, None, bool]:
+def _centre(part: MotionPart, grade: Grade) -> Generator[PlausibilityFinding, None, bool]:
     """Yields a finding where the centre of mass is outside; gives whether it is."""
     away = outside(part.solids, np.array(part.inertial.centre_of_mass))
     limit = max(OUTSIDE * part.size, LEAST_OUTSIDE)
@@ -216,11 +226,11 @@ def _centre(part: Part, grade: Grade) -> Generator[Finding, None, bool]:
         return False
     message = f"centre of mass {1e3 * away:.3g} mm outside its shapes, {100.0 * away / part.size:.3g} % of their size"
     path = f"bodies.{part.name}.centre_of_mass"
-    yield Finding("mass-outside", grade, part.name, message, away, "m", away / limit, path)
+    yield PlausibilityFinding("mass-outside", grade, part.name, message, away, "m", away / limit, path)
     return True
 
 
-def _inertia(part: Part, off_centre: bool, grade: Grade) -> Iterator[Finding]:
+def _inertia(part: MotionPart, off_centre: bool, grade: Grade) -> Iterator[PlausibilityFinding]:
     inertial = part.inertial
     moments = principal_moments(inertial.inertia)
     if min(moments) <= 0.0:
@@ -232,7 +242,7 @@ def _inertia(part: Part, off_centre: bool, grade: Grade) -> Iterator[Finding]:
     if share > SPREAD_OUT:
         further = math.sqrt(share)
         message = f"its mass would lie {further:.3g} times as far out as its shapes reach{placeholder}"
-        yield Finding("inertia-too-large", grade, part.name, message, further, "", share / SPREAD_OUT, path)
+        yield PlausibilityFinding("inertia-too-large", grade, part.name, message, further, "", share / SPREAD_OUT, path)
         return
     solid = solid_of(part, inertial.mass)
     if solid is None:
@@ -241,7 +251,7 @@ def _inertia(part: Part, off_centre: bool, grade: Grade) -> Iterator[Finding]:
     ratio, given = max((b / a, a) for a, b in zip(moments, expected, strict=True))
     if ratio > SMALLER:
         message = f"a moment of {given:.3g} kg m², {ratio:.3g} times below a solid's of its mass{placeholder}"
-        yield Finding("inertia-too-small", grade, part.name, message, ratio, "", ratio / SMALLER, path)
+        yield PlausibilityFinding("inertia-too-small", grade, part.name, message, ratio, "", ratio / SMALLER, path)
 
 
 def largest_share(inertial: Inertial, solids: tuple[Lump, ...], margin: float = 0.0) -> float:
@@ -262,7 +272,7 @@ def largest_share(inertial: Inertial, solids: tuple[Lump, ...], margin: float = 
     return float((given[inside] / most[inside]).max(initial=0.0))
 
 
-def solid_of(part: Part, total: float) -> Inertial | None:
+def solid_of(part: MotionPart, total: float) -> Inertial | None:
     """The mass properties that a part of mass ``total`` (kg) has if its collision shapes (else its visual ones) are homogeneous
     solids; None without a volume."""
     solids = part.some(True) or part.some(False)
@@ -282,7 +292,7 @@ def _volume(solids: tuple[Lump, ...]) -> float:
     return math.fsum(solid.volume for solid in solids)
 
 
-def _densities(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding]:
+def _densities(world: World, foreign: Callable[[str], bool]) -> Iterator[PlausibilityFinding]:
     for name, part in moving_groups(world).items():
         kilograms, solid = part.inertial.mass, _volume(part.some(True))
         seen = _volume(part.some(False)) if foreign(name) else 0.0
@@ -294,7 +304,7 @@ def _densities(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding
         densest = kilograms / (solid + seen)
         if densest > OSMIUM:
             message = f"{kilograms:.3g} kg in {1e6 * (solid + seen):.3g} cm³: {densest:.3g} kg/m³, denser than osmium"
-            yield Finding("density-high", grade, name, message, densest, "kg/m³", densest / OSMIUM, path)
+            yield PlausibilityFinding("density-high", grade, name, message, densest, "kg/m³", densest / OSMIUM, path)
         volume = min(value for value in (solid, seen) if value)
         density = kilograms / volume
         # no closed surface around a volume is smaller than the sphere's, (36 π V²)^(1/3)
@@ -303,10 +313,10 @@ def _densities(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding
             message = (
                 f"{kilograms:.3g} kg in {1e6 * volume:.3g} cm³: {density:.3g} kg/m³, a shell of {1e3 * wall:.2g} mm"
             )
-            yield Finding("density-low", grade, name, message, density, "kg/m³", FOAM / density, path)
+            yield PlausibilityFinding("density-low", grade, name, message, density, "kg/m³", FOAM / density, path)
 
 
-def _light(world: World) -> Iterator[Finding]:
+def _light(world: World) -> Iterator[PlausibilityFinding]:
     """Joints that move next to nothing, with all that hangs on them."""
     carried = {name: part.inertial.mass for name, part in moving_groups(world).items()}
     for name, carrier in reversed(carrying(world).items()):
@@ -316,10 +326,12 @@ def _light(world: World) -> Iterator[Finding]:
         if 0.0 < kilograms < LIGHTEST:
             message = f"{1e3 * kilograms:.3g} g, with all that hangs on it"
             path = f"bodies.{name}.mass"
-            yield Finding("mass-tiny", Grade.NOTE, name, message, kilograms, "kg", LIGHTEST / kilograms, path)
+            yield PlausibilityFinding(
+                "mass-tiny", Grade.NOTE, name, message, kilograms, "kg", LIGHTEST / kilograms, path
+            )
 
 
-def _ratios(world: World) -> Iterator[Finding]:
+def _ratios(world: World) -> Iterator[PlausibilityFinding]:
     groups = moving_groups(world)
     for name, carrier in carrying(world).items():
         if name not in groups or carrier not in groups:
@@ -332,7 +344,9 @@ def _ratios(world: World) -> Iterator[Finding]:
             message = f"{other:.3g} kg carries {value:.3g} kg, {ratio:.3g} times"
             path = f"bodies.{name}.joint"
             element = f"{carrier} and {name}"
-            yield Finding("mass-ratio", Grade.NOTE, element, message, ratio, "", ratio / LARGEST_RATIO, path)
+            yield PlausibilityFinding(
+                "mass-ratio", Grade.NOTE, element, message, ratio, "", ratio / LARGEST_RATIO, path
+            )
 
 
 def examine(spec: Spec, world: World) -> Plausibility:
@@ -362,7 +376,7 @@ def of_robot_files(spec: Spec) -> Callable[[str], bool]:
     return lambda name: name.startswith(models)
 
 
-def _located(finding: Finding, locate: Callable[[str], Location | None]) -> Finding:
+def _located(finding: PlausibilityFinding, locate: Callable[[str], Location | None]) -> PlausibilityFinding:
     if finding.location is not None:
         return finding
     return dataclasses.replace(finding, location=locate(finding.path))

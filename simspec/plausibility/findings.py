@@ -206,7 +206,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class PlausibilityFinding:
     """One finding of a rule. ``element``: the body, joint or pair it is about; ``message`` with the figure in words;
     ``value`` in ``unit``; ``path``: dotted, in the world; ``severity``: how far beyond the limit, to sort by (1: at it);
     ``positions``: of joints (rad, m), at which it was found, where it depends on them."""
@@ -240,22 +240,22 @@ class Plausibility:
     """The findings of all rules about one model; they are sorted by rule in the order of :data:`RULES`, the worst first.
     ``skipped``: rules that could not be applied, and why."""
 
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[PlausibilityFinding, ...] = ()
     sampling: Sampling = Sampling()
     skipped: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def warnings(self) -> tuple[Finding, ...]:
+    def warnings(self) -> tuple[PlausibilityFinding, ...]:
         """Findings that ``--strict`` fails for."""
         return tuple(finding for finding in self.findings if finding.grade is Grade.WARNING)
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> tuple[PlausibilityFinding, ...]:
         """All others."""
         return tuple(finding for finding in self.findings if finding.grade is Grade.NOTE)
 
 
-def ordered(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def ordered(findings: Sequence[PlausibilityFinding]) -> tuple[PlausibilityFinding, ...]:
     """Findings by rule, warnings before notes, the worst of each first."""
     place = {code: index for index, code in enumerate(RULES)}
     grades = list(Grade)

@@ -130,7 +130,7 @@ def lumps_of(world: World) -> Mapping[str, tuple[Lump, ...]]:
 
 
 @dataclass(frozen=True)
-class Part:
+class MotionPart:
     """A unit of motion, judged as a whole: a body, or a rigid group, by the name of the body that it is shown as.
     ``inertial`` and ``solids`` are in one frame."""
 
@@ -148,14 +148,14 @@ class Part:
         return tuple(solid for solid in self.solids if solid.shape.collision is collision)
 
 
-def part_of(name: str, members: Sequence[tuple[Body, Pose]], lumps: Mapping[str, Sequence[Lump]]) -> Part:
+def part_of(name: str, members: Sequence[tuple[Body, Pose]], lumps: Mapping[str, Sequence[Lump]]) -> MotionPart:
     """Bodies at poses in one frame as one part."""
     heavy = [(body.inertial, place) for body, place in members if body.inertial.mass > 0.0]
     if len(heavy) == len(members) == 1:
         inertial = heavy[0][0]
     else:
         inertial = summed_inertial(heavy) if heavy else NO_INERTIA
-    return Part(name, inertial, tuple(lump.at(place) for body, place in members for lump in lumps[body.name]))
+    return MotionPart(name, inertial, tuple(lump.at(place) for body, place in members for lump in lumps[body.name]))
 
 
 def pose_of(solid: Lump) -> Pose:
@@ -164,7 +164,7 @@ def pose_of(solid: Lump) -> Pose:
     return Pose(vector3(solid.centre.tolist()), frames.from_matrix((tuple(x), tuple(y), tuple(z))))
 
 
-def moving_groups(world: World) -> dict[str, Part]:
+def moving_groups(world: World) -> dict[str, MotionPart]:
     """The rigid groups that forces move, by the name of their topmost body, each in that body's frame."""
     kinematic = {motion.body for motion in world.motions}
     return {
@@ -174,12 +174,12 @@ def moving_groups(world: World) -> dict[str, Part]:
     }
 
 
-def judged_parts(world: World) -> list[Part]:
+def judged_parts(world: World) -> list[MotionPart]:
     """The parts whose mass can be compared with their shapes: each body with both, of a moving rigid group, that has more
     than a token share of the group's mass; and the group as a whole where another such body has no shapes."""
     kinematic = {motion.body for motion in world.motions}
     lumps = lumps_of(world)
-    parts: list[Part] = []
+    parts: list[MotionPart] = []
     for top, members in rigid_members(world.bodies).items():
         if top in kinematic:
             continue

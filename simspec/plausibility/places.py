@@ -8,8 +8,19 @@ from typing import Final
 import numpy as np
 
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.plausibility.findings import Finding, Grade
-from simspec.plausibility.parts import Floats, Lump, Part, axis_distance, box, carrying, extent, gap, lumps_of, part_of
+from simspec.plausibility.findings import Grade, PlausibilityFinding
+from simspec.plausibility.parts import (
+    Floats,
+    Lump,
+    MotionPart,
+    axis_distance,
+    box,
+    carrying,
+    extent,
+    gap,
+    lumps_of,
+    part_of,
+)
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.overlap import DEEP, deep_overlaps, separation
@@ -58,7 +69,7 @@ class Places:
         }
         self.moving = {name for name in members if name != "world" and name not in self.kinematic}
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[PlausibilityFinding]:
         """All findings about places."""
         yield from self._sizes()
         yield from self._without_collision()
@@ -67,13 +78,13 @@ class Places:
         yield from self._joints()
         yield from self._overlaps()
 
-    def _sizes(self) -> Iterator[Finding]:
+    def _sizes(self) -> Iterator[PlausibilityFinding]:
         for name in sorted(self.moving):
             size = self.parts[name].size
             if size > LARGEST_LINK:
                 message = f"a moving link of {size:.4g} m"
                 path = f"bodies.{name}.shapes"
-                yield Finding("size", Grade.WARNING, name, message, size, "m", size / LARGEST_LINK, path)
+                yield PlausibilityFinding("size", Grade.WARNING, name, message, size, "m", size / LARGEST_LINK, path)
         for root, bodies in trees(self.world).items():
             moves = any(self.groups[body.name] in self.moving for body in bodies)
             size = extent(self._solids(bodies)) if moves else 0.0
@@ -82,7 +93,7 @@ class Places:
                 message = f"the whole model spans {size:.3g} m"
                 path = f"bodies.{root}.shapes"
                 grade = Grade.WARNING if self.foreign(root) else Grade.NOTE
-                yield Finding("size", grade, root, message, size, "m", severity, path)
+                yield PlausibilityFinding("size", grade, root, message, size, "m", severity, path)
 
     def _solids(self, bodies: tuple[Body, ...] | list[Body]) -> tuple[Lump, ...]:
         return tuple(lump for body in bodies for lump in self._lumps(body))
@@ -92,7 +103,7 @@ class Places:
 
     # --- collision and visual shapes --------------------------------------------------------------------------------------
 
-    def _without_collision(self) -> Iterator[Finding]:
+    def _without_collision(self) -> Iterator[PlausibilityFinding]:
         bare = [
             name
             for name in sorted(self.moving)
@@ -110,9 +121,11 @@ class Places:
             if none_at_all:
                 message += "; nor has any other link"
             kilograms = self.parts[name].inertial.mass
-            yield Finding("no-collision", grade, name, message, kilograms, "kg", kilograms, f"bodies.{name}.shapes")
+            yield PlausibilityFinding(
+                "no-collision", grade, name, message, kilograms, "kg", kilograms, f"bodies.{name}.shapes"
+            )
 
-    def _shape_mismatch(self) -> Iterator[Finding]:
+    def _shape_mismatch(self) -> Iterator[PlausibilityFinding]:
         for name, part in sorted(self.parts.items()):
             hard, seen = part.some(True), part.some(False)
             if name == "world" or not self.foreign(name) or not hard or not seen:
@@ -128,13 +141,13 @@ class Places:
             if share < SHARED:
                 message = f"collision and visual shapes share {100.0 * share:.2g} % of the smaller bounding box"
                 severity = SHARED / max(share, 1e-3)
-                yield Finding("shapes-apart", Grade.WARNING, name, message, share, "", severity, path)
+                yield PlausibilityFinding("shapes-apart", Grade.WARNING, name, message, share, "", severity, path)
             elif not 1.0 / SCALED <= scale <= SCALED:
                 message = f"the collision shapes have {scale:.3g} times the size of the visual ones"
                 severity = max(scale, 1.0 / scale) / SCALED
-                yield Finding("shapes-apart", Grade.NOTE, name, message, scale, "", severity, path)
+                yield PlausibilityFinding("shapes-apart", Grade.NOTE, name, message, scale, "", severity, path)
 
-    def _twice(self) -> Iterator[Finding]:
+    def _twice(self) -> Iterator[PlausibilityFinding]:
         for body in self.world.bodies:
             seen: dict[tuple[object, ...], list[int]] = {}
             for index, shape in enumerate(body.shapes):
@@ -147,13 +160,15 @@ class Places:
                     if np.abs(place - np.array((*pose.position, *pose.quaternion))).max() <= ALIKE:
                         message = f"two equal collision shapes ({shape.kind}) at one place"
                         path = f"bodies.{body.name}.shapes.{index}"
-                        yield Finding("shape-twice", Grade.WARNING, body.name, message, 2.0, "shapes", 1.0, path)
+                        yield PlausibilityFinding(
+                            "shape-twice", Grade.WARNING, body.name, message, 2.0, "shapes", 1.0, path
+                        )
                         break
                 alike.append(index)
 
     # --- joints -----------------------------------------------------------------------------------------------------------
 
-    def _joints(self) -> Iterator[Finding]:
+    def _joints(self) -> Iterator[PlausibilityFinding]:
         by_name = {body.name: body for body in self.world.bodies}
         tree_size = {
             body.name: extent(self._solids(bodies)) for bodies in trees(self.world).values() for body in bodies
@@ -174,7 +189,9 @@ class Places:
         tree = next(bodies for bodies in trees(self.world).values() if child in bodies)
         return self._solids([body for body in tree if self.groups[body.name] == "world"])
 
-    def _gap(self, body: Body, part: Part, parent: tuple[Lump, ...], carrier: str, size: float) -> Iterator[Finding]:
+    def _gap(
+        self, body: Body, part: MotionPart, parent: tuple[Lump, ...], carrier: str, size: float
+    ) -> Iterator[PlausibilityFinding]:
         distance = gap(part.solids, parent)
         limit = max(GAP[0], GAP[1] * size)
         if distance > limit:
@@ -182,9 +199,9 @@ class Places:
             message = f"{1e3 * distance:.4g} mm away from {above}, {100.0 * distance / size:.2g} % of the model's size"
             path = f"bodies.{body.name}.joint.origin"
             grade = Grade.WARNING if self.foreign(body.name) else Grade.NOTE
-            yield Finding("detached", grade, body.name, message, distance, "m", distance / limit, path)
+            yield PlausibilityFinding("detached", grade, body.name, message, distance, "m", distance / limit, path)
 
-    def _axis(self, body: Body, part: Part, parent: tuple[Lump, ...]) -> Iterator[Finding]:
+    def _axis(self, body: Body, part: MotionPart, parent: tuple[Lump, ...]) -> Iterator[PlausibilityFinding]:
         joint = body.joint
         start = frames.compose(self.at[joint.parent], joint.origin) if joint.parent is not None else joint.origin
         point, axis = np.array(start.position), np.array(frames.rotate(start.quaternion, joint.axis))
@@ -196,11 +213,11 @@ class Places:
         grade = Grade.WARNING if other > limit and self.foreign(body.name) else Grade.NOTE
         message = f"the axis passes what it turns at {1e3 * away:.4g} mm, {100.0 * away / part.size:.3g} % of its size"
         path = f"bodies.{body.name}.joint.origin"
-        yield Finding("axis-apart", grade, joint.name, message, away, "m", away / limit, path)
+        yield PlausibilityFinding("axis-apart", grade, joint.name, message, away, "m", away / limit, path)
 
     # --- overlaps ---------------------------------------------------------------------------------------------------------
 
-    def _overlaps(self) -> Iterator[Finding]:
+    def _overlaps(self) -> Iterator[PlausibilityFinding]:
         inner = {lump.shape.name: lump.inner for lumps in lumps_of(self.world).values() for lump in lumps}
         index = {shape.name: (body.name, k) for body in self.world.bodies for k, shape in enumerate(body.shapes)}
         for overlap in deep_overlaps(self.world):
@@ -211,9 +228,11 @@ class Places:
             severity = overlap.depth / (DEEP * smaller) if np.isfinite(smaller) else 1.0
             element = f"{overlap.first_body} and {overlap.second_body}"
             path = f"bodies.{body}.shapes.{number}"
-            yield Finding("overlap-start", Grade.WARNING, element, message, overlap.depth, "m", severity, path)
+            yield PlausibilityFinding(
+                "overlap-start", Grade.WARNING, element, message, overlap.depth, "m", severity, path
+            )
 
-    def _neighbours(self, body: Body, carrier: str) -> Iterator[Finding]:
+    def _neighbours(self, body: Body, carrier: str) -> Iterator[PlausibilityFinding]:
         """The deepest overlap of a body with its parent in the world, which contact between them ignores."""
         if body.joint.kind not in SCALAR_JOINTS and body.joint.kind != "ball":
             return
@@ -237,7 +256,7 @@ class Places:
                 message += "; the parent is fixed to the world"
             path = f"bodies.{body.name}.joint.origin"
             element = f"{above.name} and {body.name}"
-            yield Finding("overlap-neighbours", Grade.NOTE, element, message, deepest, "m", worst, path)
+            yield PlausibilityFinding("overlap-neighbours", Grade.NOTE, element, message, deepest, "m", worst, path)
 
 
 def _boxed(solids: tuple[Lump, ...]) -> tuple[Floats, Floats]:

@@ -18,13 +18,13 @@ from typing import Final
 import numpy as np
 
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.plausibility.findings import Finding, Grade, Sampling
+from simspec.plausibility.findings import Grade, PlausibilityFinding, Sampling
 from simspec.plausibility.parts import DIRECTIONS, Floats, Lump, carrying, lumps_of
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.overlap import SPREAD
 from simspec.world.rotations import exponential, matrices
-from simspec.world.types import Body, Follow, Joint, World
+from simspec.world.types import Body, FollowConstraint, Joint, World
 
 ALONE: Final = 16
 """Positions of each joint that is moved alone: both limits and between them."""
@@ -51,7 +51,7 @@ MOST_BODIES: Final = 200
 
 
 @dataclass
-class Samples:
+class PositionSamples:
     """Joint positions of one tree: ``values`` by joint (n,), for ball joints rotation matrices (n, 3, 3); ``moved``: the joint
     that is moved alone, for each position, "" where it is the initial one or all are."""
 
@@ -61,9 +61,9 @@ class Samples:
     def __len__(self) -> int:
         return len(self.moved)
 
-    def part(self, start: int, end: int) -> Samples:
+    def part(self, start: int, end: int) -> PositionSamples:
         """Some of them."""
-        return Samples({name: value[start:end] for name, value in self.values.items()}, self.moved[start:end])
+        return PositionSamples({name: value[start:end] for name, value in self.values.items()}, self.moved[start:end])
 
 
 @dataclass
@@ -78,9 +78,9 @@ class Met:
     count: int = 0
 
 
-def sweep(world: World) -> tuple[list[Finding], Sampling]:
+def sweep(world: World) -> tuple[list[PlausibilityFinding], Sampling]:
     """Findings of all trees, and how they were searched."""
-    findings: list[Finding] = []
+    findings: list[PlausibilityFinding] = []
     left_out: dict[str, str] = {}
     looked, planned, joints, cut = 0, 0, 0, ""
     budget = WORK
@@ -107,7 +107,7 @@ def sweep(world: World) -> tuple[list[Finding], Sampling]:
         if not ranges and not balls:
             continue
         joints += len(ranges) + len(balls)
-        tree = Tree(world, bodies, leaders)
+        tree = SweptTree(world, bodies, leaders)
         samples = positions(movable, ranges, balls, leaders)
         planned += len(samples)
         done = tree.look(samples, budget)
@@ -135,8 +135,8 @@ def positions(
     movable: Sequence[Joint],
     ranges: Mapping[str, tuple[float, float]],
     balls: Sequence[Joint],
-    leaders: Mapping[str, Follow],
-) -> Samples:
+    leaders: Mapping[str, FollowConstraint],
+) -> PositionSamples:
     """The positions that are looked at: the initial one, each joint alone, then all at random."""
     count = 1 + ALONE * len(ranges) + RANDOM
     random = np.random.default_rng(SEED)
@@ -164,18 +164,18 @@ def positions(
     for name, follow in leaders.items():
         if follow.leader in values:
             values[name] = follow.ratio * values[follow.leader] + follow.offset
-    return Samples(values, moved)
+    return PositionSamples(values, moved)
 
 
-def _followers(world: World, bodies: Sequence[Body]) -> dict[str, Follow]:
+def _followers(world: World, bodies: Sequence[Body]) -> dict[str, FollowConstraint]:
     """The couplings of a tree's joints by the joint that follows, each after that of its leader."""
     names = {body.joint.name for body in bodies}
     left = {
         constraint.joint: constraint
         for constraint in world.constraints
-        if isinstance(constraint, Follow) and constraint.joint in names
+        if isinstance(constraint, FollowConstraint) and constraint.joint in names
     }
-    found: dict[str, Follow] = {}
+    found: dict[str, FollowConstraint] = {}
     while left:
         ready = [name for name, follow in left.items() if follow.leader not in left]
         if not ready:
@@ -199,15 +199,15 @@ def _looped(world: World) -> frozenset[str]:
 
     looped: set[str] = set()
     for constraint in world.constraints:
-        if not isinstance(constraint, Follow):
+        if not isinstance(constraint, FollowConstraint):
             looped |= {joint[name] for name in set(above(constraint.first)) ^ set(above(constraint.second))}
     return frozenset(looped)
 
 
-class Tree:
+class SweptTree:
     """One tree of bodies at many joint positions. ``work``: products computed so far."""
 
-    def __init__(self, world: World, bodies: Sequence[Body], leaders: Mapping[str, Follow]):
+    def __init__(self, world: World, bodies: Sequence[Body], leaders: Mapping[str, FollowConstraint]):
         self.bodies = bodies
         self.work: int = 0
         self._leaders = leaders
@@ -241,7 +241,7 @@ class Tree:
                     pairs.add((entry, other) if order[entry] < order[other] else (other, entry))
         return pairs
 
-    def places(self, samples: Samples) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    def places(self, samples: PositionSamples) -> tuple[dict[str, Floats], dict[str, Floats]]:
         """Origins (n, 3) and rotations (n, 3, 3) of all bodies, in the frame of the tree's root."""
         count = len(samples)
         origin: dict[str, Floats] = {}
@@ -266,7 +266,7 @@ class Tree:
             origin[body.name], turn[body.name] = at, by
         return origin, turn
 
-    def look(self, samples: Samples, budget: int) -> int:
+    def look(self, samples: PositionSamples, budget: int) -> int:
         """Compare all pairs at the positions in their order, in blocks, until the work is done or ``budget`` products are
         spent; gives the number of positions that were looked at."""
         starts: list[int] = [0, *range(1, len(samples), BLOCK)]
@@ -281,7 +281,7 @@ class Tree:
                     self._compare(pair, block, origin, turn, rows)
         return len(samples)
 
-    def _concerned(self, pair: tuple[str, str], block: Samples) -> np.ndarray:
+    def _concerned(self, pair: tuple[str, str], block: PositionSamples) -> np.ndarray:
         """The positions of a block at which two bodies are elsewhere against each other than initially; of neighbours, whose
         joint alone matters, those at which it is moved alone."""
         between = self._between(*pair)
@@ -293,7 +293,7 @@ class Tree:
     def _compare(
         self,
         pair: tuple[str, str],
-        block: Samples,
+        block: PositionSamples,
         origin: Mapping[str, Floats],
         turn: Mapping[str, Floats],
         rows: np.ndarray,
@@ -438,7 +438,7 @@ class Tree:
         rows = np.arange(count)
         return overlap[rows, best], directions[rows, best]
 
-    def findings(self, samples: Samples, looked: int) -> Iterator[Finding]:
+    def findings(self, samples: PositionSamples, looked: int) -> Iterator[PlausibilityFinding]:
         """The findings at the first ``looked`` positions."""
         for (first, second), met in self._met.items():
             near = (first, second) in self._neighbours
@@ -448,7 +448,9 @@ class Tree:
             message = f"{1e3 * met.depth:.3g} mm deep at {where} ({moved}); {met.count} of {looked} positions"
             path = f"bodies.{second}.joint.limits"
             element = f"{first} and {second}"
-            yield Finding(rule, Grade.NOTE, element, message, met.depth, "m", met.severity, path, None, met.positions)
+            yield PlausibilityFinding(
+                rule, Grade.NOTE, element, message, met.depth, "m", met.severity, path, None, met.positions
+            )
 
 
 def _where(met: Met, joints: Mapping[str, Joint]) -> str:

@@ -13,8 +13,8 @@ from simspec.distribution import simspec_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError, html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check
-from simspec.proof.contact.probe import Figure
-from simspec.proof.contact.scope import Declared, declared, unmeasured
+from simspec.proof.contact.probe import ProbeFigure
+from simspec.proof.contact.scope import DeclaredShare, declared, unmeasured
 from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
 
@@ -40,7 +40,7 @@ class EngineProof:
     approximations: dict[str, str] = field(default_factory=dict)
     not_checked: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
-    contact: tuple[Figure, ...] = ()
+    contact: tuple[ProbeFigure, ...] = ()
     """Every figure of the contact probes (level L5), each with its analytic value."""
     not_compared: dict[str, str] = field(default_factory=dict)
     precision: str = DOUBLE
@@ -93,7 +93,7 @@ class EngineProof:
         return "; ".join([*said, *self.contact_words])
 
     @property
-    def declared(self) -> Declared:
+    def declared(self) -> DeclaredShare:
         """The declared deviations that the contact figures depend on."""
         return declared(self.contact)
 
@@ -118,7 +118,7 @@ class EngineProof:
         return [check for check in self.checks if check.level == name]
 
 
-def _line(entry: Check | Figure) -> str:
+def _line(entry: Check | ProbeFigure) -> str:
     return f"        {json.dumps(to_plain(entry), ensure_ascii=False, allow_nan=False)}"
 
 
@@ -244,7 +244,7 @@ class Certificate:
                     block.approximations,
                     block.not_checked,
                     block.seconds,
-                    tuple(from_plain(Figure, figure) for figure in block.contact),
+                    tuple(from_plain(ProbeFigure, figure) for figure in block.contact),
                     block.not_compared,
                     block.precision,
                     block.contact_scope,

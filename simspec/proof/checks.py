@@ -112,7 +112,7 @@ class Demand:
 Demands = dict[Part, Demand]
 
 
-class Plan(Protocol):
+class MotionPlan(Protocol):
     """A motion that engines repeat, and what must come of it."""
 
     def operation(self, world: World) -> Operation | None:

@@ -33,7 +33,7 @@ from simspec.proof.checks import (
     turn_between,
     unlikeness,
 )
-from simspec.world.actions import Box
+from simspec.world.actions import InertiaBox
 from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.frames import quaternion, sorted_pair
 from simspec.world.hull import HullError, hull_within_margin, thickened
@@ -43,8 +43,8 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import (
     Body,
-    Connect,
-    Follow,
+    ConnectConstraint,
+    FollowConstraint,
     Hardness,
     Inertial,
     Joint,
@@ -54,7 +54,7 @@ from simspec.world.types import (
     ReadBack,
     Shape,
     Surface,
-    Weld,
+    WeldConstraint,
     World,
 )
 
@@ -296,14 +296,14 @@ class _Comparison:
             if not self.same("joint", "constraint type", expected.kind, actual.kind, where):
                 continue
             self.same("joint", "constraint of", ends_of(expected), ends_of(actual), where)
-            if isinstance(expected, Follow) and isinstance(actual, Follow):
+            if isinstance(expected, FollowConstraint) and isinstance(actual, FollowConstraint):
                 for name in ("ratio", "offset"):
                     self.number("joint", name, getattr(expected, name), getattr(actual, name), f"{where}.{name}")
-            elif isinstance(expected, Connect) and isinstance(actual, Connect):
+            elif isinstance(expected, ConnectConstraint) and isinstance(actual, ConnectConstraint):
                 for name in ("first_point", "second_point"):
                     points = getattr(expected, name), getattr(actual, name)
                     self.place("joint", "held point", *points, f"{where}.{name}")
-            elif isinstance(expected, Weld) and isinstance(actual, Weld):
+            elif isinstance(expected, WeldConstraint) and isinstance(actual, WeldConstraint):
                 wanted, stored, at = expected.pose, actual.pose, f"{where}.pose"
                 self.place("joint", "held point", wanted.position, stored.position, at)
                 self.turn("joint", "weld, orientation", wanted.quaternion, stored.quaternion, at)
@@ -331,7 +331,7 @@ class _Comparison:
             if self.same("mass", "frame of", expected.body, actual.body, f"{where}.body"):
                 self.pose("mass", "frame", expected.pose, actual.pose, f"{where}.pose")
 
-    def box(self, wanted: Box | None, actual: Box | None, where: str) -> None:
+    def box(self, wanted: InertiaBox | None, actual: InertiaBox | None, where: str) -> None:
         """By which a body feels the fluid: the squares of its edges, which are sums of moments over a mass, relative to that of
         the longest; the orientation of its axes."""
         if wanted is None or actual is None:

@@ -171,13 +171,13 @@ def complete_self_test(
         stand_ins: dict[str, str] = {}
         for name in worlds or WORLDS:
             larger = stand_ins.get(name)
-            bench: _Bench | str
+            bench: _WorldBench | str
             if name in done:
                 bench, larger = "was done before", larger or name
             elif larger:
                 bench = f"stands in for the world {larger!r}, which the engine has"
             else:
-                bench = _Bench.of(engine, name, python)
+                bench = _WorldBench.of(engine, name, python)
             if name in STAND_INS and not worlds and (larger or not isinstance(bench, str)):
                 stand_ins[STAND_INS[name]] = larger or name
             if isinstance(bench, str):
@@ -198,7 +198,7 @@ def complete_self_test(
 
 
 @dataclass
-class _Found:
+class _MutationVerdicts:
     """The verdicts on some mutations: ``verdicts`` by name; ``steady``: those that are declared inert, and are in glimpses;
     ``acting``: by name what was seen of those that are declared inert and act; ``same``: names of those that leave all that the
     engine's numbers follow from as it was, where it says so."""
@@ -213,14 +213,14 @@ class _Found:
         steady = {mutation.name for mutation in self.steady}
         return [mutation for mutation in batch if mutation.name not in self.verdicts and mutation.name not in steady]
 
-    def add(self, other: _Found) -> None:
+    def add(self, other: _MutationVerdicts) -> None:
         """Add what became of others."""
         self.verdicts |= other.verdicts
         self.steady += other.steady
 
 
 @dataclass(frozen=True)
-class _Bench:
+class _WorldBench:
     """One world in one engine: compiled, proven sound, and what it does when it is left alone."""
 
     name: str
@@ -236,7 +236,7 @@ class _Bench:
     python: str | None
 
     @classmethod
-    def of(cls, engine: str, name: str, python: str | None = None) -> _Bench | str:
+    def of(cls, engine: str, name: str, python: str | None = None) -> _WorldBench | str:
         """The bench, or the reason why this engine cannot have this world."""
         world = WORLDS[name](engine)
         try:
@@ -265,7 +265,7 @@ class _Bench:
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
         names: list[str] = []
-        found = _Found()
+        found = _MutationVerdicts()
         with side_by_side(WORKERS) as pool:
             # batches are made on demand: all texts at once would be large
             for of_batch, batch_names in pool.map(self._batch, _batches(planted)):
@@ -279,8 +279,8 @@ class _Bench:
                 found.add(self._alone(alone))
         return [found.verdicts[name] for name in names]
 
-    def _batch(self, batch: Sequence[Mutation]) -> tuple[_Found, list[str]]:
-        found = _Found()
+    def _batch(self, batch: Sequence[Mutation]) -> tuple[_MutationVerdicts, list[str]]:
+        found = _MutationVerdicts()
         for stage in (self._stored_model, self._untouched, self._glimpsed, self._unmoved, self._probed, self._shown):
             left = found.left(batch)
             if not left:
@@ -288,9 +288,9 @@ class _Bench:
             stage(left, found)
         return found, [mutation.name for mutation in batch]
 
-    def _alone(self, batch: Sequence[Mutation]) -> _Found:
+    def _alone(self, batch: Sequence[Mutation]) -> _MutationVerdicts:
         """The verdicts on mutations that move otherwise in whole motions."""
-        found = _Found()
+        found = _MutationVerdicts()
         for stage in (self._unmoved, self._probed, self._shown):
             if left := found.left(batch):
                 stage(left, found)
@@ -298,15 +298,15 @@ class _Bench:
 
     # --- stages ---------------------------------------------------------------------------------------------------
 
-    def _stored_model(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _stored_model(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """By what the engine says it holds."""
         self._judge(batch, found, [Operation("read_back")], self._read_back_checks)
 
-    def _untouched(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _untouched(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """Mutations that are declared inert and change nothing that the engine's numbers follow from: they need no glimpses."""
         found.steady += [mutation for mutation in self._declared(batch) if mutation.name in found.same]
 
-    def _glimpsed(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _glimpsed(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """Mutations that are declared inert, in glimpses: their motion is the same to the last bit, or they are noted."""
         if sum(self.whole.seconds) < SHORT:
             return
@@ -320,7 +320,7 @@ class _Bench:
                 else:
                     self._note(mutation, departure, found)
 
-    def _unmoved(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _unmoved(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """Mutations that are declared inert must move as the sound files do; others are noted, and go on."""
         left = [mutation for mutation in self._declared(batch) if mutation.name not in found.acting]
         for mutation, answers in self._ask(left, self.whole.operations):
@@ -349,11 +349,11 @@ class _Bench:
                     waiting += [Plant(part, together.files(part)) for part in (members[:half], members[half:])]
         return settled, alone
 
-    def _probed(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _probed(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """By every probe but those of contact."""
         self._judge(batch, found, self.probes.operations(self.engine), self._probe_checks)
 
-    def _shown(self, batch: Sequence[Mutation], found: _Found) -> None:
+    def _shown(self, batch: Sequence[Mutation], found: _MutationVerdicts) -> None:
         """By the whole proof, with its contact probes; else it is missed."""
         for mutation in batch:
             why = found.acting.get(mutation.name, "")
@@ -379,7 +379,7 @@ class _Bench:
         row = self.table.inertness(mutation) or NOTHING
         return self._verdict(mutation, "inert", why=row.why, row=row.name)
 
-    def _note(self, mutation: Mutation, difference: float, found: _Found) -> bool:
+    def _note(self, mutation: Mutation, difference: float, found: _MutationVerdicts) -> bool:
         """Whether a mutation moves otherwise than its row allows; then it is noted."""
         row = self.table.inertness(mutation) or NOTHING
         acts = difference > max(row.within, SAME_MOTION * ROUNDING[self.engine.PRECISION] / ROUNDING[DOUBLE])
@@ -398,7 +398,7 @@ class _Bench:
     def _judge(
         self,
         batch: Sequence[Mutation],
-        found: _Found,
+        found: _MutationVerdicts,
         operations: Sequence[Operation],
         checks: Callable[[Sequence[Answer]], Sequence[Check]],
     ) -> None:

@@ -213,7 +213,7 @@ HOLD_TOLERANCE = 2e-3
 
 
 @dataclass(frozen=True)
-class Trial:
+class ForceTrial:
     """One beginning (``q``, ``v``, ``effort``), and the velocities (nv,) that must have come after ``steps``; ``name`` says
     what is tried, ``tolerance`` how near they must be, in units of what a joint's friction alone makes of its speed."""
 
@@ -241,11 +241,11 @@ class DryFriction:
     """The trials of a world, the places in v of its joints with dry friction, and the accelerations (joints,) that their
     friction alone gives them."""
 
-    trials: tuple[Trial, ...]
+    trials: tuple[ForceTrial, ...]
     places: np.ndarray
     strength: np.ndarray
 
-    def compared(self, trial: Trial) -> np.ndarray:
+    def compared(self, trial: ForceTrial) -> np.ndarray:
         """Which of the joints are compared in a trial (joints,): those that slide, or all where constraints hold every one."""
         if not trial.slides:
             return np.ones(len(self.places), dtype=bool)
@@ -329,7 +329,12 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
 
 
 def _floor(
-    trial: Trial, oracle: Oracle, friction: _Friction, strength: np.ndarray, rough: np.ndarray, precision: Precision
+    trial: ForceTrial,
+    oracle: Oracle,
+    friction: _Friction,
+    strength: np.ndarray,
+    rough: np.ndarray,
+    precision: Precision,
 ) -> float:
     """The effect of fewer digits of states and efforts on the speeds of a trial, in its own units: where friction is a small
     part of what acts, rounding is a large part of it."""
@@ -370,7 +375,7 @@ class _Friction:
 
 def _trials(
     oracle: Oracle, q: np.ndarray, friction: _Friction, gain: np.ndarray, room: np.ndarray, side: np.ndarray
-) -> Iterator[Trial]:
+) -> Iterator[ForceTrial]:
     """``gain``: the acceleration of a joint that slides; ``room``: how far it may go: within it, and within the neighbourhood
     for which efforts were chosen."""
     rest, dt = np.zeros(oracle.nv), oracle.timestep
@@ -388,9 +393,9 @@ def _trials(
             left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
             count, expected = _sliding(oracle, q, v, left, friction, gain * sign, steps)
             name = f"{name}, {word}"
-            yield Trial(name, q, v, left + brake, count, expected, SLIDE_TOLERANCE, along=gain * sign)
+            yield ForceTrial(name, q, v, left + brake, count, expected, SLIDE_TOLERANCE, along=gain * sign)
         balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest) + BELOW * brake
-        yield Trial(f"is held, {word}", q, rest, balance, FRICTION_STEPS[0], rest, HOLD_TOLERANCE, False)
+        yield ForceTrial(f"is held, {word}", q, rest, balance, FRICTION_STEPS[0], rest, HOLD_TOLERANCE, False)
 
 
 def _sliding(

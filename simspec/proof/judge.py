@@ -217,7 +217,7 @@ def _contact(
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredProofs:
     """The remains of the earlier certificate: ``kept``, the proofs that hold, and ``dropped``, why each other one goes,
     by engine; ``unread``: why the file is no certificate that could be read, None where it is one, or there is none."""
 
@@ -225,16 +225,16 @@ class Stored:
     dropped: Mapping[str, str] = field(default_factory=dict)
     unread: str | None = None
 
-    def without(self, engines: Collection[str]) -> Stored:
+    def without(self, engines: Collection[str]) -> StoredProofs:
         """The same of all other engines than those that are verified anew."""
         kept = {name: proof for name, proof in self.kept.items() if name not in engines}
         dropped = {name: why for name, why in self.dropped.items() if name not in engines}
-        return Stored(kept, dropped, self.unread)
+        return StoredProofs(kept, dropped, self.unread)
 
-    def after(self, earlier: Stored) -> Stored:
+    def after(self, earlier: StoredProofs) -> StoredProofs:
         """The remains of the certificate after two steps, of which this is the second."""
         dropped = {name: why for name, why in earlier.dropped.items() if name not in self.kept}
-        return Stored(self.kept, dropped | dict(self.dropped), earlier.unread or self.unread)
+        return StoredProofs(self.kept, dropped | dict(self.dropped), earlier.unread or self.unread)
 
     def lines(self) -> list[str]:
         """In words, a line each: the proofs of other engines that were kept, and those that were dropped, with the reason."""
@@ -261,7 +261,9 @@ class Stored:
         return {"kept": kept, "dropped": dict(self.dropped), "unread": self.unread}
 
 
-def holding_proofs(earlier: Certificate, world: World, files: Mapping[str, str], oracle: str | None = None) -> Stored:
+def holding_proofs(
+    earlier: Certificate, world: World, files: Mapping[str, str], oracle: str | None = None
+) -> StoredProofs:
     """Which proofs of ``earlier`` hold of ``world`` and its files as they are.
 
     ``files``: the hash of each engine's artifacts; ``oracle``: that of the certificate which they will stand in (None: their
@@ -283,7 +285,7 @@ def holding_proofs(earlier: Certificate, world: World, files: Mapping[str, str],
             kept[name] = proof
         else:
             dropped[name] = why
-    return Stored(kept, dropped)
+    return StoredProofs(kept, dropped)
 
 
 def _stale(engine: str, proof: EngineProof, world: World, files: str | None) -> str | None:

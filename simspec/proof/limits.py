@@ -17,7 +17,7 @@ from simspec.proof.checks import PRECISIONS, Check, Demand, Demands, Precision, 
 from simspec.world.canonical import derived
 from simspec.world.kinematics import frictional_coordinates, initial_state, layout_of
 from simspec.world.passive_forces import JointSums
-from simspec.world.types import Follow, World
+from simspec.world.types import FollowConstraint, World
 
 Floats = NDArray[np.float64]
 ROUNDS = 500
@@ -110,7 +110,11 @@ class Stops:
         return q
 
     def moved(
-        self, q: Floats, targets: Sequence[tuple[int, float, float]], margin: float, coupled: Sequence[Follow] = ()
+        self,
+        q: Floats,
+        targets: Sequence[tuple[int, float, float]],
+        margin: float,
+        coupled: Sequence[FollowConstraint] = (),
     ) -> Floats | None:
         """Positions near ``q`` (nq,) at which each of some sums (row, lower, upper) is between two values, joints follow those
         that they are ``coupled`` to, and every joint that is in any of these is a share of its range away from its limits; None
@@ -151,8 +155,8 @@ def inside(world: World, q: Floats, margin: float) -> Floats:
     return q if moved is None else moved
 
 
-def _couplings(world: World) -> list[Follow]:
-    return [constraint for constraint in world.constraints if isinstance(constraint, Follow)]
+def _couplings(world: World) -> list[FollowConstraint]:
+    return [constraint for constraint in world.constraints if isinstance(constraint, FollowConstraint)]
 
 
 def calmed(world: World, v: Floats, most: float) -> Floats:
@@ -184,7 +188,7 @@ ARRIVING = 2
 
 
 @dataclass(frozen=True)
-class Trial:
+class LimitTrial:
     """One beginning, after which nothing moves; ``free`` (nv,): the velocities that the same force gives without the limit;
     ``turned``: the largest velocity that damping leaves of an arrival (see :func:`_trials`)."""
 
@@ -199,10 +203,10 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class SumLimits:
+class SumLimitTrials:
     """The trials of a world, and the sums of which a limit is beyond those of their joints."""
 
-    trials: tuple[Trial, ...]
+    trials: tuple[LimitTrial, ...]
     out_of_reach: tuple[str, ...]
 
     def operation(self, world: World) -> Operation:
@@ -235,7 +239,7 @@ def nothing_stops(world: World) -> str:
     """Why no limit of a sum of this world is pressed on; "" where one is."""
     if not any(total.position_limits for total in world.sums):
         return "no sum of joint positions has limits"
-    if not all(isinstance(constraint, Follow) for constraint in world.constraints):
+    if not all(isinstance(constraint, FollowConstraint) for constraint in world.constraints):
         return "sums are not brought to their limits where loops are closed"
     return "" if _reached(world) else "the joints' own limits keep every sum off its limits"
 
@@ -247,7 +251,7 @@ def no_ball_stops(world: World) -> str:
     return "balls are not brought to their limits where joints are held together" if world.constraints else ""
 
 
-def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> SumLimits | None:
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> SumLimitTrials | None:
     """The trials; None where no limit of a sum and of a ball can be pressed on."""
     reached = {} if nothing_stops(world) else _reached(world)
     stops = Stops(world)
@@ -256,10 +260,10 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     if not no_ball_stops(world):
         trials += _of_balls(world, oracle)
     out = (name for row, name in enumerate(names) if not {(row, 1), (row, -1)} & reached.keys())
-    return SumLimits(tuple(trials), tuple(out)) if trials else None
+    return SumLimitTrials(tuple(trials), tuple(out)) if trials else None
 
 
-def _of_sum(oracle: Oracle, stops: Stops, row: int, side: int, q: Floats) -> Iterator[Trial]:
+def _of_sum(oracle: Oracle, stops: Stops, row: int, side: int, q: Floats) -> Iterator[LimitTrial]:
     """Trials of the sum ``row``, which at ``q`` stands at its upper (1) or lower (−1) limit."""
     moving = np.flatnonzero(stops.along.weights.any(axis=0))
 
@@ -273,7 +277,7 @@ def _of_sum(oracle: Oracle, stops: Stops, row: int, side: int, q: Floats) -> Ite
     return _trials(oracle, q, stops.along.weights[row] * side, span, before, (limit, where, STOPS_CHECK))
 
 
-def _of_balls(world: World, oracle: Oracle) -> Iterator[Trial]:
+def _of_balls(world: World, oracle: Oracle) -> Iterator[LimitTrial]:
     """A ball at its largest angle is turned further about the axis of that angle, whose rate is the ball's velocity about it,
     in either frame: the stop gives back exactly the pressing force, as of a sum."""
     q = Stops(world).within(initial_state(world)[0], 0.1)
@@ -311,7 +315,7 @@ def _trials(
     span: float,
     before: Callable[[Floats], Floats],
     named: tuple[str, str, str],
-) -> Iterator[Trial]:
+) -> Iterator[LimitTrial]:
     """A force along ``weights`` (nv,) that presses on a limit at ``q``, and an arrival from half a step's way ``before`` it (of
     a velocity). Before the stop acts, damping changes that velocity by a part that the stop does not feel."""
     (limit, where, check), rest, seconds = named, np.zeros(oracle.nv), STEPS * oracle.timestep
@@ -320,12 +324,12 @@ def _trials(
     gain = float(weights @ unit)
     pressed = balance + 2.0 * WAY * span / (seconds**2 * (gain / oracle.timestep)) * weights
     free = oracle.motion(q, rest, pressed, STEPS, STEPS)[1][-1]
-    yield Trial(f"pressed on its {limit}", where, q, rest, pressed, free, check)
+    yield LimitTrial(f"pressed on its {limit}", where, q, rest, pressed, free, check)
     fast = unit * (WAY * span / seconds / gain)
     start = before(fast)
     lost = oracle.step(start, fast, balance)[1] - fast
     aside = ARRIVING * float(np.abs(lost - unit * float(weights @ lost) / gain).max())
-    yield Trial(f"arrives at its {limit}", where, start, fast, balance, fast, check, aside)
+    yield LimitTrial(f"arrives at its {limit}", where, start, fast, balance, fast, check, aside)
 
 
 @derived

@@ -23,7 +23,7 @@ from simspec.proof.checks import LEEWAY, PRECISIONS, TOO_CHAOTIC, Check, Demand,
 from simspec.proof.limits import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
-from simspec.world.types import Follow, Record, World
+from simspec.world.types import FollowConstraint, RecordOptions, World
 
 # Where a mechanism rests: beginnings of motions that are too chaotic from anywhere else.
 
@@ -108,7 +108,7 @@ slip of a digit in printing makes of gravity, moves a body by the tolerance; whe
 
 
 @dataclass(frozen=True)
-class Motion:
+class OracleMotion:
     """A beginning and its efforts (``q``, ``v``, ``effort``, ``steps``), the oracle's poses, and their round-off floor."""
 
     q: np.ndarray
@@ -188,10 +188,10 @@ def pose_check(
 
 KEPT = 24
 """Motions that a process keeps: those of the worlds of a self-test, or of a sweep that changes an engine's settings."""
-_kept: dict[tuple[World, Precision], Motion] = {}
+_kept: dict[tuple[World, Precision], OracleMotion] = {}
 
 
-def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Motion:
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> OracleMotion:
     """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bits.
 
     Motion is compared up to the instant at which the tolerance would become larger than ``precision.loosest``: a chaotic world
@@ -200,9 +200,9 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     Worlds that differ in nothing but their name, what is recorded and expected, and engines' options share a motion, whose
     arrays are not to be changed: it takes seconds, and comparing worlds milliseconds.
     """
-    if not all(isinstance(constraint, Follow) for constraint in world.constraints):
+    if not all(isinstance(constraint, FollowConstraint) for constraint in world.constraints):
         precision = precision.of_loops()
-    same = dataclasses.replace(world, name="", record=Record(), expectations=(), engines=(), frames=())
+    same = dataclasses.replace(world, name="", record=RecordOptions(), expectations=(), engines=(), frames=())
     known = _kept.get((same, precision))
     if known is None:
         known = _Planning(world, oracle, precision).motion()
@@ -237,7 +237,7 @@ class _Planning:
         self.slower = min(1.0, SECONDS / (self.most * world.physics.timestep))
         self.start, _ = initial_state(world)
 
-    def motion(self) -> Motion:
+    def motion(self) -> OracleMotion:
         best = self._tried(*self._beginning(0))
         for attempt in range(1, TRIES + len(GENTLER)):
             if best.steps == self.most or (best.steps >= FEWEST and attempt > TRIES + 1):
@@ -251,7 +251,7 @@ class _Planning:
             planned = max(planned, gentler, key=lambda trial: trial.steps)
         return planned if planned.steps >= FEWEST or unstable(self.world) else self._from_rest(planned)
 
-    def _from_rest(self, planned: Motion) -> Motion:
+    def _from_rest(self, planned: OracleMotion) -> OracleMotion:
         """The motion of ``FROM_REST`` that is followed for enough steps, or the longest; ``planned`` where none is longer."""
         rest = at_rest(self.world, self.oracle, lambda q: bool(self.stops.near(q[None], NEAR).any()))
         v = self.slower * random_states(self.world, 1, STATES_SEED + 1, speed=0.5)[1][0]
@@ -264,7 +264,7 @@ class _Planning:
                 break
         return planned
 
-    def _planned(self, begun: _Beginning) -> Motion:
+    def _planned(self, begun: _Beginning) -> OracleMotion:
         """The oracle's motion from a beginning, with its floor, as far as that can be used."""
         precision, steps, ends, unsteady = self.precision, begun.steps, begun.ends, begun.unsteady
         every = EVERY if steps >= 10 * EVERY else LOOK
@@ -291,7 +291,9 @@ class _Planning:
             unsteady = False
         values = frictional_coordinates(self.world)
         poses, floor = exact[: last + 1], float(floors[last])
-        return Motion(begun.q, begun.v, begun.effort, steps, every, poses, floor, values, ends, precision, unsteady)
+        return OracleMotion(
+            begun.q, begun.v, begun.effort, steps, every, poses, floor, values, ends, precision, unsteady
+        )
 
     def _tried(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> _Beginning:
         """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: until a joint comes near a limit, or turns

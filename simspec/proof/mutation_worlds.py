@@ -12,7 +12,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof.building import fixed, free, single_material, slab, with_bodies, with_shapes
 from simspec.proof.selftest_worlds import CONTACT, EVERY, FRICTION, PHYSICS, SMALLER, TENSOR, bench
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from simspec.world.kinematics import joined
 from simspec.world.shapes import heightfield_size
 from simspec.world.types import (
@@ -59,8 +59,8 @@ def native(engine: str) -> World:
     """The bench under the engine's own controllers: one by position, with a limit, one by velocity."""
     world = bench(engine)
     joints = ("upper_joint", "lower_joint")
-    controller = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
-    way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
+    controller = JointController("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
+    way = JointTrajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
     # the friction of a solver that has controllers is an approximation in some engines
     controlled = replace(world, name="self-test-native", controllers=(controller,), trajectory=way)
     return replace(controlled, engines=(EngineOptions(engine, accept=(*CONTACT, "control.native")),))

@@ -26,7 +26,7 @@ from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Pre
 from simspec.proof.limits import Stops, inside
 from simspec.proof.motion import NEAR
 from simspec.world import frames
-from simspec.world.actions import Trajectory
+from simspec.world.actions import JointTrajectory
 from simspec.world.frames import quaternion, vector3
 from simspec.world.kinematics import constrained_trees, frictional_coordinates, initial_state, layout_of, trees, within
 from simspec.world.rotations import rotation_error
@@ -352,7 +352,7 @@ def plan(world: World, oracle: Oracle | None = None, precision: Precision = PREC
         q = alone.inwards(alone.settled(q, start))
     amount = np.array(reach)
     for _ in range(HALVINGS):
-        targets = Trajectory(joints, (0.0,), (tuple((q[places] + amount).tolist()),))
+        targets = JointTrajectory(joints, (0.0,), (tuple((q[places] + amount).tolist()),))
         requested = dataclasses.replace(world, trajectory=targets)
         control, positions, steps = _response(requested, q, v)
         if not control.clipped.any():

@@ -39,7 +39,7 @@ BUT_CONTACT = tuple(level for level in LEVELS if level != "L5")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class DefectOutcome:
     """The outcome of one defect in one engine.
 
     ``caught``: True, False, or None where the engine cannot hold it (``reason`` says why). ``by``: the levels that noticed;
@@ -58,7 +58,7 @@ class Outcome:
 class SelfTest:
     """All outcomes, in the order of engines and defects."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[DefectOutcome, ...]
 
     @property
     def planted(self) -> int:
@@ -109,10 +109,10 @@ def self_test(
     verify.
     """
     say = progress or (lambda text: None)
-    outcomes: list[Outcome] = []
+    outcomes: list[DefectOutcome] = []
     with WarmProcesses() as warm:
         for engine in engines:
-            bench = _Bench(engine, pythons or {}, every_level, warm)
+            bench = _EngineBench(engine, pythons or {}, every_level, warm)
             names = [name for name in NAMES if defects is None or name in defects]
             for world in dict.fromkeys(NAMES[name] for name in names):
                 say(f"{engine}: the sound world “{world}”")
@@ -155,7 +155,7 @@ class _Sound:
             )
 
 
-class _Bench:
+class _EngineBench:
     """One engine's sound worlds."""
 
     def __init__(self, engine: str, pythons: Mapping[str, str], every_level: bool, warm: WarmProcesses):
@@ -177,7 +177,7 @@ class _Bench:
         sound = self._sound[name] = _Sound(name, world, compiled, self._prove)
         sound.probes(self._sound_at)
 
-    def plant(self, defect: str) -> Outcome:
+    def plant(self, defect: str) -> DefectOutcome:
         name = NAMES[defect]
         sound = self._sound[name]
         while isinstance(self._sound[name], str) and name in SMALLER:
@@ -185,10 +185,10 @@ class _Bench:
             if defect in fitting and not isinstance(self._sound[name], str):
                 sound = self._sound[name]
         if isinstance(sound, str):
-            return Outcome(self.engine, defect, None, reason=sound)
+            return DefectOutcome(self.engine, defect, None, reason=sound)
         plant = defects_of(sound.compiled.dialect)[defect]
         if isinstance(plant, str):
-            return Outcome(self.engine, defect, None, reason=plant)
+            return DefectOutcome(self.engine, defect, None, reason=plant)
         with scratch_folder("defect") as place:
             folder = place / self.engine
             write_folder(plant(sound.compiled.files), folder)
@@ -209,7 +209,7 @@ class _Bench:
         levels_that_noticed = tuple(sorted({check.level for check in failures}))
         first = beyond_text[0] if beyond_text else None
         said = f"{first.level} {first.name}: {first.detail or first.worst}" if first else ""
-        return Outcome(self.engine, defect, bool(beyond_text), levels_that_noticed, said)
+        return DefectOutcome(self.engine, defect, bool(beyond_text), levels_that_noticed, said)
 
 
 # The same questions about many changed folders of files, in one process of an engine.

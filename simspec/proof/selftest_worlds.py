@@ -21,10 +21,10 @@ from simspec.world.kinematics import joined, poses
 from simspec.world.shapes import heightfield_size
 from simspec.world.types import (
     Body,
-    Connect,
+    ConnectConstraint,
     Contact,
     EngineOptions,
-    Follow,
+    FollowConstraint,
     Frame,
     Inertial,
     Joint,
@@ -33,7 +33,7 @@ from simspec.world.types import (
     Physics,
     Pose,
     Shape,
-    Weld,
+    WeldConstraint,
     World,
 )
 
@@ -366,9 +366,9 @@ def constrained(engine: str) -> World:
     at = (0.1, 0.0, 0.05)
     meets = frames.compose(frames.inverse(place["base"]), frames.compose(place["tip"], Pose(at))).position
     constraints = (
-        Weld("glue", "near", "far", frames.compose(frames.inverse(place["near"]), place["far"])),
-        Follow("mirror", "follow_joint", "lead_joint", ratio, offset),
-        Connect("pin", "tip", "base", at, meets),
+        WeldConstraint("glue", "near", "far", frames.compose(frames.inverse(place["near"]), place["far"])),
+        FollowConstraint("mirror", "follow_joint", "lead_joint", ratio, offset),
+        ConnectConstraint("pin", "tip", "base", at, meets),
     )
     excluded = joined(chain) | {("far", "near"), ("base", "tip")}
     options = _options(engine, outside=("constraint.coupling", "constraint.loop"))

@@ -27,9 +27,9 @@ from simspec.outputs.writing import Artifacts
 from simspec.proof import forces, limits, motion
 from simspec.proof import probes as control
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import PRECISIONS, Check, Part, Plan, Precision, failed, inventory_checks
+from simspec.proof.checks import PRECISIONS, Check, MotionPlan, Part, Precision, failed, inventory_checks
 from simspec.proof.comparator import compare
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
 from simspec.proof.expected import (
@@ -46,7 +46,7 @@ from simspec.proof.expected import (
 )
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, SLIDING_CHECK
 from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK
-from simspec.proof.motion import MOTION, Motion
+from simspec.proof.motion import MOTION, OracleMotion
 from simspec.proof.probes import (
     FEW_STATES,
     LARGE,
@@ -77,7 +77,7 @@ class Experiment:
 
     level: str
     parts: tuple[Part, ...]
-    plan: Callable[[World, Oracle, Precision], Plan | None]
+    plan: Callable[[World, Oracle, Precision], MotionPlan | None]
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
@@ -101,7 +101,7 @@ class Probes:
     q: np.ndarray
     v: np.ndarray
     meetings: Meetings
-    plans: Mapping[str, Plan]
+    plans: Mapping[str, MotionPlan]
     precision: Precision = PRECISIONS[DOUBLE]
     _others: dict[str, Probes] = dataclasses.field(default_factory=dict, compare=False, repr=False)
 
@@ -119,7 +119,7 @@ class Probes:
     def chaos(self) -> str:
         """Why the motion cannot be compared in any engine; "" where it can, or there is none."""
         planned = self.plans.get("motion")
-        return planned.chaos if isinstance(planned, Motion) else ""
+        return planned.chaos if isinstance(planned, OracleMotion) else ""
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """The operations for ``engine``, by its capabilities; :func:`engine_checks` reads the answers."""
@@ -152,7 +152,7 @@ def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBL
     return Probes(oracle, q, v, meetings, _plans(oracle, numbers, names), numbers)
 
 
-def _plans(oracle: Oracle, precision: Precision, names: Iterable[str]) -> dict[str, Plan]:
+def _plans(oracle: Oracle, precision: Precision, names: Iterable[str]) -> dict[str, MotionPlan]:
     planned = {name: EXPERIMENTS[name].plan(oracle.world, oracle, precision) for name in names}
     return {name: plan for name, plan in planned.items() if plan is not None}
 
@@ -227,7 +227,7 @@ def verify(
                     replies[name] = running[name].wait(doing=functools.partial(at_work, say, f"verifying {name}"))
             except EngineError as error:
                 refused[name] = error
-        figures: dict[str, list[Figure]] = {}
+        figures: dict[str, list[ProbeFigure]] = {}
         contact: dict[str, list[Check]] = {}
         if "L5" in levels and meeting_laws(world):
             sound = {name: (folders[name], read[name]) for name in replies if name in read}
@@ -241,7 +241,7 @@ def verify(
     return Certificate(world.name, sha256(world), _oracle_version(), {name: proofs[name] for name in order})
 
 
-def _measured(world: World, levels: Collection[str], figures: Sequence[Figure]) -> dict[str, Any]:
+def _measured(world: World, levels: Collection[str], figures: Sequence[ProbeFigure]) -> dict[str, Any]:
     """The part of a proof about contact: its figures, and their kinds of contact."""
     kinds = scope(world, (figure.probe for figure in figures)) if "L5" in levels else {}
     return {"contact": tuple(figures), "contact_scope": kinds}
@@ -304,10 +304,10 @@ def _contact(
     cache: bool,
     say: Callable[[str], None],
     warm: WarmProcesses,
-) -> tuple[dict[str, list[Figure]], dict[str, list[Check]]]:
+) -> tuple[dict[str, list[ProbeFigure]], dict[str, list[Check]]]:
     """Level L5 in every engine, side by side: figures and checks by engine. ``files``: by engine the folder of artifacts, and
     the model that the independent reader made of it."""
-    figures: dict[str, list[Figure]] = {}
+    figures: dict[str, list[ProbeFigure]] = {}
     checks: dict[str, list[Check]] = {}
     with contextlib.ExitStack() as stack:
         measuring = {}

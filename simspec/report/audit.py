@@ -14,7 +14,7 @@ from simspec.report.plain import plain
 from simspec.report.problems import plausibility_data, plausibility_lines
 from simspec.report.screen import console
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
-from simspec.report.tested import Entry, Status, Suite
+from simspec.report.tested import Status, TestedEntry, TestedSuite
 
 TONES = {FindingSeverity.PHYSICS: BAD, FindingSeverity.RATING: WARNING, FindingSeverity.APPEARANCE: WARNING}
 LONGEST_VALUE = 46
@@ -172,7 +172,7 @@ def verdict(audit: FileAudit) -> list[Sentence]:
 # Test reports and pages.
 
 
-def audit_suites(audits: Sequence[FileAudit]) -> list[Suite]:
+def audit_suites(audits: Sequence[FileAudit]) -> list[TestedSuite]:
     """One suite for each file and engine: an entry for each kind of finding, and one for the compiled model."""
     suites = []
     for audit in audits:
@@ -182,20 +182,20 @@ def audit_suites(audits: Sequence[FileAudit]) -> list[Suite]:
             proof = compiled.get(engine.engine)
             if proof is not None:
                 status = Status.PASSED if proof.valid else Status.SKIPPED if proof.valid is None else Status.FAILED
-                entries.append(Entry("compiled by simspec", status, proof.why))
-            suites.append(Suite(audit.file, engine.engine, tuple(entries)))
+                entries.append(TestedEntry("compiled by simspec", status, proof.why))
+            suites.append(TestedSuite(audit.file, engine.engine, tuple(entries)))
         for name, why in audit.skipped.items():
-            suites.append(Suite(audit.file, name, (Entry("loads the file", Status.SKIPPED, why),)))
+            suites.append(TestedSuite(audit.file, name, (TestedEntry("loads the file", Status.SKIPPED, why),)))
     return suites
 
 
-def _entries(audit: EngineAudit) -> list[Entry]:
+def _entries(audit: EngineAudit) -> list[TestedEntry]:
     if not audit.loaded:
         finding = audit.findings[0]
         status = Status.ERROR if audit.died else Status.FAILED
         about = (clipped(finding.why), finding.why)
-        return [Entry("loads the file", status, *about, seconds=audit.seconds, excess=math.inf)]
-    entries = [Entry("loads the file", Status.PASSED, seconds=audit.seconds)]
+        return [TestedEntry("loads the file", status, *about, seconds=audit.seconds, excess=math.inf)]
+    entries = [TestedEntry("loads the file", Status.PASSED, seconds=audit.seconds)]
     for group in grouped(audit.findings):
         worst = group.worst
         values = (worst.file_value or "nothing", worst.engine_value or "nothing")
@@ -203,7 +203,7 @@ def _entries(audit: EngineAudit) -> list[Entry]:
         status = Status.FAILED if worst.silent else Status.SKIPPED
         detail = "\n".join(f"{each.element}: {each.file_value} -> {each.engine_value}" for each in group.findings)
         name = f"{group.quantity} {group.what}"
-        entries.append(Entry(name, status, clipped(text), detail, worst.location, excess=worst.size or 1.0))
+        entries.append(TestedEntry(name, status, clipped(text), detail, worst.location, excess=worst.size or 1.0))
     return entries
 
 

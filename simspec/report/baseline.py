@@ -23,7 +23,7 @@ from simspec.errors import Problem, SpecError
 from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
 from simspec.report.table import Table, markdown_rows
-from simspec.report.tested import Entry, Status, Suite, words
+from simspec.report.tested import Status, TestedEntry, TestedSuite, words
 from simspec.runner.metrics import moving_bodies
 from simspec.runner.run import Run
 from simspec.stored import StoredBaseline, parse, read_as
@@ -43,7 +43,7 @@ LEAST_TIMED = 3
 HIDDEN = "the engine's own noise is above the tolerance"
 
 
-class Kind(StrEnum):
+class FigureKind(StrEnum):
     """The subject of a figure."""
 
     PHYSICS = "physics"
@@ -52,12 +52,12 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class BaselineFigure:
     """``value``: numbers in ``unit``; ``interval``: for each the range of values that are not distinguishable from it;
     ``not_compared``: why the figure says nothing, "" where it does."""
 
     key: str
-    kind: Kind
+    kind: FigureKind
     unit: str
     value: tuple[float, ...]
     interval: tuple[tuple[float, float], ...]
@@ -73,12 +73,12 @@ class Baseline:
     simspec: str
     versions: Mapping[str, str]
     machine: Machine
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, BaselineFigure] = field(default_factory=dict)
 
     @property
     def has_speed(self) -> bool:
         """Whether speed was measured."""
-        return any(figure.kind is Kind.SPEED for figure in self.figures.values())
+        return any(figure.kind is FigureKind.SPEED for figure in self.figures.values())
 
     def text(self) -> str:
         """As JSON, one figure a line, so that version control shows what changed."""
@@ -121,8 +121,8 @@ def read_baseline(path: Path) -> Baseline | None:
         intervals = tuple((low, high) for low, high in figure.interval)
         if len(figure.value) != len(intervals) or figure.key in figures or any(low > high for low, high in intervals):
             raise SpecError([Problem(f"{path} cannot be read: figure {figure.key!r} is damaged, or is there twice")])
-        figures[figure.key] = Figure(
-            figure.key, Kind(figure.kind), figure.unit, tuple(figure.value), intervals, figure.not_compared
+        figures[figure.key] = BaselineFigure(
+            figure.key, FigureKind(figure.kind), figure.unit, tuple(figure.value), intervals, figure.not_compared
         )
     machine = Machine(**stored.machine.model_dump())
     return Baseline(stored.spec, stored.world_sha256, stored.simspec, stored.versions, machine, figures)
@@ -136,7 +136,7 @@ def baseline_of(study: Study, timed: Iterable[Run], tolerance: float, machine: M
 
     ``tolerance`` (m): figures of a run whose own noise grows past it are kept, and not compared from then on.
     """
-    figures: list[Figure] = []
+    figures: list[BaselineFigure] = []
     if study.certificate is not None:
         for name, proof in study.certificate.engines.items():
             figures.append(_verdict(f"{name}/proof", proof.valid))
@@ -154,8 +154,8 @@ def baseline_of(study: Study, timed: Iterable[Run], tolerance: float, machine: M
     return Baseline(study.world.name, sha256(study.world), simspec_version(), versions, machine, by_key)
 
 
-def _verdict(key: str, passed: bool) -> Figure:
-    return Figure(key, Kind.VERDICT, "", (float(passed),), ((float(passed), float(passed)),))
+def _verdict(key: str, passed: bool) -> BaselineFigure:
+    return BaselineFigure(key, FigureKind.VERDICT, "", (float(passed),), ((float(passed), float(passed)),))
 
 
 def _hidden(noise: float, tolerance: float) -> str:
@@ -163,7 +163,7 @@ def _hidden(noise: float, tolerance: float) -> str:
     return "" if noise <= tolerance else f"{HIDDEN}: {noise:.2g}, tolerance {tolerance:.2g}"
 
 
-def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
+def _places(run: Run, floor: Floor | None, tolerance: float) -> list[BaselineFigure]:
     """Position (m) and orientation (quaternion) of each moving body at some moments."""
     rows = sorted({round(share * (len(run.time) - 1) / MOMENTS) for share in range(1, MOMENTS + 1)})
     poses, figures = run.arrays["pose"], []
@@ -182,7 +182,7 @@ def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
     return figures
 
 
-def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance: float) -> list[Figure]:
+def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance: float) -> list[BaselineFigure]:
     """The summary of a run (energy, momentum, contacts) with the noise of the repeats."""
     values, again = summary(run), [summary(other) for other in repeats if other.failed is None]
     why = _hidden(floor.largest, tolerance) if floor is not None and again else "noise was not measured"
@@ -195,13 +195,15 @@ def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance
     return figures
 
 
-def _around(key: str, unit: str, values: Sequence[float], half: float, why: str) -> Figure:
+def _around(key: str, unit: str, values: Sequence[float], half: float, why: str) -> BaselineFigure:
     if not all(map(math.isfinite, (*values, half))):
-        return Figure(key, Kind.PHYSICS, unit, (), (), "it is not finite")
-    return Figure(key, Kind.PHYSICS, unit, tuple(values), tuple((value - half, value + half) for value in values), why)
+        return BaselineFigure(key, FigureKind.PHYSICS, unit, (), (), "it is not finite")
+    return BaselineFigure(
+        key, FigureKind.PHYSICS, unit, tuple(values), tuple((value - half, value + half) for value in values), why
+    )
 
 
-def _speeds(runs: Sequence[Run]) -> list[Figure]:
+def _speeds(runs: Sequence[Run]) -> list[BaselineFigure]:
     """The speed of each engine: median, smallest and largest over processes."""
     figures = []
     for engine in dict.fromkeys(run.engine for run in runs):
@@ -215,7 +217,7 @@ def _speeds(runs: Sequence[Run]) -> list[Figure]:
             known = [value for value in values if value is not None]
             if known:
                 value, interval = (statistics.median(known),), ((min(known), max(known)),)
-                figures.append(Figure(f"{engine}/{name}", Kind.SPEED, "s/s", value, interval, why))
+                figures.append(BaselineFigure(f"{engine}/{name}", FigureKind.SPEED, "s/s", value, interval, why))
     return figures
 
 
@@ -229,7 +231,7 @@ reaches 15 %, and none of 60 comparisons of one set with another is a regression
 which is why that is compared on a quiet machine only."""
 
 
-class Change(StrEnum):
+class FigureChange(StrEnum):
     """The result of a comparison for a figure."""
 
     SAME = "same"
@@ -241,39 +243,39 @@ class Change(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class FigureRow:
     """One figure, before and now (None: not there), what became of it, and why in words."""
 
     key: str
-    change: Change
-    before: Figure | None
-    now: Figure | None
+    change: FigureChange
+    before: BaselineFigure | None
+    now: BaselineFigure | None
     why: str = ""
 
 
 @dataclass(frozen=True)
-class Comparison:
+class BaselineComparison:
     """A study compared with a baseline; ``notes``: facts that a reader must know."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[FigureRow, ...]
     notes: tuple[str, ...] = ()
 
     @property
-    def regressions(self) -> list[Row]:
+    def regressions(self) -> list[FigureRow]:
         """Figures that changed for the worse or are missing. A change of physics in either direction is a regression."""
-        return [row for row in self.rows if row.change in (Change.CHANGED, Change.MISSING)]
+        return [row for row in self.rows if row.change in (FigureChange.CHANGED, FigureChange.MISSING)]
 
-    def count(self, change: Change) -> int:
+    def count(self, change: FigureChange) -> int:
         """How many figures this became of."""
         return sum(row.change is change for row in self.rows)
 
     @property
     def compared(self) -> int:
         """Figures that were compared."""
-        return sum(row.change in (Change.SAME, Change.CHANGED, Change.BETTER) for row in self.rows)
+        return sum(row.change in (FigureChange.SAME, FigureChange.CHANGED, FigureChange.BETTER) for row in self.rows)
 
 
-def compare(before: Baseline, now: Baseline) -> Comparison:
+def compare(before: Baseline, now: Baseline) -> BaselineComparison:
     """Every figure of either, compared by its key. Engines that were not run now are not compared, and named.
 
     Raises SpecError when the baseline is of another spec.
@@ -292,80 +294,90 @@ def compare(before: Baseline, now: Baseline) -> Comparison:
     for key, old in before.figures.items():
         engine = key.split("/", 1)[0]
         if engine not in now.versions:
-            rows.append(Row(key, Change.NOT_COMPARED, old, None, f"{engine} was not run"))
+            rows.append(FigureRow(key, FigureChange.NOT_COMPARED, old, None, f"{engine} was not run"))
         else:
             rows.append(_row(key, old, now.figures.get(key), differences))
-    rows += [Row(key, Change.NEW, None, figure) for key, figure in now.figures.items() if key not in before.figures]
-    return Comparison(tuple(rows), tuple(notes))
+    rows += [
+        FigureRow(key, FigureChange.NEW, None, figure)
+        for key, figure in now.figures.items()
+        if key not in before.figures
+    ]
+    return BaselineComparison(tuple(rows), tuple(notes))
 
 
-def _row(key: str, old: Figure, new: Figure | None, other_machine: Sequence[str]) -> Row:
+def _row(key: str, old: BaselineFigure, new: BaselineFigure | None, other_machine: Sequence[str]) -> FigureRow:
     if new is None:
-        if old.kind is Kind.SPEED:
-            return Row(key, Change.NOT_COMPARED, old, None, "speed was not measured")
-        return Row(key, Change.MISSING, old, None, "not in this run")
+        if old.kind is FigureKind.SPEED:
+            return FigureRow(key, FigureChange.NOT_COMPARED, old, None, "speed was not measured")
+        return FigureRow(key, FigureChange.MISSING, old, None, "not in this run")
     if why := old.not_compared or new.not_compared:
-        return Row(key, Change.NOT_COMPARED, old, new, why)
-    if old.kind is Kind.SPEED:
+        return FigureRow(key, FigureChange.NOT_COMPARED, old, new, why)
+    if old.kind is FigureKind.SPEED:
         if other_machine:
-            return Row(key, Change.NOT_COMPARED, old, new, f"another machine ({other_machine[0]})")
+            return FigureRow(key, FigureChange.NOT_COMPARED, old, new, f"another machine ({other_machine[0]})")
         (low, high), (new_low, new_high) = old.interval[0], new.interval[0]
         if new_high < (1.0 - SLOWER) * low:
-            return Row(key, Change.CHANGED, old, new, f"slower by {1.0 - new.value[0] / old.value[0]:.0%}")
-        return Row(key, Change.BETTER if new_low > (1.0 + SLOWER) * high else Change.SAME, old, new)
-    if old.kind is Kind.VERDICT:
-        change = Change.SAME if old.value == new.value else Change.CHANGED if old.value[0] else Change.BETTER
-        return Row(key, change, old, new, "passed before" if change is Change.CHANGED else "")
+            return FigureRow(key, FigureChange.CHANGED, old, new, f"slower by {1.0 - new.value[0] / old.value[0]:.0%}")
+        return FigureRow(key, FigureChange.BETTER if new_low > (1.0 + SLOWER) * high else FigureChange.SAME, old, new)
+    if old.kind is FigureKind.VERDICT:
+        change = (
+            FigureChange.SAME
+            if old.value == new.value
+            else FigureChange.CHANGED
+            if old.value[0]
+            else FigureChange.BETTER
+        )
+        return FigureRow(key, change, old, new, "passed before" if change is FigureChange.CHANGED else "")
     if len(old.value) != len(new.value) or old.unit != new.unit:
-        return Row(key, Change.CHANGED, old, new, "of another form")
+        return FigureRow(key, FigureChange.CHANGED, old, new, "of another form")
     signs = (1.0, -1.0) if key.endswith("/orientation") else (1.0,)  # a rotation has two quaternions
     if any(_overlap(old, new, sign) for sign in signs):
-        return Row(key, Change.SAME, old, new)
+        return FigureRow(key, FigureChange.SAME, old, new)
     far = f"by {math.dist(old.value, new.value):.3g} {old.unit}".rstrip()
-    return Row(key, Change.CHANGED, old, new, f"{far}, noise {_noise(old, new):.2g}")
+    return FigureRow(key, FigureChange.CHANGED, old, new, f"{far}, noise {_noise(old, new):.2g}")
 
 
-def _overlap(old: Figure, new: Figure, sign: float) -> bool:
+def _overlap(old: BaselineFigure, new: BaselineFigure, sign: float) -> bool:
     turned = [sorted(sign * end for end in ends) for ends in new.interval]
     pairs = zip(old.interval, turned, strict=True)
     return all(low <= new_high and new_low <= high for (low, high), (new_low, new_high) in pairs)
 
 
-def _noise(old: Figure, new: Figure) -> float:
+def _noise(old: BaselineFigure, new: BaselineFigure) -> float:
     return max(high - low for low, high in (*old.interval, *new.interval))
 
 
-def table_rows(comparison: Comparison, most: int) -> list[tuple[str, str, str, str]]:
+def table_rows(comparison: BaselineComparison, most: int) -> list[tuple[str, str, str, str]]:
     """Of the first ``most`` regressions: key, before, now, why."""
     return [(row.key, _shown(row.before), _shown(row.now), row.why) for row in comparison.regressions[:most]]
 
 
-def _shown(figure: Figure | None) -> str:
+def _shown(figure: BaselineFigure | None) -> str:
     if figure is None:
         return "–"
-    if figure.kind is Kind.VERDICT:
+    if figure.kind is FigureKind.VERDICT:
         return "passed" if figure.value[0] else "failed"
     unit = f" {figure.unit}" if figure.unit not in ("", "s/s") else ""
     return ", ".join(f"{value:.6g}" for value in figure.value) + unit
 
 
-def reasons(comparison: Comparison) -> dict[str, int]:
+def reasons(comparison: BaselineComparison) -> dict[str, int]:
     """Why figures were not compared, each with how many."""
     given: dict[str, int] = {}
     for row in comparison.rows:
-        if row.change is Change.NOT_COMPARED and row.before is not None:
+        if row.change is FigureChange.NOT_COMPARED and row.before is not None:
             why = f"{row.before.kind}: {HIDDEN if HIDDEN in row.why else row.why}"
             given[why] = given.get(why, 0) + 1
     return given
 
 
-def comparison_data(comparison: Comparison) -> dict[str, Any]:
+def comparison_data(comparison: BaselineComparison) -> dict[str, Any]:
     """For ``--json``."""
     return {
         "compared": comparison.compared,
-        "same": comparison.count(Change.SAME),
-        "better": [row.key for row in comparison.rows if row.change is Change.BETTER],
-        "new": comparison.count(Change.NEW),
+        "same": comparison.count(FigureChange.SAME),
+        "better": [row.key for row in comparison.rows if row.change is FigureChange.BETTER],
+        "new": comparison.count(FigureChange.NEW),
         "not_compared": reasons(comparison),
         "regressions": [
             {"key": row.key, "why": row.why, "before": _shown(row.before), "now": _shown(row.now)}
@@ -382,14 +394,14 @@ SHOWN = 20
 SUMMARISED = 100
 
 
-def _verdict_regressions(comparison: Comparison) -> str:
-    worse, better = len(comparison.regressions), comparison.count(Change.BETTER)
+def _verdict_regressions(comparison: BaselineComparison) -> str:
+    worse, better = len(comparison.regressions), comparison.count(FigureChange.BETTER)
     parts = [f"{comparison.compared:,} figures compared", f"{worse:,} regressed" if worse else "none regressed"]
     parts += [f"{better:,} better"] if better else []
     return ", ".join(parts) if comparison.rows else "no figures"
 
 
-def show_comparison(comparison: Comparison, screen: Console) -> None:
+def show_comparison(comparison: BaselineComparison, screen: Console) -> None:
     """Print what regressed, and how much was compared, or not, and why."""
     if comparison.regressions:
         regressed = Table("Regressed", "figure", "baseline", "now", "", rows=table_rows(comparison, SHOWN))
@@ -401,7 +413,7 @@ def show_comparison(comparison: Comparison, screen: Console) -> None:
         screen.print(f"not compared: {number:,} figures: {why}", soft_wrap=True)
 
 
-def comparison_lines(comparison: Comparison) -> list[str]:
+def comparison_lines(comparison: BaselineComparison) -> list[str]:
     """The same as Markdown."""
     lines = ["### Baseline", "", f"{_verdict_regressions(comparison)}.", ""]
     rows = [[words(cell) for cell in row] for row in table_rows(comparison, SUMMARISED)]
@@ -414,26 +426,26 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     return [*lines, *texts, ""] if texts else lines
 
 
-def comparison_suite(spec: str, comparison: Comparison) -> Suite:
+def comparison_suite(spec: str, comparison: BaselineComparison) -> TestedSuite:
     """The same as a suite: an entry for each figure that regressed, one for all that did not, one for each reason why figures
     were not compared."""
     entries = []
     for row in comparison.regressions:
         message = f"{row.why}: {_shown(row.before)} in the baseline, now {_shown(row.now)}"
-        entries.append(Entry(row.key, Status.FAILED, message, excess=_excess(row)))
-    if good := comparison.compared - comparison.count(Change.CHANGED):
-        entries.append(Entry(f"{good:,} figures did not regress", Status.PASSED))
+        entries.append(TestedEntry(row.key, Status.FAILED, message, excess=_excess(row)))
+    if good := comparison.compared - comparison.count(FigureChange.CHANGED):
+        entries.append(TestedEntry(f"{good:,} figures did not regress", Status.PASSED))
     if not comparison.compared:
         message = "nothing could be compared with the baseline"
-        entries.append(Entry("comparison", Status.FAILED, message, excess=math.inf))
+        entries.append(TestedEntry("comparison", Status.FAILED, message, excess=math.inf))
     skipped = reasons(comparison).items()
-    entries += [Entry(f"{number:,} figures not compared", Status.SKIPPED, why) for why, number in skipped]
-    return Suite(spec, "baseline", tuple(entries))
+    entries += [TestedEntry(f"{number:,} figures not compared", Status.SKIPPED, why) for why, number in skipped]
+    return TestedSuite(spec, "baseline", tuple(entries))
 
 
-def _excess(row: Row) -> float:
+def _excess(row: FigureRow) -> float:
     """How many times its noise a figure has moved."""
-    if row.before is None or row.now is None or row.before.kind is not Kind.PHYSICS or not row.before.value:
+    if row.before is None or row.now is None or row.before.kind is not FigureKind.PHYSICS or not row.before.value:
         return math.inf
     noise = _noise(row.before, row.now)
     return math.dist(row.before.value, row.now.value) / noise if noise else math.inf

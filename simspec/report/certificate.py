@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from simspec.engines.kit.capabilities import DOUBLE
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.report.matrix import link, short_reason
 from simspec.report.table import BAD, DIM, GOOD, WARNING, Table, TableCell, passed_cell, shortened
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof
     from simspec.proof.checks import Check
     from simspec.proof.complete import CompleteTest
-    from simspec.proof.selftest import Outcome as DefectOutcome
-    from simspec.proof.selftest import SelfTest
+    from simspec.proof.selftest import DefectOutcome, SelfTest
 
 
 SHOWN_FAILURES = 12
@@ -227,9 +226,9 @@ LEAST_PERCENT = 0.01
 """Deviations below this many per cent are not worth a reader's time; the certificate has them."""
 
 
-def contact_table(figures: Mapping[str, Sequence[Figure]]) -> list[Table]:
+def contact_table(figures: Mapping[str, Sequence[ProbeFigure]]) -> list[Table]:
     """A table for each probe: the case, the expected value, and the measured value of each engine. ``figures`` by engine."""
-    probes: dict[str, dict[tuple[str, str, str], dict[str, Figure]]] = {}
+    probes: dict[str, dict[tuple[str, str, str], dict[str, ProbeFigure]]] = {}
     for engine, of_engine in figures.items():
         for figure in of_engine:
             key = (figure.subject, figure.case, figure.quantity)
@@ -245,11 +244,11 @@ def contact_table(figures: Mapping[str, Sequence[Figure]]) -> list[Table]:
     return tables
 
 
-def _number(value: float, figure: Figure) -> str:
+def _number(value: float, figure: ProbeFigure) -> str:
     return f"{value:.{FEW_DIGITS}g} {figure.unit}".rstrip()
 
 
-def _cell(figure: Figure | None) -> TableCell:
+def _cell(figure: ProbeFigure | None) -> TableCell:
     """The measured value; how far it is off where the figure is one of deviation; a mark where it is declared or wrong."""
     if figure is None:
         return TableCell("–", DIM)
@@ -263,7 +262,7 @@ def _cell(figure: Figure | None) -> TableCell:
     return TableCell(f"{shown} known deviation", WARNING) if figure.deviation else TableCell(shown)
 
 
-def deviations(figures: Mapping[str, Sequence[Figure]]) -> list[str]:
+def deviations(figures: Mapping[str, Sequence[ProbeFigure]]) -> list[str]:
     """Each declared deviation that counted, once, with its engine."""
     all_figures = [(engine, figure) for engine, of_engine in figures.items() for figure in of_engine]
     declared = [f"{engine}, {figure.probe}: {figure.deviation}" for engine, figure in all_figures if figure.deviation]

@@ -12,9 +12,9 @@ from typing import Any, Final
 from simspec.experiments.bisect import Bisection, Reading
 from simspec.experiments.cases import rounded_data, rounding_lines, roundings
 from simspec.experiments.cost import Estimate, ProofsLeft
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell, Plan
-from simspec.experiments.sweep import Outcome
+from simspec.experiments.sweep import SweepOutcome
 from simspec.report.screen import console, duration
 from simspec.report.table import BAD, Table, TableCell, csv_text, length, number
 
@@ -38,7 +38,7 @@ SHOWN = (
 
 
 @dataclass
-class Group:
+class RunGroup:
     """The runs of one engine with the same case and values: samples, perturbations and repetitions of it.
 
     ``asked``: cells; ``rows``: the runs that are there.
@@ -48,10 +48,10 @@ class Group:
     case: str | None
     values: tuple[tuple[str, Any], ...]
     requested: int = 0
-    rows: list[Row] = field(default_factory=list)
+    rows: list[RunRow] = field(default_factory=list)
 
     @property
-    def whole(self) -> list[Row]:
+    def whole(self) -> list[RunRow]:
         """The runs that did not fail."""
         return [row for row in self.rows if row.failed is None]
 
@@ -88,14 +88,14 @@ def _median(values: Iterable[float]) -> float | None:
     return median(known) if known else None
 
 
-def groups(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> list[Group]:
+def groups(plan: Plan, rows: Iterable[tuple[Cell, RunRow | None]]) -> list[RunGroup]:
     """The runs of a plan, by case, values (those of samples aside) and engine, in the order of the plan."""
     drawn = set(plan.sweep.samples.values) if plan.sweep.samples is not None else set()
-    found: dict[tuple[str, str | None, str], Group] = {}
+    found: dict[tuple[str, str | None, str], RunGroup] = {}
     for cell, row in rows:
         values = tuple((path, value) for path, value in cell.overrides if path not in drawn)
         name = (cell.engine, cell.case, repr(values))
-        group = found.setdefault(name, Group(cell.engine, cell.case, values))
+        group = found.setdefault(name, RunGroup(cell.engine, cell.case, values))
         group.requested += 1
         if row is not None:
             group.rows.append(row)
@@ -153,7 +153,7 @@ def axes(plan: Plan) -> list[str]:
     return lines
 
 
-def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
+def show_outcome(outcome: SweepOutcome, found: Sequence[RunGroup]) -> None:
     """Print what a sweep came to."""
     screen = console()
     for note in outcome.notes:
@@ -183,7 +183,7 @@ def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
         errors.print(f"{count:,} failed: {engine}: {reason}", soft_wrap=True, style="bold red")
 
 
-def results_table(found: Sequence[Group]) -> Table:
+def results_table(found: Sequence[RunGroup]) -> Table:
     """A row for each group."""
     paths = list(dict.fromkeys(path for group in found for path, _ in group.values))
     heads = short_names(paths)
@@ -224,7 +224,7 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
+def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, RunRow | None]]) -> str:
     """A line for each cell: its values and its results, in SI units; empty where there is no run or no figure."""
     kept = list(rows)
     paths = list(dict.fromkeys(path for cell, _ in kept for path, _ in cell.overrides))
@@ -242,7 +242,7 @@ def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
     return csv_text(table, newline="\n", lines=True)
 
 
-def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
+def outcome_data(outcome: SweepOutcome, found: Sequence[RunGroup]) -> dict[str, Any]:
     """A sweep as plain data, its runs cell by cell."""
     runs = []
     for cell, row in outcome.rows():

@@ -28,7 +28,7 @@ from simspec.report.plain import plain
 from simspec.report.screen import console
 from simspec.report.study.runs import Done, StudyTable, finite
 from simspec.report.table import DIM, Table, TableCell
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.types import Hardness, PairContact, Surface, World
 
@@ -80,7 +80,7 @@ class SettingExplained:
 
 
 @dataclasses.dataclass(frozen=True)
-class Explained:
+class EngineExplanation:
     """All that ``--explain`` says of an engine in addition to the decisions on features; ``copies``: shapes that are there more
     than once, beyond the first; ``explicit``: pairs of shapes that its files list."""
 
@@ -91,7 +91,7 @@ class Explained:
     settings: tuple[SettingExplained, ...]
 
 
-def explained(world: World, compiled: Compiled) -> Explained:
+def explained(world: World, compiled: Compiled) -> EngineExplanation:
     """The choices of the compiler for an engine; explicit pairs are counted in the files, by the format's reader."""
     engine = find_engine(compiled.engine)
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
@@ -118,7 +118,7 @@ def explained(world: World, compiled: Compiled) -> Explained:
         meaning, without = engine.SETTINGS[name].meaning, idle.get(name, "")
         settings.append(SettingExplained(name, value, in_force.get(name, value), name in stated, meaning, without))
     pairs.sort(key=lambda pair: (pair.first, pair.second))
-    return Explained(compiled.engine, tuple(pairs), copies, sum(listed.values()), tuple(settings))
+    return EngineExplanation(compiled.engine, tuple(pairs), copies, sum(listed.values()), tuple(settings))
 
 
 def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
@@ -220,7 +220,7 @@ def forces_table(world: World) -> Table:
     return forces
 
 
-def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
+def _figures(controller: JointController, kinds: Mapping[str, str]) -> Iterator[str]:
     if controller.hold > 1:
         yield f"every {controller.hold} steps"
     if controller.law == "computed-torque":
@@ -237,7 +237,7 @@ def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
                 yield f"{label} {low:.4g} {unit}" if low == high else f"{label} {low:.4g} to {high:.4g} {unit}"
 
 
-def ways(explanation: Explained) -> Mapping[str, int]:
+def ways(explanation: EngineExplanation) -> Mapping[str, int]:
     """How many pairs of materials are had in each way, for tests and summaries."""
     return Counter(
         "passing"

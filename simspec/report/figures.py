@@ -24,7 +24,7 @@ from simspec.comparison.runs import TOLERANCE
 from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError, visible
 from simspec.proof.contact.friction import PUSH
-from simspec.proof.contact.probe import Figure, outline, project
+from simspec.proof.contact.probe import ProbeFigure, outline, project
 from simspec.report.page.playback import LEAST
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -299,13 +299,13 @@ LEAST_WIDTH = 6.4
 SHAPES = {"elliptic": "circle", "pyramid-inscribed": "diamond", "pyramid-circumscribed": "square"}
 
 
-def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, bytes]:
+def polar_plot(figures: Mapping[str, Sequence[ProbeFigure]], cone: str) -> dict[str, bytes]:
     """Draw the ``push-oblong`` figures (by engine), one panel for each pair of materials with friction, as SVG and PNG.
 
     Returns the pictures by suffix (".svg", ".png"); the SVG's bytes depend on the figures alone. None when no pair has
     friction. Raises SpecError where matplotlib is not installed.
     """
-    panels: dict[str, dict[str, Figure]] = {}
+    panels: dict[str, dict[str, ProbeFigure]] = {}
     for engine, some in figures.items():
         for figure in some:
             if figure.probe == PROBE and figure.expected and figure.points:
@@ -343,7 +343,7 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
     return drawn
 
 
-def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Sequence[str], cone: str) -> None:
+def _panel(axis: Any, subject: str, by_engine: Mapping[str, ProbeFigure], engines: Sequence[str], cone: str) -> None:
     friction = _friction(next(iter(by_engine.values())), cone)
     required = outline(friction, cone)
     axis.plot(*required[:, :2].T, color="0.6", linewidth=2, label=f"required: {cone} ({SHAPES[cone]})", zorder=1)
@@ -385,13 +385,13 @@ def _required(angle: float, friction: float, cone: str) -> tuple[float, float]:
     return friction * float(x), friction * float(y)
 
 
-def _largest(by_engine: Mapping[str, Figure], cone: str) -> float:
+def _largest(by_engine: Mapping[str, ProbeFigure], cone: str) -> float:
     """The farthest coordinate of a panel: of the required section, or of what was measured."""
     measured = max(abs(value) for figure in by_engine.values() for row in figure.points for value in row[1:])
     return max(measured, _friction(next(iter(by_engine.values())), cone))
 
 
-def _friction(figure: Figure, cone: str) -> float:
+def _friction(figure: ProbeFigure, cone: str) -> float:
     """μ of a push figure, from its worst direction's required force: the push is 1.6 times μ in that direction."""
     if figure.angle is None:
         raise ValueError(f"{figure.probe} of {figure.subject} has no direction")

@@ -16,7 +16,7 @@ from simspec.engines.kit.installed import how_to_install
 from simspec.engines.kit.registry import engine_name, engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
-from simspec.proof.contact.probe import Figure, Law
+from simspec.proof.contact.probe import ProbeFigure, ProbeLaw
 from simspec.proof.contact.run import PROBES, widened
 from simspec.proof.contact.scope import EFFECTS
 from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell, markdown_cell, markdown_rows, passed_cell
@@ -51,7 +51,7 @@ def absent(engine: type[Engine]) -> list[tuple[str, str, str]]:
     return [(effect, "; ".join(_where(some)), why) for (effect, why), some in found.items()]
 
 
-def _laws(deviation: Deviation) -> Iterator[Law]:
+def _laws(deviation: Deviation) -> Iterator[ProbeLaw]:
     bounces = sorted({deviation.restitution, _usual(RESTITUTION, deviation.restitution, deviation.below[1])})
     for restitution, threshold in itertools.product(bounces, (0.0, 0.1)):
         pair = PairContact(
@@ -66,7 +66,9 @@ def _laws(deviation: Deviation) -> Iterator[Law]:
                 deviation.hardness or "common", time_constant=0.02, damping_ratio=1.0, stiffness=1e4, damping=100.0
             ),
         )
-        yield Law(pair, deviation.friction_cone or "elliptic", _usual(TIMESTEP, deviation.timestep, deviation.below[2]))
+        yield ProbeLaw(
+            pair, deviation.friction_cone or "elliptic", _usual(TIMESTEP, deviation.timestep, deviation.below[2])
+        )
 
 
 def _usual(usual: float, least: float, below: float) -> float:
@@ -75,7 +77,7 @@ def _usual(usual: float, least: float, below: float) -> float:
 
 
 @functools.cache
-def _wanted(law: Law) -> tuple[Figure, ...]:
+def _wanted(law: ProbeLaw) -> tuple[ProbeFigure, ...]:
     """The expected figures of every probe that applies. Thousands of declarations are tried with a few hundred laws, and the
     slides of one law are worked out step by step."""
     return tuple(figure for probe in PROBES.values() if probe.applies(law) for figure in probe.wanted(law))

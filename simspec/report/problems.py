@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from simspec.engines.kit.registry import engine_name
 from simspec.errors import MOST_PROBLEMS, EngineRefusal, Location, Problem, SimspecError, SpecError, UnsupportedError
 from simspec.language.foreign import AccountGroup, Repair, kind_of
-from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility
+from simspec.plausibility.findings import RULES, Grade, Plausibility, PlausibilityFinding
 from simspec.report.plain import plain
 from simspec.report.screen import console
 from simspec.report.table import Table
@@ -110,7 +110,7 @@ def plausibility_lines(found: Plausibility, verbose: bool = False, warned: bool 
     return [*lines, *_sampled(found)]
 
 
-def as_problems(findings: Sequence[Finding]) -> list[Problem]:
+def as_problems(findings: Sequence[PlausibilityFinding]) -> list[Problem]:
     """Findings as problems of the spec, for ``--strict``."""
     problems = []
     for finding in findings:
@@ -128,9 +128,9 @@ def plausibility_data(found: Plausibility) -> dict[str, Any]:
     return data
 
 
-def _groups(found: Plausibility) -> list[tuple[Finding, ...]]:
+def _groups(found: Plausibility) -> list[tuple[PlausibilityFinding, ...]]:
     """Findings of one rule and grade together, warnings first."""
-    groups: dict[tuple[Grade, str], list[Finding]] = {}
+    groups: dict[tuple[Grade, str], list[PlausibilityFinding]] = {}
     for finding in (*found.warnings, *found.notes):
         groups.setdefault((finding.grade, finding.rule), []).append(finding)
     return [tuple(group) for group in groups.values()]
@@ -142,7 +142,7 @@ def _head(found: Plausibility) -> str:
     return f"plausibility: {', '.join(parts)}"
 
 
-def _short(group: tuple[Finding, ...]) -> str:
+def _short(group: tuple[PlausibilityFinding, ...]) -> str:
     first = group[0]
     line = f", line {first.location.line}" if first.location is not None else ""
     more = f"; and {len(group) - 1} more" if len(group) > 1 else ""
@@ -150,7 +150,7 @@ def _short(group: tuple[Finding, ...]) -> str:
     return text if len(text) <= WIDTH else f"{text[: WIDTH - 1]}…"
 
 
-def figure(finding: Finding) -> str:
+def figure(finding: PlausibilityFinding) -> str:
     """The figure of a finding in front of its element; empty where its rule has none."""
     value, unit = finding.value, finding.unit
     if not value:
@@ -162,7 +162,7 @@ def figure(finding: Finding) -> str:
     return f"{value:.3g} {unit or 'times'}, "
 
 
-def _whole(group: tuple[Finding, ...]) -> Iterator[str]:
+def _whole(group: tuple[PlausibilityFinding, ...]) -> Iterator[str]:
     rule = RULES[group[0].rule]
     yield f"  {group[0].grade} {rule.code}: {rule.why}; way out: {rule.hint}"
     for finding in group:

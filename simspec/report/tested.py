@@ -15,9 +15,9 @@ from xml.etree import ElementTree
 from simspec.comparison.runs import OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, EngineError, Location, Problem, SimspecError, SpecError, clipped, visible
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell
-from simspec.experiments.sweep import Outcome as SweepOutcome
+from simspec.experiments.sweep import SweepOutcome
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title, strain
 from simspec.report.differences import has_figures, tolerances
@@ -46,7 +46,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TestedEntry:
     """One thing that was tested.
 
     ``message``: in a line, what is wrong, or why it was skipped; ``detail``: more of it; ``location``: the place in the spec;
@@ -63,12 +63,12 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Suite:
+class TestedSuite:
     """The entries of one ``spec`` in one ``engine`` (or of a pair of engines, or of the command as a whole)."""
 
     spec: str
     engine: str
-    entries: tuple[Entry, ...] = field(default=())
+    entries: tuple[TestedEntry, ...] = field(default=())
 
     @property
     def name(self) -> str:
@@ -80,14 +80,14 @@ class Suite:
         return sum(entry.status is status for entry in self.entries)
 
 
-def wrong(suites: Iterable[Suite]) -> list[tuple[Suite, Entry]]:
+def wrong(suites: Iterable[TestedSuite]) -> list[tuple[TestedSuite, TestedEntry]]:
     """Every entry that is an error or failed, worst first: errors, then by how far a bound is exceeded."""
     rows = [(suite, entry) for suite in suites for entry in suite.entries]
     rows = [(suite, entry) for suite, entry in rows if entry.status in (Status.ERROR, Status.FAILED)]
     return sorted(rows, key=lambda row: (row[1].status is not Status.ERROR, -row[1].excess))
 
 
-def counts(suites: Sequence[Suite]) -> dict[Status, int]:
+def counts(suites: Sequence[TestedSuite]) -> dict[Status, int]:
     """How many entries have each status."""
     return {status: sum(suite.count(status) for suite in suites) for status in Status}
 
@@ -95,13 +95,13 @@ def counts(suites: Sequence[Suite]) -> dict[Status, int]:
 # Proofs and runs.
 
 
-def certificate_suites(certificate: Certificate, world: World, locate: Locate) -> list[Suite]:
+def certificate_suites(certificate: Certificate, world: World, locate: Locate) -> list[TestedSuite]:
     """One suite for each engine, one entry for each level of the proof."""
     proofs = certificate.engines.items()
-    return [Suite(certificate.name, engine, tuple(_levels(proof, world, locate))) for engine, proof in proofs]
+    return [TestedSuite(certificate.name, engine, tuple(_levels(proof, world, locate))) for engine, proof in proofs]
 
 
-def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]:
+def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[TestedEntry]:
     names = {check.level for check in proof.checks}
     separate = {name: why for name, why in (proof.not_compared | proof.unchecked).items() if " " not in name}
     for number, level in enumerate(sorted(names | separate.keys())):
@@ -116,11 +116,11 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
             lines = (f"{check.name}: {_deviation(check)} {check.where} {check.detail}".strip() for check in bad)
             detail = "\n".join(lines)
             place = _place(bad[0].where, world, locate)
-            yield Entry(title, Status.FAILED, message, detail, place, seconds, strain(bad[0]))
+            yield TestedEntry(title, Status.FAILED, message, detail, place, seconds, strain(bad[0]))
         elif checks:
-            yield Entry(title, Status.PASSED, seconds=seconds)
+            yield TestedEntry(title, Status.PASSED, seconds=seconds)
         else:
-            yield Entry(title, Status.SKIPPED, separate[level], seconds=seconds)
+            yield TestedEntry(title, Status.SKIPPED, separate[level], seconds=seconds)
 
 
 def _deviation(check: Check) -> str:
@@ -137,7 +137,7 @@ def _place(where: str, world: World, locate: Locate) -> Location | None:
     return (locate(path) if path else None) or locate("name")
 
 
-def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]:
+def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[TestedSuite]:
     """One suite for each engine: its proof, its run, the expectations; then one for each pair of engines that was compared.
 
     ``demand_diff``: whether differences are failures; else they are reported as skipped.
@@ -151,42 +151,42 @@ def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]
         entries += [
             _expectation(number, outcome, run, locate) for number, outcome in enumerate(study.outcomes.get(name, ()))
         ]
-        suites.append(Suite(world.name, name, tuple(entries)))
+        suites.append(TestedSuite(world.name, name, tuple(entries)))
     if study.certificate is not None:  # a run that ended the study early leaves proofs of engines that were not run
         proofs = certificate_suites(study.certificate, world, locate)
         suites += [suite for suite in proofs if suite.engine not in study.runs]
     return suites + [_comparison(world, diff, locate, demand_diff) for diff in study.diffs]
 
 
-def _run_entry(run: Run, locate: Locate) -> Entry:
+def _run_entry(run: Run, locate: Locate) -> TestedEntry:
     seconds = float(run.provenance.get("seconds", {}).get("process", 0.0))
     if run.failed is None:
-        return Entry("run", Status.PASSED, seconds=seconds)
+        return TestedEntry("run", Status.PASSED, seconds=seconds)
     first = run.failed.splitlines()[0] if run.failed else "no reason given"
-    return Entry("run", Status.ERROR, clipped(first), run.failed, locate("name"), seconds, math.inf)
+    return TestedEntry("run", Status.ERROR, clipped(first), run.failed, locate("name"), seconds, math.inf)
 
 
-def _expectation(number: int, outcome: Outcome, run: Run, locate: Locate) -> Entry:
+def _expectation(number: int, outcome: Outcome, run: Run, locate: Locate) -> TestedEntry:
     name, place = f"expectation {number + 1} {outcome.kind}", locate(f"expect.{number}")
     if outcome.passed:
-        return Entry(name, Status.PASSED, location=place)
+        return TestedEntry(name, Status.PASSED, location=place)
     if run.failed is not None:
-        return Entry(name, Status.SKIPPED, "the run failed", location=place)
+        return TestedEntry(name, Status.SKIPPED, "the run failed", location=place)
     if outcome.measured is None:
-        return Entry(name, Status.FAILED, outcome.detail, location=place, excess=math.inf)
+        return TestedEntry(name, Status.FAILED, outcome.detail, location=place, excess=math.inf)
     unit = f" {outcome.unit}" if outcome.unit else ""
     message = f"measured {outcome.measured:.6g}{unit}, bound {outcome.bound:.6g}{unit}"
     pair = (abs(outcome.measured), abs(outcome.bound))
     excess = max(pair) / min(pair) if min(pair) > 0.0 and math.isfinite(max(pair)) else math.inf
-    return Entry(name, Status.FAILED, message, outcome.detail, place, excess=excess)
+    return TestedEntry(name, Status.FAILED, message, outcome.detail, place, excess=excess)
 
 
-def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> Suite:
+def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> TestedSuite:
     entries = []
     for body in diff.bodies:
         name = f"same motion of {body.body}"
         if body.verdict == WITHIN:
-            entries.append(Entry(name, Status.PASSED))
+            entries.append(TestedEntry(name, Status.PASSED))
             continue
         if body.verdict == OUT:
             first = f"first beyond the tolerance of {tolerances(diff)} at {body.first_out:.4g} s: {out_words(body)}"
@@ -199,36 +199,38 @@ def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> Sui
             pairs = ((body.position_largest, diff.tolerance), (body.angle_largest, diff.angle_tolerance))
             excess = max(largest / most if most else math.inf for largest, most in pairs)
             place = locate(f"bodies.{body.body}")
-            entries.append(Entry(name, Status.FAILED, message, body.cause, place, excess=excess))
+            entries.append(TestedEntry(name, Status.FAILED, message, body.cause, place, excess=excess))
         else:
-            entries.append(Entry(name, Status.SKIPPED, f"{message}; not demanded (--fail-on-diff)"))
-    return Suite(world.name, f"{diff.first} – {diff.second}", tuple(entries))
+            entries.append(TestedEntry(name, Status.SKIPPED, f"{message}; not demanded (--fail-on-diff)"))
+    return TestedSuite(world.name, f"{diff.first} – {diff.second}", tuple(entries))
 
 
 # Skipped engines and errors.
 
 
-def skipped_suites(spec: str, not_taken: Mapping[str, NotTaken]) -> list[Suite]:
+def skipped_suites(spec: str, not_taken: Mapping[str, NotTaken]) -> list[TestedSuite]:
     """Engines that were left out: a suite each, skipped with the reason."""
     suites = []
     for engine, why in not_taken.items():
-        suites.append(Suite(spec, engine, (Entry("support", Status.SKIPPED, why.reason, location=why.location),)))
+        suites.append(
+            TestedSuite(spec, engine, (TestedEntry("support", Status.SKIPPED, why.reason, location=why.location),))
+        )
     return suites
 
 
-def error_suites(spec: str, error: SimspecError) -> list[Suite]:
+def error_suites(spec: str, error: SimspecError) -> list[TestedSuite]:
     """The error that ended a command: an entry for each of its problems."""
     if isinstance(error, EngineError):
-        entry = Entry("engine", Status.ERROR, clipped(str(error).splitlines()[0]), str(error), excess=math.inf)
-        return [Suite(spec, error.engine, (entry,))]
+        entry = TestedEntry("engine", Status.ERROR, clipped(str(error).splitlines()[0]), str(error), excess=math.inf)
+        return [TestedSuite(spec, error.engine, (entry,))]
     problems: Sequence[Problem] = error.problems if isinstance(error, SpecError) else [Problem(str(error))]
     entries = []
     for problem in problems[:MOST_PROBLEMS]:
         about = (clipped(problem.message), str(problem), problem.location)
-        entries.append(Entry(problem.path or "spec", Status.ERROR, *about, excess=math.inf))
+        entries.append(TestedEntry(problem.path or "spec", Status.ERROR, *about, excess=math.inf))
     if len(problems) > MOST_PROBLEMS:
-        entries.append(Entry("more", Status.ERROR, f"{len(problems) - MOST_PROBLEMS:,} more problems"))
-    return [Suite(spec, "spec", tuple(entries))]
+        entries.append(TestedEntry("more", Status.ERROR, f"{len(problems) - MOST_PROBLEMS:,} more problems"))
+    return [TestedSuite(spec, "spec", tuple(entries))]
 
 
 def file_of(location: Location, environment: Mapping[str, str] = os.environ) -> str:
@@ -248,13 +250,15 @@ MOST_ENTRIES = 20_000
 UNSUPPORTED = "does not support this world"
 
 
-def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]], locate: Locate) -> list[Suite]:
+def sweep_suites(
+    outcome: SweepOutcome, rows: Iterable[tuple[Cell, RunRow | None]], locate: Locate
+) -> list[TestedSuite]:
     """The runs of a sweep by engine, then proofs that failed, and values that make the spec invalid.
 
     ``locate``: gives the place of a path in the spec.
     """
     spec = outcome.plan.spec.name
-    entries: dict[str, list[Entry]] = {}
+    entries: dict[str, list[TestedEntry]] = {}
     left: dict[tuple[str, Status], int] = {}
     for cell, row in rows:
         entry = _entry(cell, row, outcome, locate)
@@ -265,12 +269,14 @@ def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]],
             left[cell.engine, entry.status] = left.get((cell.engine, entry.status), 0) + 1
     for (engine, status), number in left.items():
         why = "" if status is Status.PASSED else "more than are listed"
-        entries[engine].append(Entry(f"{number:,} more runs", status, why))
-    suites = [Suite(spec, engine, tuple(local)) for engine, local in entries.items()]
+        entries[engine].append(TestedEntry(f"{number:,} more runs", status, why))
+    suites = [TestedSuite(spec, engine, tuple(local)) for engine, local in entries.items()]
     if outcome.unproven:
         place = locate("name")
-        failed = [Entry("proof", Status.FAILED, why, "", place, excess=math.inf) for why in outcome.unproven.values()]
-        suites.append(Suite(spec, "proofs", tuple(failed)))
+        failed = [
+            TestedEntry("proof", Status.FAILED, why, "", place, excess=math.inf) for why in outcome.unproven.values()
+        ]
+        suites.append(TestedSuite(spec, "proofs", tuple(failed)))
     if outcome.invalid:
         problems = list(outcome.invalid)
         if (count := outcome.invalid_count) > 1:
@@ -279,20 +285,20 @@ def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]],
     return suites
 
 
-def _entry(cell: Cell, row: Row | None, outcome: SweepOutcome, locate: Locate) -> Entry:
+def _entry(cell: Cell, row: RunRow | None, outcome: SweepOutcome, locate: Locate) -> TestedEntry:
     place = locate("sweep")
     name = _name(cell)
     if row is None:
         why = outcome.stopped.get(cell.engine, "not run")
-        return Entry(name, Status.SKIPPED, clipped(why), location=place)
+        return TestedEntry(name, Status.SKIPPED, clipped(why), location=place)
     seconds = row.process_seconds or 0.0
     if row.failed is not None:
         status = Status.SKIPPED if row.failed.startswith(UNSUPPORTED) else Status.ERROR
-        return Entry(name, status, clipped(row.failed), row.failed, place, seconds, math.inf)
+        return TestedEntry(name, status, clipped(row.failed), row.failed, place, seconds, math.inf)
     if row.passed < row.expected:
         message = f"{row.expected - row.passed} of {row.expected} expectations are not met"
-        return Entry(name, Status.FAILED, message, "", place, seconds, (row.expected - row.passed) / row.expected)
-    return Entry(name, Status.PASSED, seconds=seconds)
+        return TestedEntry(name, Status.FAILED, message, "", place, seconds, (row.expected - row.passed) / row.expected)
+    return TestedEntry(name, Status.PASSED, seconds=seconds)
 
 
 def _name(cell: Cell) -> str:
@@ -321,7 +327,7 @@ def is_junit(content: bytes) -> bool:
     return content.startswith(BEGINNING.encode())
 
 
-def junit(suites: Sequence[Suite]) -> str:
+def junit(suites: Sequence[TestedSuite]) -> str:
     """The report as XML text. Markup in names and messages is escaped as text; control characters are
     escaped as in Python."""
     total = counts(suites)
@@ -342,11 +348,11 @@ def _numbers(by_status: dict[Status, int]) -> dict[str, str]:
     return {"tests": str(sum(by_status.values())), **{name: str(by_status[status]) for name, status in names.items()}}
 
 
-def _seconds(suites: Sequence[Suite]) -> str:
+def _seconds(suites: Sequence[TestedSuite]) -> str:
     return f"{sum(entry.seconds for suite in suites for entry in suite.entries):.3f}"
 
 
-def _add(parent: ElementTree.Element, suite: Suite, entry: Entry) -> None:
+def _add(parent: ElementTree.Element, suite: TestedSuite, entry: TestedEntry) -> None:
     attributes = {"name": visible(entry.name), "classname": visible(f"{suite.spec}.{suite.engine}")}
     attributes["time"] = f"{entry.seconds:.3f}"
     if entry.location is not None:
@@ -369,7 +375,7 @@ IN_TEXT = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 IN_PROPERTY = {**IN_TEXT, ":": "%3A", ",": "%2C"}
 
 
-def annotation_lines(suites: Sequence[Suite], warnings: Sequence[Problem] = ()) -> list[str]:
+def annotation_lines(suites: Sequence[TestedSuite], warnings: Sequence[Problem] = ()) -> list[str]:
     """The lines to print: failures, worst first, then likely mistakes of the spec; of each kind ten at most, the
     last of which counts the others."""
     errors = [
@@ -424,7 +430,7 @@ def words(text: str, most: int = 300) -> str:
 
 
 def summary(
-    suites: Sequence[Suite], study: Study | None = None, baseline: Sequence[str] = (), room: int = LARGEST
+    suites: Sequence[TestedSuite], study: Study | None = None, baseline: Sequence[str] = (), room: int = LARGEST
 ) -> str:
     """The summary, of at most ``room`` bytes; ``baseline``: Markdown lines about a baseline."""
     total = counts(suites)

@@ -28,7 +28,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.bodies import Places, places_of
 from simspec.resolve.shapes import elements
 from simspec.world import frames
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from simspec.world.types import Body, Joint, Pose, World
 
 
@@ -125,12 +125,12 @@ class ActuatorsDraft:
         self.joints = tuple(name for name in self._joints_of if name in at)
         self._at = at
 
-    def controller(self, name: str) -> Controller:
+    def controller(self, name: str) -> JointController:
         """The world's controller."""
         rows = [self._at[joint] for joint in self.joints]
         every = self._written.every
         steps = 1 if every is None else whole_steps(every, self._source.content.physics.timestep) or 1
-        return Controller(
+        return JointController(
             name=name,
             joints=self.joints,
             discretisation=self._written.discretisation,
@@ -294,8 +294,8 @@ class ActuatorsDraft:
 
 
 def commanded(
-    source: Source, path: Trajectory | None, aims: Mapping[str, tuple[float, float]], bodies: Sequence[Body]
-) -> tuple[Trajectory | None, list[Problem]]:
+    source: Source, path: JointTrajectory | None, aims: Mapping[str, tuple[float, float]], bodies: Sequence[Body]
+) -> tuple[JointTrajectory | None, list[Problem]]:
     """The trajectory of a spec, completed by the constant targets and efforts of joints that actuators act on: columns that
     stay what they are at all times. An error where it moves such a joint itself."""
     problems = [
@@ -312,7 +312,7 @@ def commanded(
     if not aims or problems:
         return path, problems
     moved = {} if path is None else {joint: column for column, joint in enumerate(path.joints)}
-    path = path or Trajectory((), (0.0,), ((),), interpolation="hold")
+    path = path or JointTrajectory((), (0.0,), ((),), interpolation="hold")
     joints = tuple(body.joint.name for body in bodies if body.joint.name in moved or body.joint.name in aims)
 
     def completed(rows: tuple[tuple[float, ...], ...], actual: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
@@ -324,7 +324,7 @@ def commanded(
         efforts = ((0.0,) * len(moved),) * len(path.times)
     unmoved = dict.fromkeys(aims, 0.0)
     return (
-        Trajectory(
+        JointTrajectory(
             joints=joints,
             times=path.times,
             positions=completed(path.positions, targets),

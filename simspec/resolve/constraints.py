@@ -30,7 +30,16 @@ from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.constraints import ROWS, Violation
 from simspec.world.kinematics import initial_state, poses, rigid_groups
-from simspec.world.types import Body, Connect, Constraint, Follow, Frame, Pose, Weld, World
+from simspec.world.types import (
+    Body,
+    ConnectConstraint,
+    Constraint,
+    FollowConstraint,
+    Frame,
+    Pose,
+    WeldConstraint,
+    World,
+)
 
 AGREE = 1e-9
 """How far an initial position or velocity of a follower that is stated may be from its leader's, relative to the larger of it
@@ -61,7 +70,9 @@ class Constrained(NamedTuple):
     def followers(self) -> dict[str, str]:
         """The joints that follow, each with its leader."""
         return {
-            constraint.joint: constraint.leader for constraint in self.constraints if isinstance(constraint, Follow)
+            constraint.joint: constraint.leader
+            for constraint in self.constraints
+            if isinstance(constraint, FollowConstraint)
         }
 
 
@@ -98,7 +109,7 @@ def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = (
     if not draft.problems and not expansion.problems:
         draft.check_sums()
     resolved = tuple(sorted(draft.resolved.values(), key=lambda constraint: constraint.name))
-    joined = [(connect.first, connect.second) for connect in resolved if not isinstance(connect, Follow)]
+    joined = [(connect.first, connect.second) for connect in resolved if not isinstance(connect, FollowConstraint)]
     sums = tuple(sorted(draft.sums.values(), key=lambda joint_sum: joint_sum.name))
     return Constrained(resolved, sums, tuple(draft.bodies.values()), joined, draft.problems)
 
@@ -169,7 +180,7 @@ class _ConstraintDraft:
         self.sums: dict[str, JointSum] = {}
         self.written: dict[str, _WrittenConstraint] = {}
         self.problems: list[Problem] = []
-        self.follows: dict[str, Follow] = {}
+        self.follows: dict[str, FollowConstraint] = {}
         """By the joint that follows."""
         self._expansion = expansion
         self._groups = rigid_groups(World("", expansion.bodies)) if not expansion.problems else {}
@@ -221,7 +232,7 @@ class _ConstraintDraft:
                 more = {"found": wrong.found, "allowed": wrong.allowed, "hint": wrong.hint}
                 self.problem(written, ("follow", "offset"), wrong.message, **more)
                 return
-        self.follows[joint] = Follow(written.name, joint, leader, content.ratio, offset)
+        self.follows[joint] = FollowConstraint(written.name, joint, leader, content.ratio, offset)
         self.resolved[written.name] = self.follows[joint]
 
     def _is_scalar(self, written: _WrittenConstraint, place: tuple[Key, ...], name: str) -> bool:
@@ -264,12 +275,12 @@ class _ConstraintDraft:
             second_at = (math.nan,) * 3
             if content.second_at is not None:
                 second_at = frames.compose(far_end, Pose(content.second_at)).position
-            self.resolved[written.name] = Connect(written.name, first, second, at, second_at)
+            self.resolved[written.name] = ConnectConstraint(written.name, first, second, at, second_at)
         else:
             place = Pose((math.nan,) * 3)
             if content.pose is not None:
                 place = frames.compose(frames.compose(near_end, pose(content.pose)), frames.inverse(far_end))
-            self.resolved[written.name] = Weld(written.name, first, second, place)
+            self.resolved[written.name] = WeldConstraint(written.name, first, second, place)
 
     # --- initial state ------------------------------------------------------------------------------------------------
 
@@ -293,7 +304,7 @@ class _ConstraintDraft:
                 self._settle(self.follows[follower])
                 done.add(follower)
 
-    def _settle(self, follow: Follow) -> None:
+    def _settle(self, follow: FollowConstraint) -> None:
         written = self.written[follow.name]
         body, lead = (self.bodies[self.owner[name]] for name in (follow.joint, follow.leader))
         wanted = {
@@ -326,7 +337,7 @@ class _ConstraintDraft:
         self.bodies[body.name] = dataclasses.replace(body, joint=joint)
 
     def _beyond(
-        self, written: _WrittenConstraint, follow: Follow, position: float, limits: tuple[float, float]
+        self, written: _WrittenConstraint, follow: FollowConstraint, position: float, limits: tuple[float, float]
     ) -> None:
         """Note that a follower would begin beyond its limits, with the position of its leader that is nearest to the present
         one and keeps both within theirs, where there is one."""
@@ -365,13 +376,13 @@ class _ConstraintDraft:
 
     def close(self) -> None:
         """Fill in points and poses that follow from the initial positions; stated values must agree with them."""
-        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, FollowConstraint)]
         if not actual:
             return
         place = poses(World("", tuple(self.bodies.values())))
         for constraint in actual:
             between = frames.compose(frames.inverse(place[constraint.second]), place[constraint.first])
-            if isinstance(constraint, Connect):
+            if isinstance(constraint, ConnectConstraint):
                 self._close_point(constraint, between)
             else:
                 self._close_frame(constraint, frames.inverse(between))
@@ -381,7 +392,7 @@ class _ConstraintDraft:
     def _check_speeds(self, place: Mapping[str, Pose]) -> None:
         """Bodies that are held together begin with velocities that keep them so."""
         bodies = tuple(self.bodies.values())
-        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, FollowConstraint)]
         violation = Violation(bodies, actual)
         rows = np.array([[*place[body.name].position, *place[body.name].quaternion] for body in bodies])
         rates = violation.jacobian(rows) @ initial_state(World("", bodies))[1]
@@ -398,7 +409,7 @@ class _ConstraintDraft:
                     hint="initial velocities that fit each other, or none",
                 )
 
-    def _close_point(self, constraint: Connect, first_in_second: Pose) -> None:
+    def _close_point(self, constraint: ConnectConstraint, first_in_second: Pose) -> None:
         meets = frames.compose(first_in_second, Pose(constraint.first_point)).position
         if math.isnan(constraint.second_point[0]):
             self.resolved[constraint.name] = dataclasses.replace(constraint, second_point=meets)
@@ -413,7 +424,7 @@ class _ConstraintDraft:
                 hint="leave out second_at: it follows from the initial positions; or change those",
             )
 
-    def _close_frame(self, constraint: Weld, second_in_first: Pose) -> None:
+    def _close_frame(self, constraint: WeldConstraint, second_in_first: Pose) -> None:
         if math.isnan(constraint.pose.position[0]):
             self.resolved[constraint.name] = dataclasses.replace(constraint, pose=second_in_first)
             return

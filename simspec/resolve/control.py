@@ -19,7 +19,7 @@ from simspec.language.strict import Faults, near, required
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.actuators import ActuatorsDraft
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
 
@@ -41,7 +41,7 @@ class Driven(NamedTuple):
     problems         what is wrong; then the rest is what could be made of it
     """
 
-    controllers: tuple[Controller, ...]
+    controllers: tuple[JointController, ...]
     bodies: tuple[Body, ...]
     velocity_limits: Mapping[str, float]
     aims: Mapping[str, tuple[float, float]]
@@ -55,7 +55,7 @@ def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, 
     local = {body.joint.name: body.joint.velocity_limit for body in bodies}
     limits = {name: limit for name, limit in local.items() if limit is not None}
     armature: dict[str, float] = {}
-    resolved: list[Controller] = []
+    resolved: list[JointController] = []
     taken: dict[str, str] = {}
     aims: dict[str, tuple[float, float]] = {}
     for name, written in source.content.control.items():
@@ -133,7 +133,7 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
     return problems
 
 
-def _explicit_hint(world: World, controller: Controller) -> str:
+def _explicit_hint(world: World, controller: JointController) -> str:
     """The law that a controller of a tree with a free or a ball joint can have, and up to which timestep with its gains."""
     hint = "law: pd with discretisation: explicit and without gravity_compensation"
     if controller.law != "pd":
@@ -303,11 +303,11 @@ class _ControllerDraft:
 
     # --- what follows ---
 
-    def controller(self, name: str) -> Controller:
+    def controller(self, name: str) -> JointController:
         """The world's controller."""
         written = self.written
         gains = written.law != "computed-torque"
-        return Controller(
+        return JointController(
             name=name,
             joints=self.joints,
             law=written.law,

@@ -25,7 +25,7 @@ from simspec.mapped import RECORDED_BYTES
 from simspec.resolve.bodies import places_of
 from simspec.resolve.shapes import orientation
 from simspec.world import frames
-from simspec.world.actions import KINEMATIC_MASS_RATIO, Fluid, Force, Motion, Quaternion, Vector3
+from simspec.world.actions import KINEMATIC_MASS_RATIO, Fluid, Force, KinematicMotion, Quaternion, Vector3
 from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import (
@@ -37,7 +37,7 @@ from simspec.world.types import (
     PairSettings,
     Physics,
     Pose,
-    Record,
+    RecordOptions,
     World,
 )
 
@@ -64,12 +64,12 @@ def shortened(time: Physics, until: float | None) -> Physics:
     return dataclasses.replace(time, steps=min(time.steps, steps))
 
 
-def record(written: SpecRecord, time: Physics) -> Record:
+def record(written: SpecRecord, time: Physics) -> RecordOptions:
     """The recorded channels, and every how many steps."""
     every = 1 if written.every is None else whole_steps(written.every, time.timestep)
     if not every:
         raise ValueError("a validated recording interval is a whole number of steps")
-    return Record(every, tuple(sorted(set(written.channels))))
+    return RecordOptions(every, tuple(sorted(set(written.channels))))
 
 
 def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
@@ -123,7 +123,7 @@ def engines(written: Mapping[str, SpecOptions], timestep: float) -> tuple[Engine
 
 
 def expectations(
-    source: Source, bodies: Sequence[Body], whole: Physics, time: Physics, recorded: Record
+    source: Source, bodies: Sequence[Body], whole: Physics, time: Physics, recorded: RecordOptions
 ) -> tuple[tuple[Expectation, ...], list[Problem]]:
     """The expectations in the order of the file, and the problems of those that no run could answer.
 
@@ -177,7 +177,7 @@ def _never(
     values: Mapping[str, Any],
     bodies: Sequence[Body],
     time: Physics,
-    recorded: Record,
+    recorded: RecordOptions,
     driven: bool,
     pushed: bool,
 ) -> Iterator[tuple[tuple[str, ...], str, Details]]:
@@ -272,7 +272,7 @@ def _later(kind: ExpectationKind, values: Mapping[str, Any], time: Physics) -> b
     return any(round(values[name] / time.timestep) > time.steps for name in TIMES if name in values)
 
 
-def _not_recorded(at: float, time: Physics, recorded: Record) -> tuple[str, str] | None:
+def _not_recorded(at: float, time: Physics, recorded: RecordOptions) -> tuple[str, str] | None:
     """Why nothing is recorded at a time, and what would do; every ``every_steps`` steps are, and the last step."""
     end = time.steps * time.timestep
     step = at / time.timestep
@@ -353,7 +353,7 @@ class Kinematic(NamedTuple):
     problems  what is wrong
     """
 
-    motions: tuple[Motion, ...]
+    motions: tuple[KinematicMotion, ...]
     bodies: tuple[Body, ...]
     separated: list[tuple[str, str]]
     problems: list[Problem]
@@ -391,12 +391,12 @@ def motions(source: Source, bodies: tuple[Body, ...], kinematic: Sequence[str]) 
     )
 
 
-def _motion(body: Body, written: SpecMotion | None) -> Motion:
+def _motion(body: Body, written: SpecMotion | None) -> KinematicMotion:
     """The motion of a body; where nothing is written it stands where its pose says."""
     x, y, z, qw, qx, qy, qz = body.joint.position
     place, turn = (x, y, z), (qw, qx, qy, qz)
     if written is None:
-        return Motion(body.name, (0.0,), (place,), (turn,))
+        return KinematicMotion(body.name, (0.0,), (place,), (turn,))
     places: list[Vector3] = []
     turns: list[Quaternion] = []
     for point in written.points:
@@ -405,10 +405,10 @@ def _motion(body: Body, written: SpecMotion | None) -> Motion:
         places.append(place)
         turns.append(turn)
     times = tuple(point.at for point in written.points)
-    return Motion(body.name, times, tuple(places), tuple(turns), written.interpolation)
+    return KinematicMotion(body.name, times, tuple(places), tuple(turns), written.interpolation)
 
 
-def _placed(motion: Motion, mass: float) -> Callable[[Body], Body]:
+def _placed(motion: KinematicMotion, mass: float) -> Callable[[Body], Body]:
     """The changes that give a body this mass, at rest where its motion begins: round, about its frame's origin, as far out as
     its shapes."""
 

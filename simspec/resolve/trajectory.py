@@ -16,7 +16,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.resolve.actuators import ResolvedGrasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
-from simspec.world.actions import Trajectory
+from simspec.world.actions import JointTrajectory
 from simspec.world.types import World
 
 BETWEEN = np.linspace(0.0, 1.0 - 1e-9, 17)
@@ -48,12 +48,12 @@ class _TrajectoryDraft:
     place: Callable[[int, str], tuple[Key, ...]]
     label: Callable[[int], str] = lambda row: ""
 
-    def made(self, world: World, interpolation: str) -> Trajectory:
+    def made(self, world: World, interpolation: str) -> JointTrajectory:
         """The world's trajectory, columns in the order of the world's bodies."""
         columns = {name: column for column, name in enumerate(self.joints)}
         order = [columns[body.joint.name] for body in world.bodies if body.joint.name in columns]
         values = {name: self.values[name][:, order].tolist() for name in QUANTITIES if name in self.values}
-        return Trajectory(
+        return JointTrajectory(
             joints=tuple(self.joints[column] for column in order),
             times=tuple(self.times.tolist()),
             interpolation=interpolation,
@@ -63,7 +63,7 @@ class _TrajectoryDraft:
 
 def trajectory(
     source: Source, world: World, velocity_limits: Mapping[str, float]
-) -> tuple[Trajectory | None, list[Problem]]:
+) -> tuple[JointTrajectory | None, list[Problem]]:
     """The trajectory of a spec for its ``world`` (controllers included), and what is wrong with it and with the grasps of
     the models. ``velocity_limits``: by the joint's full name (rad/s, m/s)."""
     known, problems = grasps(source, world)
@@ -262,7 +262,7 @@ def _of_program(
 class _Check:
     """The checks of a trajectory: at its points, and between them as it will be followed."""
 
-    def __init__(self, source: Source, world: World, draft: _TrajectoryDraft, made: Trajectory):
+    def __init__(self, source: Source, world: World, draft: _TrajectoryDraft, made: JointTrajectory):
         self._source, self._draft, self._made = source, draft, made
         by_name = {body.joint.name: body.joint for body in world.bodies}
         self._joints = [by_name[name] for name in made.joints]

@@ -29,7 +29,7 @@ from simspec.outputs.writing import Artifacts
 from simspec.runner.labels import GROUPS, contact_sides
 from simspec.runner.run import SCHEMA, Case, Run
 from simspec.world.canonical import sha256, to_plain
-from simspec.world.types import Record, World
+from simspec.world.types import RecordOptions, World
 
 
 @contextlib.contextmanager
@@ -197,7 +197,7 @@ def run(
     python: str | None = None,
     deadline: float = DEADLINE,
     perturb: float = 0.0,
-    record: Record | None = None,
+    record: RecordOptions | None = None,
     source: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:

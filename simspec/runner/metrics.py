@@ -52,7 +52,7 @@ class Masses:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MassMotion:
     """Centres of mass (rows, n, 3), their velocities, angular velocities, and spins R I Rᵀ ω (rows, n, 3)."""
 
     masses: Masses
@@ -62,7 +62,7 @@ class Motion:
     spin: np.ndarray
 
 
-def motion(world: World, arrays: Arrays) -> Motion:
+def motion(world: World, arrays: Arrays) -> MassMotion:
     """How the bodies' masses move in a run."""
     masses = Masses.of(world)
     pose, velocity = arrays["pose"], arrays["velocity"]
@@ -71,7 +71,7 @@ def motion(world: World, arrays: Arrays) -> Motion:
     angular = velocity[..., 3:6]
     local = np.einsum("tnji,tnj->tni", turn, angular)
     spin = np.einsum("tnij,njk,tnk->tni", turn, masses.inertia, local)
-    return Motion(masses, pose[..., :3] + lever, velocity[..., :3] + np.cross(angular, lever), angular, spin)
+    return MassMotion(masses, pose[..., :3] + lever, velocity[..., :3] + np.cross(angular, lever), angular, spin)
 
 
 TEMPORARY = 24

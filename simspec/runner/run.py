@@ -21,7 +21,7 @@ from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.methods import Method
 from simspec.world.canonical import canonical_json, derived, to_plain
 from simspec.world.kinematics import Coordinates, coordinates, initial_state, layout_of
-from simspec.world.types import Record, World
+from simspec.world.types import RecordOptions, World
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -222,7 +222,7 @@ class Case:
     settings: tuple[tuple[str, bool | int | float | str], ...] = ()
     perturb: float = 0.0
     seed: int | None = None
-    record: Record | None = None
+    record: RecordOptions | None = None
 
     def __repr__(self) -> str:
         changed = f", perturbed by {self.perturb:g}" if self.perturb else ""

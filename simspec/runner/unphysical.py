@@ -66,7 +66,7 @@ FEWEST = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class UnphysicalFinding:
     """One thing that is not physical. ``body``: "" for the whole world; ``time`` (s): when it first shows; ``text``: the
     description, with its figures."""
 
@@ -85,7 +85,7 @@ class Finding:
 class Unphysical:
     """Findings that are not physical, and by kind the reason why a check was left out."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[UnphysicalFinding, ...]
     not_judged: dict[str, str]
 
 
@@ -102,7 +102,7 @@ def unphysical(run: Run) -> Unphysical:
     if driven:
         not_judged |= {ENERGY: f"the world has {driven}", SINKS: f"the world has {driven}"}
     findings += [
-        Finding(
+        UnphysicalFinding(
             PASSED, entry.body, entry.time, f"passes through {entry.obstacle}, which cannot move, at {entry.time:.4g} s"
         )
         for entry in passed(run)
@@ -110,7 +110,9 @@ def unphysical(run: Run) -> Unphysical:
     ]
     through = {finding.body for finding in findings}
     findings += [
-        Finding(GONE, entry.body, entry.time, f"is below everything that cannot move from {entry.time:.4g} s on")
+        UnphysicalFinding(
+            GONE, entry.body, entry.time, f"is below everything that cannot move from {entry.time:.4g} s on"
+        )
         for entry in fallen(run)
         if entry.body not in through
     ]
@@ -149,7 +151,7 @@ def _driven(world: World) -> str:
     return " and ".join(name for name, acts in named.items() if acts)
 
 
-def _energy(run: Run) -> Iterator[Finding]:
+def _energy(run: Run) -> Iterator[UnphysicalFinding]:
     """Whether the energy grows above the initial one, or above its lowest value before, by more than ``GROWTH`` and what the
     integrator exchanges.
 
@@ -202,7 +204,7 @@ def _energy(run: Run) -> Iterator[Finding]:
     if first is not None:
         share = f", {most / scale:.3g} of what there was" if scale > rest else ""
         text = f"energy grows by {most:.3g} J{share}, from {run.time[since]:.4g} s to {run.time[when]:.4g} s"
-        yield Finding(ENERGY, "", first, text)
+        yield UnphysicalFinding(ENERGY, "", first, text)
 
 
 def _untouched(run: Run, part: slice) -> NDArray[np.bool_]:
@@ -215,7 +217,7 @@ def _untouched(run: Run, part: slice) -> NDArray[np.bool_]:
     return free
 
 
-def _gone(run: Run) -> Iterator[Finding]:
+def _gone(run: Run) -> Iterator[UnphysicalFinding]:
     """Bodies whose state is not finite, and those that are far beyond where their initial motion and gravity lead."""
     world, pose, time = run.world, run.arrays["pose"], run.time
     gravity = math.hypot(*world.physics.gravity)
@@ -224,7 +226,7 @@ def _gone(run: Run) -> Iterator[Finding]:
     reach = FAR + REACH * (speed * float(time[-1]) + 0.5 * gravity * float(time[-1]) ** 2)
     start = np.array(pose[0, :, :3])
     moving = metrics.moving_bodies(world)
-    found: dict[int, Finding] = {}
+    found: dict[int, UnphysicalFinding] = {}
     for part in parts(len(time), metrics.TEMPORARY * pose[:1].nbytes, pose):
         places = np.asarray(pose[part])
         with np.errstate(all="ignore"):
@@ -236,11 +238,11 @@ def _gone(run: Run) -> Iterator[Finding]:
             at, name = float(time[part.start + row]), world.bodies[body].name
             text = f"is {away[row, body]:.3g} m from where it began at {at:.4g} s"
             text = f"is not at a finite place from {at:.4g} s on" if lost[row, body] else text
-            found.setdefault(body, Finding(GONE, name, at, text))
+            found.setdefault(body, UnphysicalFinding(GONE, name, at, text))
     yield from (found[body] for body in sorted(found))
 
 
-def _sinking(run: Run) -> Iterator[Finding]:
+def _sinking(run: Run) -> Iterator[UnphysicalFinding]:
     """Bodies whose deepest contact with what cannot move grows in the second half of a run, and does not slow down."""
     world, rows = run.world, len(run.time)
     if rows < FEWEST:
@@ -270,7 +272,7 @@ def _sinking(run: Run) -> Iterator[Finding]:
         rate = (first + last) / float(run.time[-1] - run.time[begin])
         if _fastest(run, mover) <= RESTING * rate:
             text = f"sinks by {rate:.3g} m/s without end, and is {late[-1]:.3g} m deep at {run.time[-1]:.4g} s"
-            yield Finding(SINKS, world.bodies[mover].name, float(run.time[begin]), text)
+            yield UnphysicalFinding(SINKS, world.bodies[mover].name, float(run.time[begin]), text)
 
 
 def _fastest(run: Run, row: int) -> float:
@@ -293,7 +295,7 @@ def _inner(world: World, row: int) -> float:
 
 def together(found: dict[str, Unphysical]) -> list[str]:
     """One line for each thing that is found, with the engines that show it; figures are those of the first."""
-    lines: dict[str, tuple[Finding, list[str]]] = {}
+    lines: dict[str, tuple[UnphysicalFinding, list[str]]] = {}
     for engine, entry in found.items():
         for finding in entry.findings:
             lines.setdefault(finding.short, (finding, []))[1].append(engine)

@@ -17,7 +17,7 @@ from simspec.world.contact_pairs import CollisionFilter, meeting_laws
 from simspec.world.frames import sorted_pair
 from simspec.world.inertia import singular
 from simspec.world.kinematics import is_carrier, joined, owner_of, rigid_groups, trees
-from simspec.world.types import EngineOptions, Follow, Inertial, PairContact, World
+from simspec.world.types import EngineOptions, FollowConstraint, Inertial, PairContact, World
 
 # The features that a world needs, each with the places that use it.
 
@@ -191,7 +191,7 @@ def _contact_needs(world: World, laws: Iterable[PairContact], note: Callable[[Fe
     excluded = {
         sorted_pair(constraint.first, constraint.second)
         for constraint in world.constraints
-        if not isinstance(constraint, Follow)
+        if not isinstance(constraint, FollowConstraint)
     }
     excluded = set(world.contact.excluded_bodies)
     if any(CollisionFilter(world).may_touch(*pair) for pair in sorted((joints | excluded) - excluded)):

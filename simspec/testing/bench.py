@@ -30,7 +30,7 @@ from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.worlds import accepting, with_options
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from simspec.world.kinematics import initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Inertial, Joint, Physics, World
@@ -226,21 +226,23 @@ def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] |
         given |= {"natural_frequency": 20.0, "damping_ratio": 1.0}
     else:
         given |= {"kp": (40.0,) * len(joints), "kd": (3.0,) * len(joints)}
-    return dataclasses.replace(world, controllers=(Controller("all", joints, law, **(given | more)),))
+    return dataclasses.replace(world, controllers=(JointController("all", joints, law, **(given | more)),))
 
 
 def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
     """``base`` with its hinges and slides under the engine's own controllers."""
     joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
     count = len(joints)
-    controller = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
+    controller = JointController(
+        "all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count
+    )
     return dataclasses.replace(base, controllers=(controller,))
 
 
 def with_targets(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:
     """``world`` with constant targets: a trajectory of one point."""
     joints = joints or world.controllers[0].joints
-    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(map(float, targets)),)))
+    return dataclasses.replace(world, trajectory=JointTrajectory(joints, (0.0,), (tuple(map(float, targets)),)))
 
 
 def chain(kinds: tuple[str, ...] = ("hinge", "slide", "hinge", "hinge"), timestep: float = 0.001, **more: Any) -> World:
@@ -327,7 +329,7 @@ SERVOS = (
 def servo_world(timestep: float, servos: tuple[Servo, ...] = SERVOS) -> World:
     """All the servos side by side, each from rest at zero."""
     joints = tuple(f"{servo.name}_joint" for servo in servos)
-    control = Controller(
+    control = JointController(
         "all",
         joints,
         "native",
@@ -336,7 +338,7 @@ def servo_world(timestep: float, servos: tuple[Servo, ...] = SERVOS) -> World:
         effort_limits=tuple(servo.limit for servo in servos),
     )
     rows = tuple(tuple(servo.target + time * servo.speed for servo in servos) for time in (0.0, END))
-    trajectory = Trajectory(joints, (0.0, END), rows, interpolation="linear")
+    trajectory = JointTrajectory(joints, (0.0, END), rows, interpolation="linear")
     physics = Physics((0.0, 0.0, GRAVITY), timestep, round(END / timestep))
     return worlds.world(tuple(map(_body, servos)), physics=physics, controllers=(control,), trajectory=trajectory)
 

@@ -36,8 +36,8 @@ from simspec.testing.bench import (
     windows_operation,
     with_targets,
 )
-from simspec.world.actions import Controller, Trajectory
-from simspec.world.types import Physics, Record, World
+from simspec.world.actions import JointController, JointTrajectory
+from simspec.world.types import Physics, RecordOptions, World
 
 STEPS = 250
 EFFORT = 1e-3
@@ -53,7 +53,7 @@ def with_load(damping: float = 0.0) -> World:
     q = np.array([body.joint.position[0] for body in first.bodies])
     world = driven(worlds.world(more + first.bodies, physics=first.physics), joints=joints)
     rows = (tuple(q.tolist()), tuple((q + 0.3).tolist()))
-    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0, 0.5), rows, interpolation="quintic"))
+    return dataclasses.replace(world, trajectory=JointTrajectory(joints, (0.0, 0.5), rows, interpolation="quintic"))
 
 
 HOLDS = (4, 3)
@@ -70,7 +70,7 @@ def wheels_with_hold(discretisation: str) -> World:
         for body in wheel(0.02).bodies
     )
     controllers = tuple(
-        Controller(
+        JointController(
             body.name,
             (body.joint.name,),
             discretisation=discretisation,
@@ -149,7 +149,7 @@ class ControlSuite(Suite):
 
     def test_a_run_records_targets_and_efforts(self, bench: Bench) -> None:
         channels = () if bench.lacks("energy") else ("energy",)
-        world = bench.allowed(dataclasses.replace(with_load(), record=Record(50, channels)))
+        world = bench.allowed(dataclasses.replace(with_load(), record=RecordOptions(50, channels)))
         if world is None:
             return
         made = recorded(bench, dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=500)))

@@ -17,7 +17,7 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.bench import Bench, OracleJoints, Suite, driven, pushes, state_error, windows_operation
-from simspec.world.actions import Force, Motion
+from simspec.world.actions import Force, KinematicMotion
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
@@ -131,8 +131,10 @@ class ForcesSuite(Suite):
         )
         turn = (np.cos(1.5), 0.0, 0.0, np.sin(1.5))
         motions = (
-            Motion("base", (0.0, 0.1), ((0.0, 0.0, 1.0), (0.7, 0.0, 1.0)), ((1.0, 0.0, 0.0, 0.0),) * 2, "quintic"),
-            Motion("second", (0.02, 0.1), ((0.0, 5.0, 0.0),) * 2, ((1.0, 0.0, 0.0, 0.0), turn), "linear"),
+            KinematicMotion(
+                "base", (0.0, 0.1), ((0.0, 0.0, 1.0), (0.7, 0.0, 1.0)), ((1.0, 0.0, 0.0, 0.0),) * 2, "quintic"
+            ),
+            KinematicMotion("second", (0.02, 0.1), ((0.0, 5.0, 0.0),) * 2, ((1.0, 0.0, 0.0, 0.0), turn), "linear"),
         )
         world = worlds.world(bodies, physics=Physics(timestep=0.001, steps=STEPS))
         allowed = bench.allowed(dataclasses.replace(world, motions=motions))

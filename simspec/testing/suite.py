@@ -17,7 +17,7 @@ from simspec.testing.contact_suite import ContactSuite
 from simspec.testing.control_suite import ControlSuite
 from simspec.testing.forces_suite import ForcesSuite
 from simspec.testing.model_suite import ModelSuite
-from simspec.world.actions import Force, Trajectory
+from simspec.world.actions import Force, JointTrajectory
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Physics, Pose, Shape, World
 
 # The quick self-test as a suite: every planted defect that the engine can hold must be noticed above level L0.
@@ -102,7 +102,7 @@ def sweep() -> World:
     world = driven(scene(*arm(), cylinder("target", 0.33, y=0.22), cylinder("other", -0.4)))
     joints = world.controllers[0].joints
     rows = ((0.0, 0.0), (0.0, 0.0), (0.9, 0.0))
-    path = Trajectory(joints, (0.0, 3.0, 5.0), rows, interpolation="linear")
+    path = JointTrajectory(joints, (0.0, 3.0, 5.0), rows, interpolation="linear")
     return dataclasses.replace(world, trajectory=path)
 
 

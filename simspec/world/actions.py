@@ -31,7 +31,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
-class Controller:
+class JointController:
     """One law on some joints; every joint has at most one controller.
 
     joints               full names, in the order of the world's bodies
@@ -66,7 +66,7 @@ class Controller:
 
 
 @dataclass(frozen=True, slots=True)
-class Trajectory:
+class JointTrajectory:
     """Where joints should be, by points in time.
 
     joints          full names; the columns. A driven joint without a column is held at its initial position
@@ -126,7 +126,7 @@ class Fluid:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class InertiaBox:
     """The box of a body: edges (m), and the orientation of its axes in the body's frame. Its centre is the centre of mass that
     engines receive (``world/inertia.py``)."""
 
@@ -175,15 +175,15 @@ of 1 ms, at 1e5 by 2e-10 m; at 1e8 one engine lifts the box at 2.5 mm/s (measure
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class KinematicMotion:
     """The motion of a kinematic body, by points in time.
 
     body            its full name
     times           strictly increasing (s), the first ≥ 0; before the first and after the last point it stands still there
     positions       of its frame's origin in the world (m), one for each time
     quaternions     w x y z of its frame in the world, one for each time
-    interpolation   of positions as in :class:`simspec.world.actions.Trajectory`: linear, cubic (C²) or quintic (C⁴), at rest
-                    at both ends. Between two points it turns about one axis, the shorter way, by a share of the angle: u,
+    interpolation   of positions as in :class:`simspec.world.actions.JointTrajectory`: linear, cubic (C²) or quintic (C⁴), at
+                    rest at both ends. Between two points it turns about one axis, the shorter way, by a share of the angle: u,
                     u² (3 − 2 u) and u³ (10 − 15 u + 6 u²) at the share u of the time
     """
 

@@ -21,7 +21,18 @@ from simspec.world.frames import quaternion
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import constrained_trees, layout, poses, rigid_groups, within
 from simspec.world.rotations import conjugate, logarithm, matrices, multiply
-from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, Inertial, Joint, Pose, Vector3, Weld, World
+from simspec.world.types import (
+    VELOCITY_SIZE,
+    Body,
+    Constraint,
+    FollowConstraint,
+    Inertial,
+    Joint,
+    Pose,
+    Vector3,
+    WeldConstraint,
+    World,
+)
 
 Array = NDArray[np.float64]
 ROWS = {"follow": 1, "connect": 3, "weld": 6}
@@ -45,7 +56,7 @@ class Violation:
         self._welds: list[tuple[int, int, int, Array]] = []
         start = 0
         for constraint in self.constraints:
-            if isinstance(constraint, Follow):
+            if isinstance(constraint, FollowConstraint):
                 follower, lead = joint[constraint.joint], joint[constraint.leader]
                 self._linear[start, places.velocity[follower]] += 1.0
                 self._linear[start, places.velocity[lead]] -= constraint.ratio
@@ -53,7 +64,7 @@ class Violation:
                 follows.append((start, *at, constraint.ratio, constraint.offset))
             else:
                 first, second = row[constraint.first], row[constraint.second]
-                if isinstance(constraint, Weld):
+                if isinstance(constraint, WeldConstraint):
                     points: tuple[Vector3, Vector3] = (constraint.pose.position, (0.0, 0.0, 0.0))
                     self._welds.append((start + 3, first, second, np.array(constraint.pose.quaternion)))
                 else:
@@ -215,7 +226,8 @@ def anchors(world: World) -> Mapping[str, Vector3]:
         welds = [
             constraint
             for constraint in within(world, bodies).constraints
-            if isinstance(constraint, Weld) and "world" in (groups[constraint.first], groups[constraint.second])
+            if isinstance(constraint, WeldConstraint)
+            and "world" in (groups[constraint.first], groups[constraint.second])
         ]
         if not welds:
             continue
@@ -242,7 +254,7 @@ def mass_matrix(bodies: tuple[Body, ...], at: Array) -> Array:
     centres of mass."""
     heavy = [(body, pose) for body, pose in zip(bodies, at, strict=True) if body.inertial.mass > 0.0]
     ground = Body(GROUND, "", Inertial(0.0), Joint(GROUND, "fixed", None))
-    welds = [Weld(body.name, body.name, GROUND, Pose(body.inertial.centre_of_mass)) for body, _ in heavy]
+    welds = [WeldConstraint(body.name, body.name, GROUND, Pose(body.inertial.centre_of_mass)) for body, _ in heavy]
     jacobian = Violation((*bodies, ground), welds).jacobian(np.vstack([at, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)]))
     mass = np.diag([armature for body in bodies for armature in _armature(body)])
     for (body, pose), rows in zip(heavy, jacobian.reshape(len(heavy), 6, len(mass)), strict=True):

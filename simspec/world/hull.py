@@ -36,7 +36,7 @@ SWEEPS = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Solid:
+class HullSolid:
     """The enclosed solid, at density 1: its volume (m³; negative where triangles are wound inwards), and the frame in its
     centre of mass along its principal axes, with the principal moments (m⁵) about them."""
 
@@ -45,7 +45,7 @@ class Solid:
     moments: Vector3
 
 
-def solid(points: Points, triangles: Triangles) -> Solid:
+def solid(points: Points, triangles: Triangles) -> HullSolid:
     """The solid within a closed surface: ``points`` (n, 3) in m, ``triangles`` (m, 3) of their indices, anticlockwise as seen
     from outside. Raises ValueError where the volume is zero, or no number."""
     origin = 0.5 * (points.min(axis=0) + points.max(axis=0))  # near all of them, so that no digits cancel
@@ -70,7 +70,7 @@ def solid(points: Points, triangles: Triangles) -> Solid:
     tensor = [[yy + zz, -xy, -xz], [-xy, xx + zz, -yz], [-xz, -yz, xx + yy]]
     moments, axes = principal(tensor)
     x, y, z = (float(origin[k]) + centre[k] for k in range(3))
-    return Solid(volume, Pose((x, y, z), frames.from_matrix(axes)), moments)
+    return HullSolid(volume, Pose((x, y, z), frames.from_matrix(axes)), moments)
 
 
 def principal(tensor: list[Row3]) -> tuple[Vector3, frames.Matrix3]:
@@ -136,7 +136,7 @@ class Hull:
     triangles: Triangles
     normals: Points
     offsets: NDArray[np.float64]
-    solid: Solid
+    solid: HullSolid
 
 
 def mesh_vertices(size: Sequence[float]) -> Points:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 from simspec.language.moments import principal_moments
 from simspec.world import frames
-from simspec.world.actions import LEAST_MOMENT, Box
+from simspec.world.actions import LEAST_MOMENT, InertiaBox
 from simspec.world.canonical import derived
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Inertial, Pose, Quaternion, Vector3, World
@@ -251,13 +251,13 @@ def moments_along(inertia: tuple[float, ...], axes: Quaternion) -> Vector3 | Non
     return clip_flat((xx, yy, zz))
 
 
-def box_of(inertial: Inertial, axes: Quaternion | None = None) -> Box:
+def box_of(inertial: Inertial, axes: Quaternion | None = None) -> InertiaBox:
     """The box of a body with mass, along ``axes`` where they are principal ones; else along those that its tensor gives."""
     moments = None if axes is None else moments_along(inertial.inertia, axes)
     if axes is None or moments is None:
         moments, axes = principal_axes(inertial.inertia)
     x, y, z = moments
-    return Box(
+    return InertiaBox(
         (_edge(inertial.mass, y + z - x), _edge(inertial.mass, x + z - y), _edge(inertial.mass, x + y - z)), axes
     )
 
@@ -271,7 +271,7 @@ def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]
     group that engines receive as a single body, at its topmost body. ``bodies``: those with mass have a box of their
     own already; ``kinematic``: the names of those whose mass is another since."""
     inertials = lumped(World("", tuple(bodies)))
-    boxes: dict[str, Box] = {}
+    boxes: dict[str, InertiaBox] = {}
     for top, members in rigid_members(bodies).items():
         if top not in inertials:
             boxes.update(

@@ -27,7 +27,7 @@ from simspec.world import frames
 from simspec.world.canonical import derived
 from simspec.world.frames import quaternion, sorted_pair, vector3
 from simspec.world.inertia import NO_INERTIA, lumped_inertial
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, Follow, Inertial, Pose, World
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, FollowConstraint, Inertial, Pose, World
 
 # Bodies between the joints of a body that has several: without mass and shapes, they carry the next joint.
 #
@@ -91,7 +91,7 @@ def carried(world: World) -> Mapping[str, tuple[Body, ...]]:
     constraints = {
         end
         for constraint in world.constraints
-        if not isinstance(constraint, Follow)
+        if not isinstance(constraint, FollowConstraint)
         for end in (constraint.first, constraint.second)
     }  # of carriers only in worlds that are made in Python
     rows: dict[str, tuple[Body, ...]] = {}
@@ -120,7 +120,7 @@ def bare_frames(world: World) -> frozenset[str]:
     constraints = {
         end
         for constraint in world.constraints
-        if not isinstance(constraint, Follow)
+        if not isinstance(constraint, FollowConstraint)
         for end in (constraint.first, constraint.second)
     }
     carrying: set[str] = set()
@@ -269,7 +269,7 @@ def constrained_trees(world: World) -> tuple[tuple[Body, ...], ...]:
     owner = {body.joint.name: body.name for body in world.bodies}
     pairs = [
         (owner[constraint.joint], owner[constraint.leader])
-        if isinstance(constraint, Follow)
+        if isinstance(constraint, FollowConstraint)
         else (constraint.first, constraint.second)
         for constraint in world.constraints
     ]
@@ -325,7 +325,7 @@ def within(world: World, bodies: Iterable[Body]) -> World:
 
 def members(constraint: Constraint) -> tuple[str, str]:
     """The two joints that a coupling is of, the follower first; else the two bodies that are held together."""
-    if isinstance(constraint, Follow):
+    if isinstance(constraint, FollowConstraint):
         return constraint.joint, constraint.leader
     return constraint.first, constraint.second
 

@@ -135,7 +135,7 @@ FLAT = ("box", "cylinder", "mesh")
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class MaterialReach:
     """Possible interactions between two materials.
 
     leans    a body may be touched from two sides, or is held by a joint: friction can change a normal force
@@ -175,7 +175,7 @@ class _Class:
 
 
 @derived
-def reach(world: World, first: str, second: str) -> Reach:
+def reach(world: World, first: str, second: str) -> MaterialReach:
     """Possible interactions of bodies of two materials in ``world``."""
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
@@ -209,7 +209,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         for shape in solid_shapes(body)
         if shape.material in (first, second)
     }
-    return Reach(
+    return MaterialReach(
         leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams, squeezes, plane
     )
 

@@ -16,7 +16,7 @@ from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
 from simspec.methods import Method
-from simspec.world.actions import Box, Controller, Fluid, Force, JointSum, Motion, Trajectory
+from simspec.world.actions import Fluid, Force, InertiaBox, JointController, JointSum, JointTrajectory, KinematicMotion
 
 Pair = tuple[str, str]
 
@@ -180,7 +180,7 @@ class Body:
     shapes: tuple[Shape, ...] = ()
     collision_group: str = "default"
     gravity_scale: float = field(default=1.0, metadata=LEFT_OUT)
-    box: Box | None = field(default=None, metadata=LEFT_OUT)
+    box: InertiaBox | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +193,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Connect:
+class ConnectConstraint:
     """A loop closed at a point: ``first_point`` of the body ``first`` is where ``second_point`` of ``second`` is; each in its
     body's frame (m)."""
 
@@ -206,7 +206,7 @@ class Connect:
 
 
 @dataclass(frozen=True, slots=True)
-class Weld:
+class WeldConstraint:
     """A loop closed rigidly: the frame of the body ``second`` is at ``pose`` in that of ``first``."""
 
     name: str
@@ -217,7 +217,7 @@ class Weld:
 
 
 @dataclass(frozen=True, slots=True)
-class Follow:
+class FollowConstraint:
     """A coupling of two hinges or slides: q of ``joint`` is ``ratio`` times q of ``leader`` plus ``offset`` (rad, m)."""
 
     name: str
@@ -228,7 +228,7 @@ class Follow:
     kind: Literal["follow"] = "follow"
 
 
-Constraint = Connect | Weld | Follow
+Constraint = ConnectConstraint | WeldConstraint | FollowConstraint
 """Constraints between bodies and joints outside the tree, by the law J v⁺ = −β φ/dt with β = 1: in every step the impulse that
 makes the violation φ vanish."""
 
@@ -304,7 +304,7 @@ class Physics:
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class RecordOptions:
     """Recording of a run: every ``every_steps`` steps, the named channels."""
 
     every_steps: int = 1
@@ -351,16 +351,16 @@ class World:
     bodies: tuple[Body, ...]
     contact: Contact = Contact()
     physics: Physics = Physics()
-    record: Record = Record()
+    record: RecordOptions = RecordOptions()
     expectations: tuple[Expectation, ...] = ()
     engines: tuple[EngineOptions, ...] = ()
-    controllers: tuple[Controller, ...] = ()
-    trajectory: Trajectory | None = None
+    controllers: tuple[JointController, ...] = ()
+    trajectory: JointTrajectory | None = None
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
     """Constraints between bodies and joints outside the tree, sorted by name."""
     forces: tuple[Force, ...] = field(default=(), metadata=LEFT_OUT)
     """Forces and torques on bodies during given times, in the order of the spec."""
-    motions: tuple[Motion, ...] = field(default=(), metadata=LEFT_OUT)
+    motions: tuple[KinematicMotion, ...] = field(default=(), metadata=LEFT_OUT)
     """Motions of the kinematic bodies, one each, in the order of the bodies."""
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
     """Weighted sums of joint positions along which something acts, sorted by name."""
@@ -399,7 +399,7 @@ class EnginePair:
 @dataclass(frozen=True, slots=True)
 class EngineServo:
     """A position or velocity controller of its own that an engine holds for a joint: gains as in
-    :class:`simspec.world.actions.Controller`, and the largest effort (None: unlimited)."""
+    :class:`simspec.world.actions.JointController`, and the largest effort (None: unlimited)."""
 
     joint: str
     kp: float

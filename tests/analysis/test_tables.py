@@ -7,7 +7,7 @@ import statistics
 import pytest
 
 from simspec.analysis.tables import ResultTable, grouped, sweep_table
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell
 
 
@@ -17,9 +17,11 @@ def cell(index: int, engine: str, step: str, repeat: int = 0) -> Cell:
     )
 
 
-def row(seconds: float, failed: str | None = None) -> Row:
+def row(seconds: float, failed: str | None = None) -> RunRow:
     about = ("key", "cell", "", "a world", "", "", "name", "first", "1.0", failed, 0.002, 500)
-    return Row(*about, seconds, 0.5, None, 0.0, None, 0, "", 2, 3, 100, '{"energy at the end": 1.5, "spread": "inf"}')
+    return RunRow(
+        *about, seconds, 0.5, None, 0.0, None, 0, "", 2, 3, 100, '{"energy at the end": 1.5, "spread": "inf"}'
+    )
 
 
 CELLS = [cell(0, "first", "2 ms"), cell(1, "second", "2 ms"), cell(2, "first", "2 ms", 1), cell(3, "first", "4 ms")]

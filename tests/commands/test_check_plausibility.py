@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility, Sampling, ordered
+from simspec.plausibility.findings import RULES, Grade, Plausibility, PlausibilityFinding, Sampling, ordered
 from simspec.report.problems import MOST_LINES, WIDTH, plausibility_lines
 from tests.plausibility.files import urdf
 
@@ -71,7 +71,7 @@ def test_json_has_everything(slipped):
 
 
 def test_lines_are_bounded():
-    finding = Finding("mass-outside", Grade.WARNING, "a" * 200, "m" * 200, 0.05, "m", 2.0)
+    finding = PlausibilityFinding("mass-outside", Grade.WARNING, "a" * 200, "m" * 200, 0.05, "m", 2.0)
     import dataclasses
 
     many = [

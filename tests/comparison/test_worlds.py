@@ -13,7 +13,7 @@ from simspec.attribution.differences import differences
 from simspec.commands.diff import diff_specs
 from simspec.comparison.worlds import diff_worlds, leaves
 from simspec.language.load import load
-from simspec.world.actions import Trajectory
+from simspec.world.actions import JointTrajectory
 from simspec.world.types import Contact, Expectation, PairContact, Physics
 from tests import worlds
 
@@ -143,7 +143,9 @@ def test_many_changes_are_counted_and_all_in_the_json(tmp_path, capsys):
     world = legs(tmp_path)
     rows = [tuple((value, 0.0, 0.0) for _ in range(10_000)) for value in (0.0, 1.0)]
     times = tuple(k / 1e4 for k in range(10_000))
-    few, many = (dataclasses.replace(world, trajectory=Trajectory(world.trajectory.joints, times, row)) for row in rows)
+    few, many = (
+        dataclasses.replace(world, trajectory=JointTrajectory(world.trajectory.joints, times, row)) for row in rows
+    )
     assert diff_specs(few, many, as_json=False) == 1
     out = capsys.readouterr().out
     assert len(out.splitlines()) < 80

@@ -12,7 +12,7 @@ from simspec.control.reference import reference
 from simspec.control.request import from_request, to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.testing.bench import OracleJoints, chain, driven, wheel, with_targets
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from simspec.world.kinematics import initial_state
 from tests import worlds
 
@@ -52,7 +52,9 @@ def moving():
     q, v = generator.uniform(-1, 1, oracle.nq), generator.uniform(-1, 1, oracle.nv)
     joints = tuple(body.joint.name for body in world.bodies)
     rows = [tuple(generator.uniform(-1, 1, 4).tolist()) for _ in range(6)]
-    trajectory = Trajectory(joints, (0.0, 0.5, 1.0), tuple(rows[:3]), efforts=tuple(rows[3:]), interpolation="cubic")
+    trajectory = JointTrajectory(
+        joints, (0.0, 0.5, 1.0), tuple(rows[:3]), efforts=tuple(rows[3:]), interpolation="cubic"
+    )
     return dataclasses.replace(world, trajectory=trajectory), oracle, q, v
 
 
@@ -119,9 +121,11 @@ def test_several_laws_share_a_tree(moving):
     world = dataclasses.replace(
         world,
         controllers=(
-            Controller("a", names[:1], "computed-torque", natural_frequency=10.0, damping_ratio=1.0, **entry),
-            Controller("b", names[1:2], "pd", kp=(7.0,), kd=(1.0,), **entry),
-            Controller("c", names[2:3], "pd", "implicit", kp=(5.0,), kd=(2.0,), gravity_compensation=True, **entry),
+            JointController("a", names[:1], "computed-torque", natural_frequency=10.0, damping_ratio=1.0, **entry),
+            JointController("b", names[1:2], "pd", kp=(7.0,), kd=(1.0,), **entry),
+            JointController(
+                "c", names[2:3], "pd", "implicit", kp=(5.0,), kd=(2.0,), gravity_compensation=True, **entry
+            ),
         ),
         trajectory=dataclasses.replace(
             world.trajectory,
@@ -177,7 +181,7 @@ def test_computed_torque_follows_a_trajectory():
     q, _ = initial_state(world)
     names = world.controllers[0].joints
     goal = q + np.array([0.5, 0.1, -0.5, 0.4])
-    trajectory = Trajectory(names, (0.0, 0.8), (tuple(q.tolist()), tuple(goal.tolist())), interpolation="quintic")
+    trajectory = JointTrajectory(names, (0.0, 0.8), (tuple(q.tolist()), tuple(goal.tolist())), interpolation="quintic")
     world = dataclasses.replace(world, trajectory=trajectory)
     control = Control(world, reference(world))
     end = control.follow(OracleJoints(world, control), 1000, 1000)[-1]

@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.control.reference import driven_joints, efforts, fed_forward, positions, reference
-from simspec.world.actions import Controller, Trajectory
+from simspec.world.actions import JointController, JointTrajectory
 from tests import worlds
 
 TIMES = (0.5, 1.0, 2.0, 2.25)
 ROWS = ((0.0, 1.0), (1.0, -1.0), (0.5, -2.0), (0.0, 0.0))
 
 
-def made(interpolation: str, **more) -> Trajectory:
-    return Trajectory(("a", "b"), TIMES, ROWS, interpolation=interpolation, **more)
+def made(interpolation: str, **more) -> JointTrajectory:
+    return JointTrajectory(("a", "b"), TIMES, ROWS, interpolation=interpolation, **more)
 
 
 @pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic", "quintic"])
@@ -40,7 +40,7 @@ def test_it_goes_through_its_points_and_is_at_rest_outside(interpolation):
 def test_velocity_and_acceleration_are_the_derivatives(gaps, interpolation, seed):
     times = tuple(np.cumsum(gaps).tolist())
     rows = np.random.default_rng(seed).uniform(-1, 1, (len(times), 2))
-    found = positions(Trajectory(("a", "b"), times, tuple(map(tuple, rows)), interpolation=interpolation))
+    found = positions(JointTrajectory(("a", "b"), times, tuple(map(tuple, rows)), interpolation=interpolation))
     step = 1e-6
     inside = np.array([t + 0.37 * (u - t) for t, u in itertools.pairwise(times)])
     q_before, v_before = found.at(inside - step, 1)
@@ -71,7 +71,7 @@ def test_splines_begin_and_end_at_rest():
 
 
 def test_two_points_of_a_quintic_are_the_minimum_jerk_motion():
-    found = positions(Trajectory(("a",), (0.0, 2.0), ((0.0,), (3.0,)), interpolation="quintic"))
+    found = positions(JointTrajectory(("a",), (0.0, 2.0), ((0.0,), (3.0,)), interpolation="quintic"))
     u = np.linspace(0.0, 1.0, 11)
     np.testing.assert_allclose(found.at(2.0 * u)[0][:, 0], 3.0 * (10 * u**3 - 15 * u**4 + 6 * u**5), atol=1e-14)
 
@@ -102,8 +102,8 @@ def test_driven_joints_without_a_column_stay_where_they_begin():
     zero = (0.0,) * len(names)
     world = dataclasses.replace(
         world,
-        controllers=(Controller("all", names, kp=zero, kd=zero, effort_limits=(None,) * len(names)),),
-        trajectory=Trajectory((names[1],), (0.0, 1.0), ((0.0,), (1.0,))),
+        controllers=(JointController("all", names, kp=zero, kd=zero, effort_limits=(None,) * len(names)),),
+        trajectory=JointTrajectory((names[1],), (0.0, 1.0), ((0.0,), (1.0,))),
     )
     assert driven_joints(world) == names
     found = reference(world)
@@ -117,11 +117,11 @@ def test_only_natively_driven_joints_with_efforts_are_fed_forward():
     bodies = worlds.tree(["hinge", "hinge", "hinge"], 1)
     joints = tuple(body.joint.name for body in bodies)
     controllers = tuple(
-        Controller(name, (joint,), law, kp=(1.0,), kd=(1.0,), effort_limits=(None,))
+        JointController(name, (joint,), law, kp=(1.0,), kd=(1.0,), effort_limits=(None,))
         for name, law, joint in zip(("first", "second", "law"), ("native", "native", "pd"), joints, strict=True)
     )
     efforts = ((0.1, 0.0, 0.1), (0.0, 0.0, 0.0))
-    trajectory = Trajectory(joints, (0.0, 1.0), ((0.0,) * 3,) * 2, efforts=efforts)
+    trajectory = JointTrajectory(joints, (0.0, 1.0), ((0.0,) * 3,) * 2, efforts=efforts)
     world = dataclasses.replace(worlds.world(bodies), controllers=controllers, trajectory=trajectory)
     assert list(fed_forward(world)) == [("first", joints[0])]
     assert list(fed_forward(dataclasses.replace(world, trajectory=None))) == []

@@ -11,7 +11,7 @@ from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.control.stability import unstable
 from simspec.testing.bench import OracleJoints, chain, driven, wheel, with_targets
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 
 
 def growth(world, steps: int = 400) -> float:
@@ -71,8 +71,8 @@ def test_the_unstable_controller_of_two_is_named():
     world = chain(timestep=0.02)
     names = tuple(body.joint.name for body in world.bodies)
     laws = (
-        Controller("calm", names[:2], "pd", kp=(1.0,) * 2, kd=(0.1,) * 2, effort_limits=(None,) * 2),
-        Controller("wild", names[2:], "pd", kp=(1e5,) * 2, kd=(10.0,) * 2, effort_limits=(None,) * 2),
+        JointController("calm", names[:2], "pd", kp=(1.0,) * 2, kd=(0.1,) * 2, effort_limits=(None,) * 2),
+        JointController("wild", names[2:], "pd", kp=(1e5,) * 2, kd=(10.0,) * 2, effort_limits=(None,) * 2),
     )
     (found,) = unstable(dataclasses.replace(world, controllers=laws))
     assert found.controller == "wild"
@@ -91,7 +91,7 @@ def test_the_prediction_for_kept_efforts_happens(holds):
     base = driven(chain(("hinge", "hinge")), "pd")
     joints = base.controllers[0].joints
     controllers = tuple(
-        Controller(name, (name,), kp=(40.0,), kd=(3.0,), effort_limits=(None,), every_steps=hold)
+        JointController(name, (name,), kp=(40.0,), kd=(3.0,), effort_limits=(None,), every_steps=hold)
         for name, hold in zip(joints, holds, strict=True)
     )
 

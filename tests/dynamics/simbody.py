@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 
 from simspec.world.actions import Force
 from simspec.world.inertia import lumped_inertial
-from simspec.world.types import Connect, Follow, Weld
+from simspec.world.types import ConnectConstraint, FollowConstraint, WeldConstraint
 from tests.dynamics.simbody_model import Model, opensim, turned, vector
 
 
-def _ends(violation: Connect | Weld) -> tuple[np.ndarray, np.ndarray]:
+def _ends(violation: ConnectConstraint | WeldConstraint) -> tuple[np.ndarray, np.ndarray]:
     """The points of the first and of the second body that are held together, in their frames."""
-    if isinstance(violation, Weld):
+    if isinstance(violation, WeldConstraint):
         return np.array(violation.pose.position), np.zeros(3)
     return np.array(violation.first_point), np.array(violation.second_point)
 
@@ -220,14 +220,14 @@ class Simbody(Model):
         at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.velocity, strict=True)}
         rows: list[np.ndarray] = []
         for constraint in self.world.constraints:
-            if isinstance(constraint, Follow):
+            if isinstance(constraint, FollowConstraint):
                 row = np.zeros(self.nv)
                 row[at[constraint.joint]] += 1.0
                 row[at[constraint.leader]] -= constraint.ratio
                 rows.append(row)
                 continue
             first, second = _ends(constraint)
-            for unit in np.eye(6)[: 6 if isinstance(constraint, Weld) else 3]:
+            for unit in np.eye(6)[: 6 if isinstance(constraint, WeldConstraint) else 3]:
                 values, other = (
                     self._generalised({name: (place, unit[:3], unit[3:])})
                     for name, place in ((constraint.first, first), (constraint.second, second))
@@ -241,13 +241,13 @@ class Simbody(Model):
         at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.position, strict=True)}
         found: list[float] = []
         for constraint in self.world.constraints:
-            if isinstance(constraint, Follow):
+            if isinstance(constraint, FollowConstraint):
                 found.extend(q[at[constraint.joint]] - constraint.ratio * q[at[constraint.leader]] - constraint.offset)
                 continue
             (values, turn), (other, array) = poses[constraint.first], poses[constraint.second]
             first, second = _ends(constraint)
             found.extend(values + turn @ first - other - array @ second)
-            if isinstance(constraint, Weld):
+            if isinstance(constraint, WeldConstraint):
                 wanted = turn @ turned(constraint.pose.quaternion).as_matrix()
                 found.extend(Rotation.from_matrix(wanted @ array.T).as_rotvec())
         return np.array(found)

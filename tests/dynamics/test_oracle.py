@@ -14,10 +14,10 @@ from simspec.engines.kit.capabilities import SINGLE
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.selftest_worlds import constrained, sums
 from simspec.testing import worlds as model_worlds
-from simspec.world.actions import Box, Fluid, Force
+from simspec.world.actions import Fluid, Force, InertiaBox
 from simspec.world.kinematics import initial_state, poses
 from simspec.world.rotations import logarithm
-from simspec.world.types import Body, Connect, Inertial, Joint, Physics, Pose
+from simspec.world.types import Body, ConnectConstraint, Inertial, Joint, Physics, Pose
 from tests import worlds
 
 
@@ -168,7 +168,7 @@ def test_a_force_on_a_world_of_a_single_coordinate():
 def test_a_fluid_in_a_world_of_a_single_coordinate():
     edge, density, viscosity, speed = 0.1, 900.0, 0.3, 2.0
     physics = Physics((0.0, 0.0, 0.0), 0.001, 1, Fluid(density, viscosity))
-    oracle = alone("slide", body={"box": Box((edge,) * 3)}, physics=physics)
+    oracle = alone("slide", body={"box": InertiaBox((edge,) * 3)}, physics=physics)
     expected = -3 * math.pi * edge * viscosity * speed - 0.5 * density * edge**2 * speed**2
     assert oracle.joint_effort(np.zeros(1), np.array([speed])) == pytest.approx([expected], rel=1e-14)
     (tree, *_), *_ = oracle._parts
@@ -178,7 +178,7 @@ def test_a_fluid_in_a_world_of_a_single_coordinate():
 def test_a_loop_in_a_world_of_a_single_coordinate():
     base = alone("hinge").world
     body = Body("still", "still", Inertial(0.0), Joint("s", "fixed"))
-    pin = Connect("pin", "still", "b", (0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
+    pin = ConnectConstraint("pin", "still", "b", (0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
     oracle = Oracle(dataclasses.replace(base, bodies=(body, *base.bodies), constraints=(pin,)))
     (tree, *_), *_ = oracle._parts
     # the centre moves along y, and the violation is the first point less the second

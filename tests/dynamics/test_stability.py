@@ -11,7 +11,7 @@ import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.errors import SpecError
-from simspec.world.actions import Box, Fluid
+from simspec.world.actions import Fluid, InertiaBox
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 from tests import worlds
 
@@ -185,7 +185,9 @@ def test_damping_of_a_joint_and_of_a_viscous_fluid_adds_up():
         dry = wheel(timestep, kind="slide", damping=resistance)
         (body,) = dry.bodies
         physics = dataclasses.replace(dry.physics, fluid=Fluid(viscosity=1.5))
-        return dataclasses.replace(dry, bodies=(dataclasses.replace(body, box=Box((0.2, 0.2, 0.2))),), physics=physics)
+        return dataclasses.replace(
+            dry, bodies=(dataclasses.replace(body, box=InertiaBox((0.2, 0.2, 0.2))),), physics=physics
+        )
 
     resistance = 3.0 * np.pi * 1.5 * 0.2
     limit = 0.7 / resistance

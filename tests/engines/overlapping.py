@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from simspec.engines.kit.contract import Engine
-from simspec.proof.touch.geometry import Gap, gap, solids, transforms
+from simspec.proof.touch.geometry import ShapeGap, gap, solids, transforms
 from simspec.world import frames
 from simspec.world.types import World
 
@@ -18,7 +18,7 @@ FAR = 5.0
 
 def overlaps(
     engine: Engine, world: World, count: int, seed: int
-) -> Iterator[tuple[Gap, float | None, float, np.ndarray]]:
+) -> Iterator[tuple[ShapeGap, float | None, float, np.ndarray]]:
     """Of the last two shapes of a world, with random turns and directions between them: the true gap, ``DEPTH`` deep; how far
     (m) the engine's deepest point is off (None: it has no contact), how far its normal is turned (its sine), and the axes of
     both bodies (6, 3). The first of them may be a plane, which stays."""
@@ -36,7 +36,7 @@ def overlaps(
         def poses(far: float, turns=turns, away=away) -> np.ndarray:
             return np.array([[*base, *turns[0]], [*(base + far * away), *turns[1]]])
 
-        def between(far: float, poses=poses) -> Gap:
+        def between(far: float, poses=poses) -> ShapeGap:
             first, second = transforms(poses(far))
             return gap(first_solid, first, second_solid, second)
 

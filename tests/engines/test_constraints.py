@@ -12,7 +12,7 @@ from simspec.errors import UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 from simspec.world.frames import compose, inverse
 from simspec.world.kinematics import poses
-from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Shape, World
+from simspec.world.types import Body, ConnectConstraint, Contact, FollowConstraint, Material, PairContact, Shape, World
 from tests import constrained, worlds
 
 OUTSIDE = ("dart", "drake")
@@ -91,7 +91,7 @@ def test_a_coupling_holds_in_contact(name, tmp_path):
     accepted = accepting(world, name)
     write_folder(compile_world(accepted, [name])[name].files, tmp_path / name)
     (mirror,) = world.constraints
-    assert isinstance(mirror, Follow)
+    assert isinstance(mirror, FollowConstraint)
     with Session(name, tmp_path / name) as session:
         worst, pressing = 0.0, 0
         for _ in range(50):
@@ -111,7 +111,7 @@ def test_pybullet_ignores_a_loop_of_bodies_fixed_below_a_ball_joint_at_the_root(
         world = dataclasses.replace(base, bodies=(*base.bodies, floor))
         place = poses(world)
         point = compose(inverse(place["floor"]), place[base.bodies[-1].name]).position
-        pin = Connect("pin", base.bodies[-1].name, "floor", (0.0, 0.0, 0.0), point)
+        pin = ConnectConstraint("pin", base.bodies[-1].name, "floor", (0.0, 0.0, 0.0), point)
         return dataclasses.replace(world, constraints=(pin,))
 
     with pytest.raises(UnsupportedError, match="ignores the loop 'pin'"):

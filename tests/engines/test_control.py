@@ -14,7 +14,7 @@ from simspec.runner.execution import run
 from simspec.testing import worlds
 from simspec.testing.bench import driven, wheel, with_targets
 from simspec.testing.control_suite import with_load
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint
@@ -75,7 +75,7 @@ def test_a_law_that_lets_a_joint_fall_is_compared_until_it_comes_near_its_limit(
     )
     body = Body("carriage", "carriage", Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)), slide)
     world = worlds.world(
-        (body,), controllers=(Controller("weak", ("lift",), "pd", kp=(0.1,), kd=(0.1,), effort_limits=(None,)),)
+        (body,), controllers=(JointController("weak", ("lift",), "pd", kp=(0.1,), kd=(0.1,), effort_limits=(None,)),)
     )
     certificate = verify(worlds.accepting(world, *JOINTED), JOINTED, levels=["L7"])
     # 9.81 t²/2 = 0.18 m after 0.19 s

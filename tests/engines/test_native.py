@@ -22,8 +22,8 @@ from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.testing.bench import Servo, chain, closed_form, driven, native, wheel, with_targets
-from simspec.world.actions import Controller, Trajectory
-from simspec.world.types import Record, World
+from simspec.world.actions import JointController, JointTrajectory
+from simspec.world.types import RecordOptions, World
 from tests import worlds
 from tests.engines.natively import at_work
 from tests.installed import having
@@ -85,7 +85,7 @@ def test_laws_and_native_controllers_work_side_by_side(name, loaded, quick):
     controller = native(wheel(INERTIA)).controllers[0]
     joints = (*law.joints, "wheel_joint")
     q = [body.joint.position[0] for body in chain().bodies]
-    trajectory = Trajectory(joints, (0.0,), ((*(x + 0.1 for x in q), 0.5),))
+    trajectory = JointTrajectory(joints, (0.0,), ((*(x + 0.1 for x in q), 0.5),))
     world = dataclasses.replace(
         both, controllers=(law, dataclasses.replace(controller, name="own")), trajectory=trajectory
     )
@@ -96,7 +96,7 @@ def test_laws_and_native_controllers_work_side_by_side(name, loaded, quick):
     assert np.isfinite(control.applied[:-1]).all()
     expected = closed_form(declared(name).law, Servo("wheel", INERTIA), 400, 0.001)[-1]
     assert found["wheel_joint"] == pytest.approx(expected, abs=declared(name).accuracy)
-    lawful = Trajectory(law.joints, (0.0,), (trajectory.positions[0][:-1],))
+    lawful = JointTrajectory(law.joints, (0.0,), (trajectory.positions[0][:-1],))
     alone = dataclasses.replace(world, controllers=(law,), trajectory=lawful)
     engine = loaded(alone)
     control = Control(alone, reference(alone))
@@ -111,16 +111,16 @@ def split_chain(law: str = "computed-torque") -> World:
     joints = [body.joint.name for body in whole.bodies]
     q = [body.joint.position[0] for body in whole.bodies]
     first = driven(whole, law, tuple(joints[:2])).controllers[0]
-    controller = Controller(
+    controller = JointController(
         "own", tuple(joints[2:]), "native", kp=(200.0,) * 2, kd=(2.0,) * 2, effort_limits=(None,) * 2
     )
     rows = (tuple(q), tuple(x + 0.1 for x in q))
-    trajectory = Trajectory(tuple(joints), (0.0, 0.4), rows)
+    trajectory = JointTrajectory(tuple(joints), (0.0, 0.4), rows)
     return dataclasses.replace(whole, controllers=(first, controller), trajectory=trajectory)
 
 
 def test_both_kinds_in_a_single_tree_follow_and_are_recorded(name):
-    world = worlds.with_options(dataclasses.replace(split_chain(), record=Record(50, ())), name)
+    world = worlds.with_options(dataclasses.replace(split_chain(), record=RecordOptions(50, ())), name)
     found = run(world, name)
     assert found.failed is None
     about = found.provenance["control"]
@@ -151,7 +151,7 @@ def robot(dt: float = 0.001) -> World:
     world = simspec.load(SPECS / "ur10e.yaml").resolve()
     joints = tuple(body.joint.name for body in world.bodies if body.joint.kind == "hinge")
     limits = {body.joint.name: body.joint.effort_limit for body in world.bodies}
-    controller = Controller(
+    controller = JointController(
         "robot",
         joints,
         "native",
@@ -164,10 +164,10 @@ def robot(dt: float = 0.001) -> World:
     return dataclasses.replace(
         world,
         physics=dataclasses.replace(world.physics, timestep=dt, steps=round(2.5 / dt)),
-        record=Record(10, ()),
+        record=RecordOptions(10, ()),
         expectations=(),
         controllers=(controller,),
-        trajectory=Trajectory(joints, (0.0, 2.0), rows, interpolation="quintic"),
+        trajectory=JointTrajectory(joints, (0.0, 2.0), rows, interpolation="quintic"),
     )
 
 

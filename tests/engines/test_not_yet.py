@@ -21,7 +21,7 @@ from simspec.proof.contact.run import measure
 from simspec.support.declarations import EXACT, Attempt, combine
 from simspec.support.features import Feature
 from simspec.testing.bench import wheel
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, World
 from tests import constrained, worlds
@@ -40,7 +40,9 @@ def world_of(feature: Feature) -> World:
     if feature is Feature.CONTROL_NATIVE:
         return dataclasses.replace(
             wheel(),
-            controllers=(Controller("own", ("wheel_joint",), "native", kp=(40.0,), kd=(3.0,), effort_limits=(None,)),),
+            controllers=(
+                JointController("own", ("wheel_joint",), "native", kp=(40.0,), kd=(3.0,), effort_limits=(None,)),
+            ),
         )
     if feature is Feature.HARDNESS_PAIRS:
         world = worlds.table({("a", "a"): 0.0, ("a", "b"): 0.0, ("b", "b"): 0.0})

@@ -14,7 +14,7 @@ from simspec.experiments import sweep as module
 from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store, place_of
-from simspec.experiments.sweep import MOST_DEATHS, Outcome, sweep
+from simspec.experiments.sweep import MOST_DEATHS, SweepOutcome, sweep
 from simspec.language.load import Spec
 from simspec.report.experiments import groups, outcome_data, results_table, short_names, show_outcome, sweep_csv
 from simspec.runner.run import SCHEMA, Run
@@ -73,7 +73,7 @@ class Engines:
 
 def do(
     store: Store, engines: Engines, of: Spec | None = None, jobs: int = 1, names=ENGINES, **words: object
-) -> Outcome:
+) -> SweepOutcome:
     plan = plan_sweep(of or spec(), engines=names, versions=VERSIONS)
     words = {"verify": False, "deadline": 60.0, **words}
     return sweep(plan, store, lambda supplies: LocalExecutor(supplies, jobs, do_run=engines), **words)

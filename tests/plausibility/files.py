@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simspec.language.load import load
 from simspec.plausibility.examine import examine
-from simspec.plausibility.findings import Finding, Plausibility
+from simspec.plausibility.findings import Plausibility, PlausibilityFinding
 
 BOX = {"x": 0.06, "y": 0.06, "z": 0.4}
 
@@ -207,6 +207,6 @@ def examined(text: str, suffix: str, folder: Path) -> Plausibility:
     return examine(spec, spec.resolve())
 
 
-def of_rule(found: Plausibility, rule: str) -> list[Finding]:
+def of_rule(found: Plausibility, rule: str) -> list[PlausibilityFinding]:
     """The findings of one rule."""
     return [finding for finding in found.findings if finding.rule == rule]

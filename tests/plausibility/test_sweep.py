@@ -13,7 +13,7 @@ from simspec.plausibility import sweep as module
 from simspec.plausibility.parts import lumps_of
 from simspec.plausibility.sweep import positions, range_of, sweep
 from simspec.world.overlap import separation
-from simspec.world.types import Body, Contact, Follow, Inertial, Joint, Pose, Shape, World
+from simspec.world.types import Body, Contact, FollowConstraint, Inertial, Joint, Pose, Shape, World
 from tests.plausibility.files import LANGUAGES, examined, of_rule
 
 RADIUS = 0.05
@@ -39,7 +39,7 @@ def chain(upper: float, exclude: tuple[tuple[str, str], ...] = (("a", "b"), ("b"
         return Body(name, "arm", Inertial(1.0, (0.0, 0.0, 0.2), (0.02, 0.02, 0.001, 0.0, 0.0, 0.0)), joint, shapes)
 
     bodies = (body("a", None, 0.0, 0.0), body("b", "a", LENGTH, None), body("c", "b", LENGTH, LENGTH))
-    actual = (Follow("same", "c_joint", "b_joint", 1.0),) if follow else ()
+    actual = (FollowConstraint("same", "c_joint", "b_joint", 1.0),) if follow else ()
     return World("chain", bodies, Contact(excluded_bodies=exclude), constraints=actual)
 
 
@@ -94,13 +94,13 @@ def test_a_search_that_is_cut_short_says_so(monkeypatch):
 def test_a_slide_without_an_end_and_a_loop_are_not_moved():
     from dataclasses import replace
 
-    from simspec.world.types import Connect
+    from simspec.world.types import ConnectConstraint
 
     world = chain(math.radians(150.0))
     slide = replace(world.bodies[2].joint, kind="slide", position_limits=None)
     _, sampling = sweep(replace(world, bodies=(*world.bodies[:2], replace(world.bodies[2], joint=slide))))
     assert sampling.left_out == {"c_joint": "a slide without limits"}
-    loop = Connect("closed", "a", "c", (0.0, 0.0, 0.0), (0.0, 0.0, LENGTH))
+    loop = ConnectConstraint("closed", "a", "c", (0.0, 0.0, 0.0), (0.0, 0.0, LENGTH))
     _, sampling = sweep(replace(world, constraints=(loop,)))
     assert set(sampling.left_out) == {"b_joint", "c_joint"}
 
@@ -156,7 +156,7 @@ def test_depths_equal_those_of_the_search_of_the_world(turn, place, kinds):
     world = World("two", bodies)
     lumps = lumps_of(world)
     lump, other = lumps["a"][0], lumps["b"][0]
-    tree = module.Tree(world, bodies, {})
+    tree = module.SweptTree(world, bodies, {})
     depth = tree._depths(lump, other, other.centre[None] - lump.centre, other.axes[None], 0.0)
     expected = max(-separation(lump, other), 0.0)
     # both searches give upper bounds of the depth; the coarser one stops within 1.1° of the best direction, and was at most

@@ -10,7 +10,7 @@ import numpy as np
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.proof.contact.probe import GRAVITY, Law, Motion
+from simspec.proof.contact.probe import GRAVITY, ProbeLaw, TrialMotion
 from simspec.proof.contact.worlds import world_of_trial
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
@@ -21,7 +21,7 @@ ACCEPT = tuple(sorted(feature.value for feature in Feature))
 
 def law(timestep=0.001, friction=0.5, restitution=0.0, **pair):
     """A law of two materials."""
-    return Law(PairContact("base", "body", friction, restitution, **pair), "elliptic", timestep)
+    return ProbeLaw(PairContact("base", "body", friction, restitution, **pair), "elliptic", timestep)
 
 
 def world_of(law, trial, settings=None):
@@ -74,7 +74,7 @@ def drive(world, phases, artifacts):
 def motion(world, arrays):
     """The motion, by names of bodies."""
     names = [body.name for body in world.bodies]
-    return Motion(
+    return TrialMotion(
         arrays["time"],
         {name: arrays["pose"][:, index] for index, name in enumerate(names)},
         {name: arrays["velocity"][:, index] for index, name in enumerate(names)},

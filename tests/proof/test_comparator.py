@@ -12,16 +12,16 @@ from simspec.contact.rules import Rules
 from simspec.proof.checks import inventory_checks, value_difference
 from simspec.proof.comparator import compare
 from simspec.world import frames
-from simspec.world.actions import Box, Fluid, JointSum
+from simspec.world.actions import Fluid, InertiaBox, JointSum
 from simspec.world.contact_pairs import shape_pairs
 from simspec.world.hull import inset
 from simspec.world.types import (
     Body,
-    Connect,
+    ConnectConstraint,
     Contact,
     EnginePair,
     EngineServo,
-    Follow,
+    FollowConstraint,
     Frame,
     Hardness,
     Inertial,
@@ -32,7 +32,7 @@ from simspec.world.types import (
     ReadBack,
     Shape,
     Surface,
-    Weld,
+    WeldConstraint,
     World,
 )
 from tests import worlds
@@ -370,12 +370,12 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "made_of",
         },
         Fluid: {"density", "viscosity", "velocity"},
-        Box: {"edges", "quaternion"},
+        InertiaBox: {"edges", "quaternion"},
         Frame: {"name", "body", "pose"},
         JointSum: {"name", "joints", "stiffness", "rest", "damping", "position_limits", "dry_friction"},
-        Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},
-        Connect: {"name", "first", "second", "first_point", "second_point", "kind"},
-        Weld: {"name", "first", "second", "pose", "kind"},
+        FollowConstraint: {"name", "joint", "leader", "ratio", "offset", "kind"},
+        ConnectConstraint: {"name", "first", "second", "first_point", "second_point", "kind"},
+        WeldConstraint: {"name", "first", "second", "pose", "kind"},
         EngineServo: {"joint", "kp", "kd", "effort_limit"},
     }
     for kind, fields in named.items():

@@ -64,7 +64,7 @@ def test_mutations_declared_inert_must_not_change_the_motion(seen, monkeypatch):
 
     _, verdicts = verdicts_of()
     assert verdicts["inertial@mass", "scaled"] == "caught", "a mutation of the motion gets the whole proof first"
-    monkeypatch.setattr(complete._Bench, "_proven", lambda *_: None)
+    monkeypatch.setattr(complete._WorldBench, "_proven", lambda *_: None)
     found, verdicts = verdicts_of()
     assert verdicts["inertial@mass", "scaled"] == "missed"
     assert verdicts["mujoco@model", "word"] == "inert"
@@ -78,7 +78,9 @@ def test_a_stand_in_is_tried_where_the_world_itself_is_refused(refused, tried, m
     monkeypatch.setattr(complete, "WORLDS", dict.fromkeys(("whole", "part", "bit", "other")))
     monkeypatch.setattr(complete, "STAND_INS", {"whole": "part", "part": "bit"})
     bench = SimpleNamespace(verdicts=lambda only: [])
-    monkeypatch.setattr(complete._Bench, "of", lambda engine, name, python: "no" if name in refused.split() else bench)
+    monkeypatch.setattr(
+        complete._WorldBench, "of", lambda engine, name, python: "no" if name in refused.split() else bench
+    )
     done = []
     found = complete_self_test(["mujoco"], keep=lambda world, verdicts, seconds: done.append(world))
     assert done == tried.split()
@@ -98,7 +100,7 @@ def test_a_process_without_a_result_fails_only_the_operation_that_ended_it(monke
             raise EngineError(engine, "the process was ended by signal 11 (SIGSEGV) without a result")
         return type("Reply", (), {"answers": [Answer({"refused": "just so"}, {}, 0.0, 0.0, []) for _ in operations]})()
 
-    bench = complete._Bench.of("mujoco", "ball joint")
+    bench = complete._WorldBench.of("mujoco", "ball joint")
     monkeypatch.setattr(selftest, "call", call)
     verdicts = bench.verdicts(lambda verdict: verdict.site in ("inertial@mass", "inertial@pos"))
     assert all(verdict.verdict == "refused" for verdict in verdicts)
@@ -174,8 +176,8 @@ def test_rows_that_no_change_needs_are_named(tested):
 @pytest.mark.parametrize(("engine", "acts"), [("mujoco", True), ("mjwarp", False)])
 def test_the_same_motion_is_as_near_as_numbers_of_the_engine_are(engine, acts, monkeypatch):
     """Round-off of singles by another order of sums is not an effect of a change; that of doubles is much smaller."""
-    monkeypatch.setattr(complete._Bench, "__init__", lambda self: None)
-    bench, row, found = complete._Bench(), Inert("*", "because"), complete._Found()
+    monkeypatch.setattr(complete._WorldBench, "__init__", lambda self: None)
+    bench, row, found = complete._WorldBench(), Inert("*", "because"), complete._MutationVerdicts()
     change = Mutation("model.xml", "scaled", "geom@quat", "geom@quat", "[0] 1 to 1.01", "")
     object.__setattr__(bench, "engine", find_engine(engine))
     object.__setattr__(bench, "table", MutationTable(inert=(row,)))
@@ -192,7 +194,7 @@ def test_a_substitute_world_is_omitted_where_the_original_is_supported(large, mo
         verdicts = (Verdict(engine, name, "file", "word", "site", "place", "change", "caught"),)
         return type("Bench", (), {"verdicts": lambda self, only: verdicts})()
 
-    monkeypatch.setattr(complete._Bench, "of", bench_of)
+    monkeypatch.setattr(complete._WorldBench, "of", bench_of)
     found = complete_self_test(["mujoco"])
     others = set(STAND_INS.values()) - {"core"}
     assert {verdict.world for verdict in found.verdicts} == set(WORLDS) - others - {"core" if large else "model"}
@@ -247,7 +249,7 @@ def test_contact_under_a_friction_that_is_not_the_default_is_among_the_worlds():
 
 def test_mutations_that_leave_the_computed_model_unchanged_are_not_run_alone(monkeypatch):
     """For an engine that hashes its model, such mutations have no short motions, but whole motions together with others."""
-    bench = complete._Bench.of("mujoco", "ball joint")
+    bench = complete._WorldBench.of("mujoco", "ball joint")
     assert bench.made_of == "", "MuJoCo's motions are quick: it hashes nothing"
     local, requested = selftest.call, set()
 

@@ -19,12 +19,12 @@ from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.simultaneous import OPENING, Strike, impulses
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.world.reach import Reach, reach
+from simspec.world.reach import MaterialReach, reach
 from tests.proof.contact_probing import figures, installed, law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ALL = Reach(
+ALL = MaterialReach(
     leans=True,
     gathers=True,
     corners=True,
@@ -182,7 +182,7 @@ def balls(*masses):
 
 
 def test_a_single_ball_on_a_floor_has_no_coupled_contacts(tmp_path):
-    assert found(tmp_path, balls(1.0)) == Reach(kinds=BALLS)
+    assert found(tmp_path, balls(1.0)) == MaterialReach(kinds=BALLS)
 
 
 def test_a_plane_is_no_coupled_contact(tmp_path):
@@ -190,18 +190,18 @@ def test_a_plane_is_no_coupled_contact(tmp_path):
     path = tmp_path / "world.yaml"
     path.write_text(WORLD.format(more=balls(1.0)).replace(box, "{plane: {}, "))
     world = simspec.load(path).resolve()
-    assert reach(world, "wood", "wood") == Reach(kinds=BALLS, plane=True)
+    assert reach(world, "wood", "wood") == MaterialReach(kinds=BALLS, plane=True)
     assert scope.scope(world, ())["contact of several bodies"].startswith(scope.NONE_HERE)
 
 
 def test_a_second_wall_lets_a_ball_lean(tmp_path):
     wall = "  wall: {fixed: true, shapes: [{box: {size: [1, 1, 1]}, pose: {xyz: [2, 0, 0.5]}, material: wood}]}\n"
-    assert found(tmp_path, balls(1.0) + wall) == Reach(leans=True, kinds=BALLS)
+    assert found(tmp_path, balls(1.0) + wall) == MaterialReach(leans=True, kinds=BALLS)
 
 
 def test_two_balls_weigh_on_each_other_and_three_are_a_pile(tmp_path):
-    assert found(tmp_path, balls(1.0, 30.0)) == Reach(True, False, False, False, 30.0, 2, BALLS)
-    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, False, 60.0, 3, BALLS)
+    assert found(tmp_path, balls(1.0, 30.0)) == MaterialReach(True, False, False, False, 30.0, 2, BALLS)
+    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == MaterialReach(True, True, False, False, 60.0, 3, BALLS)
 
 
 def test_kinematic_bodies_carry_and_have_no_weight(tmp_path):

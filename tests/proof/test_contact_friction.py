@@ -13,9 +13,9 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.proof.contact import friction, run
-from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, project
+from simspec.proof.contact.probe import FLOOR, GRAVITY, ProbeLaw, TrialMotion, project
 from simspec.support.features import Feature
-from simspec.world.reach import Reach
+from simspec.world.reach import MaterialReach
 from simspec.world.types import Hardness, PairContact
 from tests.declared import engines_with, with_the_cone
 from tests.proof import contact_probing as probing
@@ -32,7 +32,7 @@ BELT = (0.3, -0.2, 0.1)
 
 
 def law(mu=0.5, cone="elliptic", dt=0.001, **pair):
-    return Law(PairContact("base", "body", mu, 0.0, **pair), cone, dt, BELT)
+    return ProbeLaw(PairContact("base", "body", mu, 0.0, **pair), cone, dt, BELT)
 
 
 def project_rows(vectors, size, cone):
@@ -87,7 +87,7 @@ def motions(probe, requested, mu=None, cone=None, weight=1.0, creep=0.0, floor_p
                     velocities.append(velocity.copy())
         moved, speeds = np.array(poses), np.array(velocities)
         found.append(
-            Motion(
+            TrialMotion(
                 np.array(times),
                 {name: moved[:, index] for index, name in enumerate(names)},
                 {name: speeds[:, index] for index, name in enumerate(names)},
@@ -184,7 +184,7 @@ def test_motion_with_nan_fails_without_a_traceback(name):
     if name == "compliance-shape":
         more = {"hardness": Hardness("stiffness", stiffness=1e4, damping=50.0)}
     requested = law(0.5, torsional_friction=0.01, rolling_friction=0.002, **more)
-    requested = dataclasses.replace(requested, reach=Reach(kinds=("box",)))
+    requested = dataclasses.replace(requested, reach=MaterialReach(kinds=("box",)))
     probe = ALL[name]
     assert probe.applies(requested)
     for keep in (0, 1):
@@ -195,7 +195,7 @@ def test_motion_with_nan_fails_without_a_traceback(name):
             pose, velocity = np.full((rows, 7), np.nan), np.full((rows, 6), np.nan)
             pose[:keep], velocity[:keep] = (0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0), 0.0
             times = np.arange(rows) * requested.timestep
-            broken.append(Motion(times, dict.fromkeys(names, pose), dict.fromkeys(names, velocity)))
+            broken.append(TrialMotion(times, dict.fromkeys(names, pose), dict.fromkeys(names, velocity)))
         found = probe.figures(requested, broken)
         assert found
         assert not any(figure.passed for figure in found)
@@ -278,6 +278,6 @@ def test_a_slider_whose_motion_is_not_finite_is_the_worst(name):
     (trial,) = probe.trials(wanted)
     pose = {body.name: np.zeros((4, 7)) for body in trial.bodies}
     pose["slider_30"] = np.full((4, 7), np.nan)
-    (figure,) = probe.figures(wanted, [Motion(np.arange(4.0), pose, pose)])
+    (figure,) = probe.figures(wanted, [TrialMotion(np.arange(4.0), pose, pose)])
     assert figure.worst == "30°"
     assert not figure.passed

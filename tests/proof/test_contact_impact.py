@@ -9,7 +9,7 @@ import pytest
 
 from simspec.proof.contact import normal, run
 from simspec.proof.contact.normal import Oscillator, bounce_ratio
-from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.proof.contact.probe import GRAVITY, TrialMotion
 from simspec.support.features import Feature
 from simspec.world.types import Hardness
 from tests.declared import engines_with
@@ -56,7 +56,7 @@ def test_no_number_is_never_passed():
     wanted = law(restitution=0.5)
     trial = RESTITUTION.trials(wanted)[0]
     nothing = np.full((3, 6), np.nan)
-    motion = Motion(np.zeros(3), {}, {body.name: nothing for body in trial.bodies})
+    motion = TrialMotion(np.zeros(3), {}, {body.name: nothing for body in trial.bodies})
     assert not any(figure.passed for figure in RESTITUTION.figures(wanted, [motion]))
 
 

@@ -8,7 +8,7 @@ import dataclasses
 import pytest
 
 from simspec.proof.certificate import Certificate
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.contact.scope import MEASURED, declared, unmeasured
 from simspec.proof.judge import judge, judge_proof
@@ -156,7 +156,7 @@ def test_a_verdict_names_its_basis(sealed):
     assert "by declared deviation" in certificate._repr_html_()
 
 
-FIGURE = Figure("oblique", "a, b", "case", "change", "m/s", 2.0, 0.1, 1.98, deviation="it slips", without=0.0)
+FIGURE = ProbeFigure("oblique", "a, b", "case", "change", "m/s", 2.0, 0.1, 1.98, deviation="it slips", without=0.0)
 
 
 @pytest.mark.parametrize(

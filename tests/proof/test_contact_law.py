@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.proof.contact.probe import GRAVITY, Law, outline, project, slide
+from simspec.proof.contact.probe import GRAVITY, ProbeLaw, outline, project, slide
 from simspec.world.types import PairContact
 
 GAUGES = {
@@ -22,7 +22,7 @@ GAUGES = {
 
 
 def law(friction, timestep, cone):
-    return Law(PairContact("base", "body", friction, 0.0), cone, timestep)
+    return ProbeLaw(PairContact("base", "body", friction, 0.0), cone, timestep)
 
 
 component = st.floats(-5.0, 5.0, allow_nan=False)

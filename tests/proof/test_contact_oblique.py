@@ -12,7 +12,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import oblique, run, size
 from simspec.proof.contact.oblique import impact_begins, impact_ends
-from simspec.proof.contact.probe import GRAVITY, Motion, project
+from simspec.proof.contact.probe import GRAVITY, TrialMotion, project
 from simspec.support.features import Feature
 from tests import worlds
 from tests.caches import cache_home
@@ -99,7 +99,7 @@ def made(wanted, trial):
                     if body.shapes[0].kind == "sphere":
                         change[3:] += np.cross(-sign * reach * normal, sign * impulse) / body.inertial.inertia[0]
             states = [(p + dt * (v + c)[:3], v + c) for (p, v), c in zip(states, changes, strict=True)]
-    return Motion(dt * np.arange(steps + 1), pose, velocity)
+    return TrialMotion(dt * np.arange(steps + 1), pose, velocity)
 
 
 @pytest.mark.parametrize("timestep", [0.0005, 0.016])
@@ -159,7 +159,7 @@ def test_no_number_is_never_passed():
     for trial in PROBE.trials(wanted):
         steps = sum(phase.steps for phase in trial.phases) + 1
         nothing = {body.name: np.full((steps, 7), np.nan) for body in trial.bodies}
-        motions.append(Motion(np.zeros(steps), nothing, {name: value[:, :6] for name, value in nothing.items()}))
+        motions.append(TrialMotion(np.zeros(steps), nothing, {name: value[:, :6] for name, value in nothing.items()}))
     assert not any(figure.passed for figure in PROBE.figures(wanted, motions))
 
 
@@ -172,7 +172,7 @@ def test_free_flight_through_the_floor_fails():
         speed = {body.name: np.tile(body.joint.velocity or (0.0,) * 6, (11, 1)) for body in trial.bodies}
         for name, rows in values.items():
             rows[:, :3] = next(body for body in trial.bodies if body.name == name).joint.position[:3] or 0.0
-        motions.append(Motion(np.zeros(11), values, speed))
+        motions.append(TrialMotion(np.zeros(11), values, speed))
     assert not any(figure.passed for figure in PROBE.figures(wanted, motions))
 
 

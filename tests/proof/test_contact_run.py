@@ -21,7 +21,7 @@ from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.outputs.writing import Artifacts
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.contact import cache, run, size, stacks
-from simspec.proof.contact.probe import Figure, Law
+from simspec.proof.contact.probe import ProbeFigure, ProbeLaw
 from simspec.proof.selftest import defects_of
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.proof.verify import verify
@@ -218,7 +218,7 @@ def test_l5_is_part_of_a_certificate_and_survives_its_json(tmp_path, few_probes)
 
 
 def test_a_figure_without_a_number_survives_json():
-    figure = Figure("push", "a, b", "crashed", "", "", 0.0, None, 0.0)
+    figure = ProbeFigure("push", "a, b", "crashed", "", "", 0.0, None, 0.0)
     (check,) = run.contact_checks([figure])
     assert not check.passed
     assert "crashed" in check.detail
@@ -238,11 +238,11 @@ def test_a_world_without_contact_has_no_contact_checks(engine):
 
 
 def deviating(figure, *declared, **pair):
-    law = Law(PairContact("a", "b", **({"friction": 0.5, "restitution": 0.2} | pair)), "elliptic", 0.002)
+    law = ProbeLaw(PairContact("a", "b", **({"friction": 0.5, "restitution": 0.2} | pair)), "elliptic", 0.002)
     return run.deviating(figure, law, SimpleNamespace(CONTACT_DEVIATIONS=declared), {"solver": "fast"})
 
 
-FIGURE = Figure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)
+FIGURE = ProbeFigure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)
 
 
 @pytest.mark.parametrize(
@@ -467,7 +467,7 @@ def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tm
 
 
 def test_of_parts_that_are_as_far_off_any_may_be_the_worst():
-    cached = Figure("stop", "ice, ice", "24 directions", "distance", "m", 0.08, 0.08001, 0.001, worst="75°")
+    cached = ProbeFigure("stop", "ice, ice", "24 directions", "distance", "m", 0.08, 0.08001, 0.001, worst="75°")
     other = dataclasses.replace(cached, expected=0.06, measured=0.05999, tolerance=0.0008, worst="315°")
     assert cache.differing([cached], [other]) == []
     assert cache.differing([cached], [dataclasses.replace(other, measured=0.0602)])

@@ -11,7 +11,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import run
-from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.proof.contact.probe import GRAVITY, TrialMotion
 from simspec.support.features import Feature
 from tests.declared import engines_with
 from tests.proof.contact_probing import figures, law, world_of
@@ -98,4 +98,4 @@ def test_balls_roll_without_slipping_at_the_start(timestep):
 def test_no_number_is_never_passed():
     wanted = law(torsional_friction=0.004)
     nothing = {body.name: np.full((601, 6), math.nan) for body in TORSIONAL.trials(wanted)[0].bodies}
-    assert not any(figure.passed for figure in TORSIONAL.figures(wanted, [Motion(np.zeros(601), {}, nothing)]))
+    assert not any(figure.passed for figure in TORSIONAL.figures(wanted, [TrialMotion(np.zeros(601), {}, nothing)]))

@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import run, size
-from simspec.proof.contact.probe import Motion, Phase, Trial
+from simspec.proof.contact.probe import Phase, ProbeTrial, TrialMotion
 from simspec.proof.contact.worlds import joined, split
 from simspec.world.types import Body, Inertial, Joint
 from tests import worlds
@@ -31,7 +31,7 @@ def names(parts):
 
 
 def test_free_bodies_are_split_and_each_part_has_the_floor():
-    trial = Trial((FLOOR, *(body(name) for name in "abcde")), (Phase(3, 1, {"a": (1.0,) * 6, "e": (2.0,) * 6}),))
+    trial = ProbeTrial((FLOOR, *(body(name) for name in "abcde")), (Phase(3, 1, {"a": (1.0,) * 6, "e": (2.0,) * 6}),))
     parts = split(trial, 2)
     assert names(parts) == [["floor", "a", "b"], ["floor", "c", "d"], ["floor", "e"]]
     assert [dict(part.phases[0].effort) for part in parts] == [{"a": (1.0,) * 6}, {}, {"e": (2.0,) * 6}]
@@ -41,14 +41,14 @@ def test_free_bodies_are_split_and_each_part_has_the_floor():
 def test_joined_or_touching_bodies_stay_together():
     chain = (body("a"), body("b", "a", "hinge"), body("c", "floor", "hinge"))
     couple = (body("d", group="one"), body("e"), body("f", group="other"))
-    trial = Trial((FLOOR, *chain, *couple), (Phase(1),), (("one", "other"),))
+    trial = ProbeTrial((FLOOR, *chain, *couple), (Phase(1),), (("one", "other"),))
     parts = split(trial, 1)
     assert names(parts) == [["floor", "a", "b"], ["floor", "c"], ["floor", "d", "f"], ["floor", "e"]]
     assert [part.meets for part in parts] == [(), (), (("one", "other"),), ()]
 
 
 def test_motions_of_parts_are_joined_and_must_be_of_the_same_times():
-    motion, other = (Motion(np.arange(3.0), {name: np.ones((3, 7))}, {name: np.ones((3, 6))}) for name in "ab")
+    motion, other = (TrialMotion(np.arange(3.0), {name: np.ones((3, 7))}, {name: np.ones((3, 6))}) for name in "ab")
     assert set(joined([motion, other]).pose) == {"a", "b"}
     with pytest.raises(ValueError, match="different times"):
         joined([motion, dataclasses.replace(other, time=np.arange(3.0) + 1.0)])

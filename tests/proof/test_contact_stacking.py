@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from simspec.proof.contact import stacks
-from simspec.proof.contact.probe import Law, Motion
-from simspec.world.reach import Reach
+from simspec.proof.contact.probe import ProbeLaw, TrialMotion
+from simspec.world.reach import MaterialReach
 from simspec.world.types import PairContact
 
 STACK = stacks.Stack()
@@ -19,12 +19,12 @@ SLIDES, FALLEN, SUNK = 30, 60, 7e-4
 
 def measured(friction: float, sideways: np.ndarray, down: np.ndarray) -> list[float]:
     """The figures of a stack of two whose upper cube moves so."""
-    law = Law(PairContact("a", "b", friction, 0.0), "elliptic", 1e-3, reach=Reach(ratio=100.0, layers=2))
+    law = ProbeLaw(PairContact("a", "b", friction, 0.0), "elliptic", 1e-3, reach=MaterialReach(ratio=100.0, layers=2))
     rest = np.zeros((len(down), 7))
     rest[:, 2], rest[:, 3] = 0.05, 1.0
     upper = rest.copy()
     upper[:, 0], upper[:, 2] = sideways, 0.15 - down
-    motion = Motion(np.arange(len(down)) * 1e-3, {"two_0": rest, "two_1": upper}, {})
+    motion = TrialMotion(np.arange(len(down)) * 1e-3, {"two_0": rest, "two_1": upper}, {})
     return [figure.measured for figure in STACK.figures(law, [motion])]
 
 

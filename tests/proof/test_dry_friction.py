@@ -18,7 +18,7 @@ from simspec.proof.forces import REST_CHECK, SLIDING_CHECK
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.world.types import Follow, Physics, World
+from simspec.world.types import FollowConstraint, Physics, World
 from tests import worlds
 from tests.installed import INSTALLED
 
@@ -257,7 +257,7 @@ def test_coupled_joints_are_tried_within_the_limits_of_both():
     limits = dataclasses.replace(rise.joint, position_limits=(0.0, 0.032), position=(0.001,), velocity=(0.0,))
     turning = dataclasses.replace(turn.joint, position_limits=None, dry_friction=0.02, position=(0.4,), velocity=(0.0,))
     bodies = (dataclasses.replace(turn, joint=turning), dataclasses.replace(rise, joint=limits))
-    thread = Follow("thread", limits.name, turning.name, 0.0025, 0.0)
+    thread = FollowConstraint("thread", limits.name, turning.name, 0.0025, 0.0)
     world = dataclasses.replace(worlds.world(bodies, "thread"), constraints=(thread,))
     made = forces.plan_friction(world, Oracle(world))
     for trial in made.trials:

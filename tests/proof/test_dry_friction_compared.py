@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.proof.forces import SLIDES, DryFriction, Trial
+from simspec.proof.forces import SLIDES, DryFriction, ForceTrial
 
 STRENGTH = np.array([2.0, 3.0])
 PLACES = np.array([1, 2])
@@ -22,5 +22,5 @@ PLACES = np.array([1, 2])
 )
 def test_joints_that_do_not_slide(along, slides, compared):
     state = np.zeros(3)
-    trial = Trial("t", state, state, state, 1, state, 1e-8, slides, np.array(along))
+    trial = ForceTrial("t", state, state, state, 1, state, 1e-8, slides, np.array(along))
     assert DryFriction((trial,), PLACES, STRENGTH).compared(trial).tolist() == compared

@@ -10,7 +10,7 @@ from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import NOTHING, Check, Tally, failed
 from simspec.proof.expected import NOT_REQUESTED, judge, left_out, shortfalls
 from simspec.proof.verify import verify
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from tests import worlds
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -51,7 +51,7 @@ def test_inapplicable_levels_are_reported_with_their_reason():
         "L7": "nothing is driven in this world",
     }
     assert {name[:2] for name in left_out(worlds.gripper())} == {"L6", "L7"}
-    driven = dataclasses.replace(ARM, controllers=(Controller("c", ("link1_joint",), "native"),))
+    driven = dataclasses.replace(ARM, controllers=(JointController("c", ("link1_joint",), "native"),))
     assert "own controllers" in left_out(driven)["L7"]
     assert left_out(worlds.gripper(), ["L1", "L5"]) == {
         "L4 collision matrix": NOT_REQUESTED,

@@ -237,7 +237,7 @@ def test_a_world_that_cannot_move_has_no_dynamics_to_compare():
 # --- motion -------------------------------------------------------------------------------------------------------
 
 
-def moved(world: World) -> tuple[Oracle, motion.Motion]:
+def moved(world: World) -> tuple[Oracle, motion.OracleMotion]:
     oracle = Oracle(world)
     return oracle, motion.plan(world, oracle)
 

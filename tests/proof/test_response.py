@@ -10,7 +10,7 @@ import pytest
 import simspec
 from simspec.dynamics.oracle import angles_of
 from simspec.proof import probes
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.kinematics import layout_of
 from tests.constrained import pushed_loop
 
@@ -19,7 +19,7 @@ def test_loops_answer_from_within_their_limits():
     """Settled anywhere, the first joint of the loop was near its limit, and nothing was compared."""
     world = pushed_loop()
     driven = world.bodies[-1].joint.name
-    law = Controller("law", (driven,), kp=(0.1,), kd=(0.01,), effort_limits=(None,))
+    law = JointController("law", (driven,), kp=(0.1,), kd=(0.01,), effort_limits=(None,))
     response = probes.plan(dataclasses.replace(world, controllers=(law,), forces=()))
     assert response is not None
     assert response.steps >= 10 * probes.EVERY

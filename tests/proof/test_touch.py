@@ -13,7 +13,7 @@ import pytest
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.proof.touch import mechanisms, plan
 from simspec.proof.touch import plan as free
-from simspec.proof.touch.geometry import Solid, gap, transform, transforms, wanted_depth
+from simspec.proof.touch.geometry import CollisionSolid, gap, transform, transforms, wanted_depth
 from simspec.proof.touch.plan import SEEN, touch_checks
 from simspec.proof.touch.scene import POSES, Overlaps
 from simspec.world import frames
@@ -27,10 +27,12 @@ from tests import worlds
 KINDS = tuple(worlds.SIZES)
 
 
-def solid(kind: str, size: tuple[float, ...] | None = None, number: int = 0) -> Solid:
+def solid(kind: str, size: tuple[float, ...] | None = None, number: int = 0) -> CollisionSolid:
     shape = Shape(f"{kind}_{number}", kind, worlds.SIZES[kind] if size is None else size)
     kind = SHAPES[shape.kind]
-    return Solid(number, number, shape, (number, ""), kind.inner_radius(shape.size), kind.outer_radius(shape.size))
+    return CollisionSolid(
+        number, number, shape, (number, ""), kind.inner_radius(shape.size), kind.outer_radius(shape.size)
+    )
 
 
 def at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn=frames.IDENTITY) -> np.ndarray:

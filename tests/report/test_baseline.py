@@ -14,7 +14,7 @@ from simspec.errors import SpecError
 from simspec.experiments.timing import TIMED, Machine
 from simspec.report.baseline import (
     Baseline,
-    Change,
+    FigureChange,
     baseline_of,
     compare,
     comparison_data,
@@ -110,10 +110,10 @@ def test_places_are_compared_by_the_noise_of_both(moved, noise, regressed):
 def test_where_noise_is_above_the_tolerance_nothing_is_compared_and_that_is_said():
     found = compare(baseline(study(0.0, 1.0, growing=True)), baseline(study(0.5, 1.0, growing=True)))
     ball = {row.key: row.change for row in found.rows if "/ball/" in row.key and row.key.endswith("position")}
-    assert list(ball.values()) == [Change.CHANGED] * 2 + [Change.NOT_COMPARED] * 3
+    assert list(ball.values()) == [FigureChange.CHANGED] * 2 + [FigureChange.NOT_COMPARED] * 3
     assert any("noise" in why for why in reasons(found))
     rows = [row for row in found.rows if row.key.startswith("first/energy")]
-    assert {row.change for row in rows} == {Change.NOT_COMPARED}
+    assert {row.change for row in rows} == {FigureChange.NOT_COMPARED}
 
 
 def test_without_noise_there_is_no_comparison():
@@ -130,20 +130,20 @@ def test_a_quaternion_and_its_negative_are_the_same_rotation():
 @pytest.mark.parametrize(
     ("before", "now", "change"),
     [
-        ([1.0, 1.1, 1.2], [0.95, 1.0, 1.05], Change.SAME),
-        ([1.0, 1.1, 1.2], [0.91, 0.92, 0.93], Change.SAME),
-        ([1.0, 1.1, 1.2], [0.6, 0.7, 0.89], Change.CHANGED),
-        ([1.0, 1.1, 1.2], [0.6, 0.7, 0.91], Change.SAME),
-        ([1.0, 1.1, 1.2], [1.4, 1.5, 1.6], Change.BETTER),
-        ([1.0, 1.1], [0.1, 0.1, 0.1], Change.NOT_COMPARED),
-        ([1.0, 1.1, 1.2], [0.1, 0.1], Change.NOT_COMPARED),
-        ([1.0, 1.1, 1.2], [], Change.NOT_COMPARED),
+        ([1.0, 1.1, 1.2], [0.95, 1.0, 1.05], FigureChange.SAME),
+        ([1.0, 1.1, 1.2], [0.91, 0.92, 0.93], FigureChange.SAME),
+        ([1.0, 1.1, 1.2], [0.6, 0.7, 0.89], FigureChange.CHANGED),
+        ([1.0, 1.1, 1.2], [0.6, 0.7, 0.91], FigureChange.SAME),
+        ([1.0, 1.1, 1.2], [1.4, 1.5, 1.6], FigureChange.BETTER),
+        ([1.0, 1.1], [0.1, 0.1, 0.1], FigureChange.NOT_COMPARED),
+        ([1.0, 1.1, 1.2], [0.1, 0.1], FigureChange.NOT_COMPARED),
+        ([1.0, 1.1, 1.2], [], FigureChange.NOT_COMPARED),
     ],
 )
 def test_speed_is_compared_by_its_spread_over_processes(before, now, change):
     found = compare(baseline(runs=timed(before)), baseline(runs=timed(now)))
     assert {row.change for row in found.rows if "speed" in row.key and "speed at" not in row.key} == {change}
-    assert bool(found.regressions) == (change is Change.CHANGED)
+    assert bool(found.regressions) == (change is FigureChange.CHANGED)
 
 
 def test_speed_is_not_compared_with_another_machines_but_physics_is():
@@ -157,8 +157,8 @@ def test_speed_is_not_compared_with_another_machines_but_physics_is():
 def test_wall_time_of_a_busy_machine_is_not_compared_and_processor_time_is():
     found = compare(baseline(runs=timed([1, 1, 1], others=1.5)), baseline(runs=timed([1, 1, 1])))
     changes = {row.key: row.change for row in found.rows}
-    assert changes["first/speed by wall time"] is Change.NOT_COMPARED
-    assert changes["first/speed by processor time"] is Change.SAME
+    assert changes["first/speed by wall time"] is FigureChange.NOT_COMPARED
+    assert changes["first/speed by processor time"] is FigureChange.SAME
 
 
 def test_a_missing_figure_is_a_regression_and_an_engine_that_was_not_run_is_none():
@@ -169,8 +169,8 @@ def test_a_missing_figure_is_a_regression_and_an_engine_that_was_not_run_is_none
     failed = dataclasses.replace(study(), runs={"first": dataclasses.replace(a_run(), failed="crashed")})
     found = compare(baseline(), baseline(failed))
     assert found.regressions[0].why == "passed before"
-    assert found.count(Change.MISSING) > 10
-    assert compare(baseline(failed), baseline()).count(Change.NEW) > 10
+    assert found.count(FigureChange.MISSING) > 10
+    assert compare(baseline(failed), baseline()).count(FigureChange.NEW) > 10
 
 
 def test_other_versions_and_other_worlds_are_said_and_other_specs_refused():

@@ -14,9 +14,9 @@ from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import Check
 from simspec.report.tested import (
-    Entry,
     Status,
-    Suite,
+    TestedEntry,
+    TestedSuite,
     annotation_lines,
     certificate_suites,
     error_suites,
@@ -126,8 +126,8 @@ def test_unsupported_engines_are_skipped_and_errors_of_a_command_are_errors():
 @pytest.mark.parametrize("text", HOSTILE)
 def test_foreign_text_is_text(text):
     place = Location(f"{text}.yaml", 2, 1)
-    entries = [Entry(text, status, text, text, place) for status in Status]
-    suites = [Suite(text, text, tuple(entries))]
+    entries = [TestedEntry(text, status, text, text, place) for status in Status]
+    suites = [TestedSuite(text, text, tuple(entries))]
     root = read(junit(suites))
     assert [len(case) for case in root[0]] == [0, 1, 1, 1]
     assert {element.tag for element in root.iter()} == {
@@ -153,21 +153,21 @@ def test_foreign_text_is_text(text):
 
 def test_escaped_annotations_are_read_back_unchanged():
     text = "100%25 of a:b,c"
-    (line,) = annotation_lines([Suite("s", "e", (Entry(text, Status.FAILED, "1\n2%"),))])
+    (line,) = annotation_lines([TestedSuite("s", "e", (TestedEntry(text, Status.FAILED, "1\n2%"),))])
     assert line == "::error title=e%3A 100%2525 of a%3Ab%2Cc::s / e: 100%2525 of a:b,c: 1%0A2%25"
 
 
 def test_the_worst_ten_are_annotated_and_the_rest_is_counted():
-    entries = [Entry(f"e{n}", Status.FAILED, "far", excess=float(n)) for n in range(14)]
-    entries.append(Entry("broken", Status.ERROR, "crashed"))
-    suites = [Suite("arm", "first", tuple(entries))]
+    entries = [TestedEntry(f"e{n}", Status.FAILED, "far", excess=float(n)) for n in range(14)]
+    entries.append(TestedEntry("broken", Status.ERROR, "crashed"))
+    suites = [TestedSuite("arm", "first", tuple(entries))]
     lines = annotation_lines(suites)
     assert len(lines) == 10
     titles = [re.search(r"title=([^:,]*)", line)[1] for line in lines]
     assert titles == [f"first%3A {name}" for name in ("broken", *(f"e{n}" for n in range(13, 5, -1)))] + ["simspec"]
     assert lines[-1].endswith("::6 more: see the test report or the output")
-    assert len(annotation_lines([Suite("arm", "first", tuple(entries[:10]))])) == 10
-    assert "more" not in annotation_lines([Suite("arm", "first", tuple(entries[:10]))])[-1]
+    assert len(annotation_lines([TestedSuite("arm", "first", tuple(entries[:10]))])) == 10
+    assert "more" not in annotation_lines([TestedSuite("arm", "first", tuple(entries[:10]))])[-1]
     assert [entry.name for _, entry in wrong(suites)][:2] == ["broken", "e13"]
 
 
@@ -192,10 +192,10 @@ def test_a_summary_says_the_verdict_first_and_has_a_largest_size():
     text = summary(study_suites(study, locate, demand_diff=True), study)
     assert text.splitlines()[1] == "## simspec: sample: failed"
     assert "| second" in text
-    entries = [Entry(f"e{n}", Status.FAILED, "far " * 60, excess=n) for n in range(9000)]
-    large = summary([Suite("arm", "first", tuple(entries))])
+    entries = [TestedEntry(f"e{n}", Status.FAILED, "far " * 60, excess=n) for n in range(9000)]
+    large = summary([TestedSuite("arm", "first", tuple(entries))])
     assert 2**20 - 2000 < len(large.encode()) <= 2**20
     assert re.search(r"\n\d,\d{3} more lines are left out", large)
     assert "| e8999 |" in large
-    assert summary([Suite("arm", "first", tuple(entries))], room=100) == ""
-    assert summary([Suite("arm", "first", ())]).splitlines()[1] == "## simspec: arm: nothing was tested"
+    assert summary([TestedSuite("arm", "first", tuple(entries))], room=100) == ""
+    assert summary([TestedSuite("arm", "first", ())]).splitlines()[1] == "## simspec: arm: nothing was tested"

@@ -12,7 +12,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import SpecError
-from simspec.proof.contact.probe import Figure, project
+from simspec.proof.contact.probe import ProbeFigure, project
 from simspec.report import figures as polar
 from simspec.report.certificate import contact_table, deviations
 from simspec.report.console import Screen
@@ -27,7 +27,7 @@ ENGINES = engines_with(Feature.RESTITUTION)
 FRICTION = 0.4
 
 
-def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, steel") -> Figure:
+def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, steel") -> ProbeFigure:
     """A push figure of an engine whose friction is ``scale`` times what the cone requires."""
     points = []
     for number in range(24):
@@ -37,7 +37,7 @@ def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, ste
     size = math.hypot(*points[3][1:]) / scale
     numbers = (size, scale * size, 0.01 * size)
     where = {"worst": "45°", "angle": math.radians(45.0)}
-    return Figure(polar.PROBE, subject, "24 directions", "friction", "", *numbers, points=tuple(points), **where)
+    return ProbeFigure(polar.PROBE, subject, "24 directions", "friction", "", *numbers, points=tuple(points), **where)
 
 
 def printed(*shown: object) -> str:
@@ -48,7 +48,7 @@ def printed(*shown: object) -> str:
 
 
 def test_a_table_puts_engines_side_by_side():
-    rest = Figure("rest", "rubber, steel", "cube put down", "depth", "m", 0.0, 2e-5, 1e-4)
+    rest = ProbeFigure("rest", "rubber, steel", "cube put down", "depth", "m", 0.0, 2e-5, 1e-4)
     nothing = dataclasses.replace(rest, measured=None)
     declared = dataclasses.replace(push(scale=1.05), tolerance=0.1, deviation="it hops")
     figures = {"one": [push(), rest], "other": [push(scale=0.9), nothing], "third": [declared]}

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import PROBES
-from simspec.report.study.tables import FORMS, Form, _cell, law_words
+from simspec.report.study.tables import FORMS, FigureForm, _cell, law_words
 from simspec.report.table import Table, html_data, markdown, two_digits
 from simspec.world.types import Hardness, PairContact
 
@@ -143,7 +143,7 @@ def test_without_proofs_nothing_is_shown_as_measured(folder, tmp_path):
     assert shown["rows"] == []
 
 
-FIGURE = Figure("push", "a, b", "24 directions", "friction", "", 1.0, 1.05, 0.1)
+FIGURE = ProbeFigure("push", "a, b", "24 directions", "friction", "", 1.0, 1.05, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -161,13 +161,13 @@ FIGURE = Figure("push", "a, b", "24 directions", "friction", "", 1.0, 1.05, 0.1)
 )
 def test_the_worst_figure_is_shown_and_marked(changes, text, tone):
     good = dataclasses.replace(FIGURE, measured=1.0)
-    cell = _cell(Form(share=True), [good, dataclasses.replace(FIGURE, **changes)])
+    cell = _cell(FigureForm(share=True), [good, dataclasses.replace(FIGURE, **changes)])
     assert (cell.text, cell.tone) == (text, tone)
 
 
 def test_no_figure_is_no_number():
-    assert _cell(Form(), None).text == "–"
-    assert _cell(Form(), []).text == "–"
+    assert _cell(FigureForm(), None).text == "–"
+    assert _cell(FigureForm(), []).text == "–"
 
 
 def test_numbers_have_two_digits():
@@ -185,6 +185,6 @@ def test_laws_in_words():
 def test_marks_reach_pages_also_without_colours():
     shown = Table("t", "failed", "declared", "within")
     figures = [{"tolerance": 0.01}, {"deviation": "it slips"}, {}]
-    shown.add(*(_cell(Form(share=True), [dataclasses.replace(FIGURE, **figure)]) for figure in figures))
+    shown.add(*(_cell(FigureForm(share=True), [dataclasses.replace(FIGURE, **figure)]) for figure in figures))
     assert [cell["classes"] for cell in html_data(shown)["rows"][0]] == ["bad", "warning", ""]
     assert markdown(shown).splitlines()[4] == "| **5.0** | *5.0* | 5.0 |"

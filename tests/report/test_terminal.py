@@ -18,8 +18,7 @@ from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.expected import PARTS
-from simspec.proof.selftest import Outcome as DefectOutcome
-from simspec.proof.selftest import SelfTest
+from simspec.proof.selftest import DefectOutcome, SelfTest
 from simspec.report import differences, matrix
 from simspec.report.certificate import PART_WORDS, level_title, self_test_table, show_certificate
 from simspec.report.console import Screen

@@ -11,7 +11,7 @@ import pytest
 import simspec
 from simspec.errors import SpecError
 from simspec.world.kinematics import initial_state
-from simspec.world.types import Connect, Follow, Weld, World
+from simspec.world.types import ConnectConstraint, FollowConstraint, WeldConstraint, World
 
 HINGE = "{type: hinge, axis: [0, 1, 0]"
 FINGERS = f"""
@@ -42,14 +42,14 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
     world = scenario(tmp_path, FINGERS, chain)
     left, right, tip = (body.joint for body in world.bodies[1:])
     assert world.constraints == (
-        Follow(
+        FollowConstraint(
             "mirror",
             "right_joint",
             "left_joint",
             -1.0,
             simspec.load(tmp_path / "held.yaml").resolve().constraints[0].offset,
         ),
-        Follow("third", "tip_joint", "right_joint", 0.1, 0.005),
+        FollowConstraint("third", "tip_joint", "right_joint", 0.1, 0.005),
     )
     assert right.position == (-left.position[0] + world.constraints[0].offset,)
     assert right.velocity == (-0.5,)
@@ -111,8 +111,8 @@ def test_points_and_poses_follow_from_the_initial_positions(tmp_path):
     text = "pin: {connect: {bodies: [left, tip], at: [0.2, 0, 0]}}\nglue: {weld: {bodies: [palm, tip]}}"
     world = scenario(tmp_path, static, text)
     glue, pin = world.constraints
-    assert isinstance(glue, Weld)
-    assert isinstance(pin, Connect)
+    assert isinstance(glue, WeldConstraint)
+    assert isinstance(pin, ConnectConstraint)
     assert glue.pose == dataclasses.replace(glue.pose, position=(0.0, 0.0, 0.0))
     assert pin.second_point == pytest.approx((0.2 * 3**0.5 / 2, 0.0, -0.1), abs=1e-15)
     assert {("left", "tip"), ("palm", "tip")} <= set(world.contact.excluded_bodies)
@@ -127,7 +127,7 @@ def test_arrays_copy_the_constraints_of_their_tree(tmp_path):
     assert [
         (constraint.name, constraint.joint, constraint.leader)
         for constraint in world.constraints
-        if isinstance(constraint, Follow)
+        if isinstance(constraint, FollowConstraint)
     ] == [(f"m_{index}", f"turn_{index}", f"lead_{index}_joint") for index in range(3)]
     assert initial_state(world)[0].tolist() == pytest.approx([0.1, 0.2] * 3)
 

@@ -14,7 +14,7 @@ from simspec.errors import SpecError
 from simspec.language.load import Spec
 from simspec.resolve.control import Driven, controllers
 from simspec.resolve.scenario import expectations, physics, record, shortened
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.types import World
 
@@ -70,8 +70,8 @@ def test_every_field_of_the_laws():
     torque = {"law": "computed-torque", "joints": ["wrist"], "natural_frequency": "60 rpm", "damping_ratio": 0.7}
     found = driven(z=pd, a={**torque, "discretisation": "implicit"})
     assert found.controllers == (
-        Controller("a", ("wrist",), "computed-torque", "implicit", (), (), 2 * math.pi, 0.7, False, (None,)),
-        Controller("z", ("elbow",), "pd", "explicit", (2.0,), (3.0,), 0.0, 0.0, False, (50.0,)),
+        JointController("a", ("wrist",), "computed-torque", "implicit", (), (), 2 * math.pi, 0.7, False, (None,)),
+        JointController("z", ("elbow",), "pd", "explicit", (2.0,), (3.0,), 0.0, 0.0, False, (50.0,)),
     )
     (native,) = driven(n={**pd, "law": "native"}).controllers
     assert (native.law, native.discretisation, native.kp, native.kd) == ("native", "explicit", (2.0,), (3.0,))

@@ -16,7 +16,7 @@ from simspec.errors import SpecError
 from simspec.runner.metrics import Masses
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
-from simspec.world.actions import KINEMATIC_MASS_RATIO, Motion
+from simspec.world.actions import KINEMATIC_MASS_RATIO, KinematicMotion
 from simspec.world.types import World
 
 TOP = """simspec: 1
@@ -50,7 +50,7 @@ def test_joints_without_points_stay_in_place(tmp_path):
     half = math.sqrt(0.5)
     assert (lift.times, lift.positions) == ((0.1, 0.5, 1.0), ((0.0, 0.0, 1.0), (0.0, 0.0, 2.0), (0.0, 0.0, 2.0)))
     np.testing.assert_allclose(lift.quaternions, [[half, 0, 0, half], [half, 0, 0, half], [1, 0, 0, 0]], atol=1e-15)
-    assert other == Motion("other", (0.0,), ((0.0, 5.0, 1.0),), ((1.0, 0.0, 0.0, 0.0),))
+    assert other == KinematicMotion("other", (0.0,), ((0.0, 5.0, 1.0),), ((1.0, 0.0, 0.0, 0.0),))
     bodies = {body.name: body for body in world.bodies}
     assert bodies["lift"].inertial.mass == KINEMATIC_MASS_RATIO * 5.0
     assert bodies["lift"].inertial.inertia[0] > 9.0 * bodies["lift"].inertial.mass  # as far out as it reaches
@@ -65,7 +65,7 @@ def test_joints_without_points_stay_in_place(tmp_path):
 
 @pytest.mark.parametrize(("interpolation", "share"), [("linear", 0.25), ("cubic", 0.15625), ("quintic", 0.103515625)])
 def test_a_motion_between_two_points(interpolation, share):
-    motion = Motion(
+    motion = KinematicMotion(
         "a",
         (1.0, 3.0),
         ((0.0, 0.0, 0.0), (4.0, 0.0, 0.0)),

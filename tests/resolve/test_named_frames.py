@@ -16,7 +16,7 @@ from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 from simspec.world.kinematics import poses
-from simspec.world.types import Connect, Frame, Pose, Weld, World
+from simspec.world.types import ConnectConstraint, Frame, Pose, WeldConstraint, World
 
 HALF = 0.7071067811865476
 LIGHT = {"mass": 0.2, "inertia": {"principal": [0.001, 0.001, 0.001]}}
@@ -127,11 +127,11 @@ def test_loops_are_closed_at_frames():
         world = resolved(bodies=bodies, frames={"knob": local}, constraints=actual)
         (latch,) = world.constraints
         assert (latch.first, latch.second) == ("arm/link", "ball")
-        if isinstance(latch, Connect):
+        if isinstance(latch, ConnectConstraint):
             np.testing.assert_allclose(latch.first_point, (0.5, 0, 0), atol=1e-15)
             np.testing.assert_allclose(latch.second_point, (0, 0, 0.1), atol=1e-15)
         else:
-            assert isinstance(latch, Weld)
+            assert isinstance(latch, WeldConstraint)
             link = frames.compose(poses(world)["arm/link"], latch.pose)
             np.testing.assert_allclose(link.position, ball.position, atol=1e-14)
 

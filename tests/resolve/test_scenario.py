@@ -20,7 +20,7 @@ from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees
-from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, Record, World
+from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, RecordOptions, World
 
 resolve = Spec.resolve
 
@@ -138,7 +138,7 @@ def test_every_number_of_a_ball():
 def test_defaults_are_written_out():
     found = world({"a": {**SOLID, "joint": HINGE}})
     assert found.physics == Physics((0.0, 0.0, -9.81), 0.001, 0)
-    assert found.record == Record(1, ("contacts", "energy", "pose", "velocity"))
+    assert found.record == RecordOptions(1, ("contacts", "energy", "pose", "velocity"))
     assert found.bodies[0].joint == Joint("a_joint", "hinge", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
     assert found.expectations == ()
     assert found.engines == ()
@@ -599,7 +599,7 @@ def test_expectations_and_options():
     assert [options.engine for options in found.engines] == ["alpha", "zeta"]
     assert found.options("zeta").settings == (("a", "word"), ("b", 1), ("c", True))
     assert found.options("zeta").outside == ("x", "y")
-    assert found.record == Record(5, ("energy", "pose"))
+    assert found.record == RecordOptions(5, ("energy", "pose"))
 
 
 def test_a_time_is_recorded_at_the_last_step_too():

@@ -12,7 +12,7 @@ from simspec.engines.kit.settings import resolve_settings
 from simspec.runner.execution import run_case
 from simspec.runner.run import Case, perturbed_state
 from simspec.world.canonical import sha256
-from simspec.world.types import EngineOptions, Expectation, Physics, Record
+from simspec.world.types import EngineOptions, Expectation, Physics, RecordOptions
 from tests import worlds
 
 VERSIONS = {"simspec": "1", "engine_version": "2"}
@@ -55,7 +55,7 @@ def test_fields_without_effect_on_a_run_are_not_in_the_key(same):
         lambda: of_world(engines=(EngineOptions(ENGINE, (), ("contact.impact_friction",)),)),
         lambda: key(settings=(("iterations", 7),)),
         lambda: key(engine="pybullet"),
-        lambda: key(record=Record(7)),
+        lambda: key(record=RecordOptions(7)),
         lambda: key(perturb=1e-15),
         lambda: key(versions={**VERSIONS, "engine_version": "3"}),
     ],
@@ -108,7 +108,7 @@ def test_a_seed_draws_other_directions():
 
 def test_a_case_is_run_as_specified():
     world = dataclasses.replace(worlds.damped_springs(), physics=Physics(timestep=1e-3, steps=4))
-    run = run_case(Case(world, ENGINE, (("iterations", 7),), perturb=1e-3, seed=5, record=Record(2, ("pose",))))
+    run = run_case(Case(world, ENGINE, (("iterations", 7),), perturb=1e-3, seed=5, record=RecordOptions(2, ("pose",))))
     assert run.provenance["settings"]["iterations"] == 7
     assert run.provenance["seed"] == 5
     assert len(run.time) == 3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.runner.expectations import MEASURES, evaluate
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world
 
@@ -236,7 +236,7 @@ def test_keeps_place(slip, more, distance, passed):
 
 def test_the_oracle_has_no_motion_of_driven_bodies():
     of = world(free_body("ball"), expect=(expect("follows_oracle", tolerance=1e9),))
-    (found,) = evaluate(run(dataclasses.replace(of, controllers=(Controller("robot", ("elbow",)),))))
+    (found,) = evaluate(run(dataclasses.replace(of, controllers=(JointController("robot", ("elbow",)),))))
     assert not found.passed
     assert "does not support control" in found.detail
 

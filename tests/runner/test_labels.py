@@ -13,7 +13,7 @@ from simspec.runner.labels import Labels, contact_sides, labels_of, side_names
 from simspec.runner.store import load_run
 from simspec.testing.bench import Bench
 from simspec.testing.contact_suite import two_materials_on_a_body
-from simspec.world.types import Record, Shape
+from simspec.world.types import RecordOptions, Shape
 from tests.installed import JOINTED
 from tests.runner import synthetic
 
@@ -114,7 +114,7 @@ def test_every_engine_that_is_shipped_tells_the_shapes(engine, tmp_path):
     """A box of two shapes of one material, on two tiles: an engine may tell them as a group."""
     world = Bench(engine, None, tmp_path).allowed(two_materials_on_a_body("a", "a"))
     assert world is not None
-    record = Record(20, ("pose", "velocity", "contacts"))
+    record = RecordOptions(20, ("pose", "velocity", "contacts"))
     entry = run(
         dataclasses.replace(world, record=record, physics=dataclasses.replace(world.physics, steps=100)), engine
     )

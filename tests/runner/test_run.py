@@ -17,7 +17,7 @@ from simspec.runner.expectations import evaluate
 from simspec.runner.run import Case, perturbed_state
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state, layout_of
-from simspec.world.types import Expectation, Physics, Record
+from simspec.world.types import Expectation, Physics, RecordOptions
 from tests import worlds
 from tests.installed import JOINTED
 
@@ -110,7 +110,7 @@ def test_given_artifacts_are_used_and_checked(tmp_path):
 
 
 def test_another_record_replaces_the_record_of_the_world():
-    entry = run(short(worlds.spheres(2)), "mujoco", record=Record(50, ("pose",)))
+    entry = run(short(worlds.spheres(2)), "mujoco", record=RecordOptions(50, ("pose",)))
     assert entry.time.tolist() == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
     assert "contact.row" not in entry.arrays
     assert "energy" not in entry.arrays
@@ -167,7 +167,7 @@ def test_a_failed_engine_does_not_affect_others(monkeypatch):
 
 
 def test_a_deadline_is_an_error_of_that_engine():
-    world = dataclasses.replace(worlds.spheres(2), physics=Physics(steps=100_000_000), record=Record(1_000_000))
+    world = dataclasses.replace(worlds.spheres(2), physics=Physics(steps=100_000_000), record=RecordOptions(1_000_000))
     with pytest.raises(EngineError, match="deadline of 2 s"):
         run(world, "mujoco", deadline=2.0)
 

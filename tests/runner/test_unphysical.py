@@ -14,7 +14,7 @@ from simspec.comparison.runs import diff
 from simspec.report.plain import run_data
 from simspec.runner.run import Run
 from simspec.runner.unphysical import ENERGY, GONE, PASSED, SINKS, together
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests.runner.synthetic import column, free_body, run, world
 
@@ -76,7 +76,7 @@ def test_energy_that_grows_without_a_drive_is_found(share, found):
 
 def test_the_energy_of_driven_bodies_is_not_judged_with_a_reason():
     of = scene(free_body("ball"))
-    driven = dataclasses.replace(of, controllers=(Controller("c", ("ball_joint",), "native"),))
+    driven = dataclasses.replace(of, controllers=(JointController("c", ("ball_joint",), "native"),))
     entry = made(driven, lambda t: column(t, 0.0, 0.0), lambda t: column(1.0 + t, 0.0, 0.0))
     assert kinds(entry) == []
     assert entry.unphysical.not_judged[ENERGY] == "the world has controllers"

@@ -11,13 +11,13 @@ from simspec.support.features import Feature
 from simspec.support.negotiation import needs
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.kinematics import initial_state
-from simspec.world.types import Connect, Follow, Pose, Weld, World
+from simspec.world.types import ConnectConstraint, FollowConstraint, Pose, WeldConstraint, World
 from tests import constrained
 
 EVERY = (
-    Connect("rocker", "a", "b", (0.2, 0.0, 0.0), (0.0, 0.0, 0.1)),
-    Follow("mirror", "finger_2", "finger_1", -1.0, 0.1),
-    Weld("latch", "a", "b", Pose((0.0, 0.0, 0.1), (0.6, 0.8, 0.0, 0.0))),
+    ConnectConstraint("rocker", "a", "b", (0.2, 0.0, 0.0), (0.0, 0.0, 0.1)),
+    FollowConstraint("mirror", "finger_2", "finger_1", -1.0, 0.1),
+    WeldConstraint("latch", "a", "b", Pose((0.0, 0.0, 0.1), (0.6, 0.8, 0.0, 0.0))),
 )
 
 

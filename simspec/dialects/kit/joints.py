@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from simspec.formats.kit.forms import check_distinct, check_known
-from simspec.world.actions import Box, Fluid
+from simspec.world.actions import Fluid, InertiaBox
 from simspec.world.inertia import lumped_gravity_scale
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, World
@@ -120,7 +120,7 @@ class InFluid:
     """The box by which a body feels the fluid (``world/actions.py``)."""
 
     body: str
-    box: Box
+    box: InertiaBox
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.outputs.files import read_text
 from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.types import Constraint, Follow, Pair, Surface, Vector3, World
+from simspec.world.types import Constraint, FollowConstraint, Pair, Surface, Vector3, World
 
 # Properties of the engine that a dialect writes for.
 
@@ -117,7 +117,7 @@ class Sidecar:
         ends = (
             name
             for constraint in sidecar.constraints or ()
-            if not isinstance(constraint, Follow)
+            if not isinstance(constraint, FollowConstraint)
             for name in (constraint.first, constraint.second)
         )
         check_known(ends, [body.name for body in sidecar.bodies], "sidecar.constraints")

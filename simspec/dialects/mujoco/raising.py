@@ -19,18 +19,18 @@ from simspec.formats.mjcf.bodies import world_name
 from simspec.formats.mjcf.reading import MjcfBodyItem, MjcfDocument, MjcfItem
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.actions import Box, Fluid, JointSum
+from simspec.world.actions import Fluid, InertiaBox, JointSum
 from simspec.world.frames import vector6
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
-    Connect,
+    ConnectConstraint,
     Constraint,
     EnginePair,
     EngineServo,
     EngineValue,
-    Follow,
+    FollowConstraint,
     Frame,
     Inertial,
     Joint,
@@ -40,7 +40,7 @@ from simspec.world.types import (
     Shape,
     Surface,
     Vector3,
-    Weld,
+    WeldConstraint,
 )
 
 UNREADABLE: Final = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
@@ -221,14 +221,14 @@ class _Raising:
             yield moved
             parent = called
 
-    def _box(self, item: MjcfItem) -> Box | None:
+    def _box(self, item: MjcfItem) -> InertiaBox | None:
         """The box on which a fluid acts, of a body with this inertial: the cuboid of its mass and moments."""
         if self.fluid is None:
             return None
         moments, mass = _vector(item, "diaginertia"), item.number("mass")
         squares = (6.0 / mass * max(sum(moments) - 2.0 * moment, SMALLEST_MOMENT) for moment in moments)
         a, b, c = (math.sqrt(square) for square in squares)
-        return Box((a, b, c), _turn(item, "quat"))
+        return InertiaBox((a, b, c), _turn(item, "quat"))
 
     def _joint(self, item: MjcfItem, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
         """A joint; ``origin``: of its frame in what it moves against, ``turn``: the orientation of that in the body's."""
@@ -397,7 +397,7 @@ class _Raising:
                 offset, ratio, *more = item.numbers("polycoef", 5)
                 if any(more):
                     raise item.refused("is not linear")
-                actual.append(Follow(name, item.text("joint1"), item.text("joint2"), ratio, offset))
+                actual.append(FollowConstraint(name, item.text("joint1"), item.text("joint2"), ratio, offset))
                 continue
             if item.tag not in ("connect", "weld") or item.values.get("torquescale", "1") != "1":
                 raise item.refused("not a constraint that is read")
@@ -406,9 +406,9 @@ class _Raising:
                 raise item.refused(f"there is no site {missing[0]!r}")
             (first, near), (second, far) = (self._end(*self._sites[end]) for end in ends)
             if item.tag == "connect":
-                actual.append(Connect(name, first, second, near.position, far.position))
+                actual.append(ConnectConstraint(name, first, second, near.position, far.position))
             else:
-                actual.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+                actual.append(WeldConstraint(name, first, second, frames.compose(near, frames.inverse(far))))
         return tuple(sorted(actual, key=lambda constraint: constraint.name))
 
     @staticmethod

@@ -160,17 +160,17 @@ Count = Annotated[int, Field(ge=0, le=2**53)]
 Name = Annotated[str, Field(max_length=200)]
 
 
-class Strict(BaseModel):
+class StrictAnswer(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class Described(Strict):
+class Described(StrictAnswer):
     kind: Literal["f8", "i8"]
     shape: Annotated[list[Count], Field(max_length=4)]
     stored: bool
 
 
-class Entry(Strict):
+class Entry(StrictAnswer):
     op: Name
     load_seconds: Seconds
     seconds: Seconds
@@ -185,7 +185,7 @@ def _stated(version: str) -> str:
     return version
 
 
-class Result(Strict):
+class Result(StrictAnswer):
     schema_: Literal[worker.SCHEMA] = Field(alias="schema")  # type: ignore[valid-type]
     status: Literal["ok"]
     engine: Name
@@ -197,31 +197,31 @@ class Result(Strict):
     operations: list[Entry]
 
 
-class Refusal(Strict):
+class Refusal(StrictAnswer):
     schema_: Literal[worker.SCHEMA] = Field(alias="schema")  # type: ignore[valid-type]
     status: Literal["error"]
     error: Annotated[str, Field(max_length=worker.MESSAGE)]
     traceback: Annotated[str, Field(max_length=worker.MESSAGE)]
 
 
-class NotFinite(Strict):
+class NotFinite(StrictAnswer):
     step: Count
     channel: Name
     place: Annotated[list[Count], Field(max_length=3)]
 
 
-class ControlResult(Strict):
+class ControlResult(StrictAnswer):
     joints: list[Name]
     error: list[Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None]
     clipped: list[Count | None]
 
 
-class Unit(Strict):
+class Unit(StrictAnswer):
     body: Annotated[int, Field(ge=-1, le=2**31)]
     shapes: list[Name]
 
 
-class RunResult(Strict):
+class RunResult(StrictAnswer):
     steps: Count
     step_seconds: Seconds
     cpu_seconds: Seconds
@@ -233,11 +233,11 @@ class RunResult(Strict):
     contact_units: list[Unit] | None = None
 
 
-class MotionResult(Strict):
+class MotionResult(StrictAnswer):
     steps: Count
 
 
-class TouchingResult(Strict):
+class TouchingResult(StrictAnswer):
     units: list[Unit]
 
 

@@ -28,7 +28,7 @@ from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_k
 from simspec.world.hull import hull_of
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import natively_driven, rigid_groups, trees
-from simspec.world.reach import Reach, largest_ratio, reach
+from simspec.world.reach import MaterialReach, largest_ratio, reach
 from simspec.world.types import Body, Pair, PairContact, Shape, World
 
 ROUND_OFF = 1e-9
@@ -233,7 +233,7 @@ def in_force(engine: str) -> Settings:
     return lambda world: written_settings(find_engine(engine), world)
 
 
-def _happens(row: Deviation, law: PairContact, there: Reach) -> bool:
+def _happens(row: Deviation, law: PairContact, there: MaterialReach) -> bool:
     """Whether two materials can do what a row is of; stacks at rest below ``HEAVY_ON_LIGHT`` are near enough to the law."""
     if row.probe not in SLIDING:
         return not row.probe.startswith("stack") or there.ratio >= HEAVY_ON_LIGHT

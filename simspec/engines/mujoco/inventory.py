@@ -29,7 +29,7 @@ from simspec.formats.mjcf.bodies import world_name
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.inertia import lumped_gravity_scale, lumped_inertial
 from simspec.world.kinematics import absorbed
-from simspec.world.types import VELOCITY_SIZE, Constraint, Weld
+from simspec.world.types import VELOCITY_SIZE, Constraint, WeldConstraint
 
 REFERENCE = """
 <mujoco>
@@ -226,7 +226,7 @@ EQUALITY = Items[ModelRow, tuple[MujocoExpectation, Constraint]](
     {
         "solref": (lambda row: row.value("solref"), lambda of: (-1.0 / of[0].dt ** 2, -1.0 / of[0].dt)),
         "solimp": (lambda row: row.value("solimp"), flat_impedance(HARDEST)),
-        "torquescale": (_torque_scale, lambda of: 1.0 if isinstance(of[1], Weld) else None),
+        "torquescale": (_torque_scale, lambda of: 1.0 if isinstance(of[1], WeldConstraint) else None),
     }
 )
 TENDON = Items[ModelRow, tuple[Reference, Reference]].named(

@@ -17,17 +17,17 @@ from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.mjcf.bodies import file_name, world_name
 from simspec.formats.mjcf.format import MODEL
 from simspec.world import frames
-from simspec.world.actions import LEAST_MOMENT, Box, Fluid, JointSum
+from simspec.world.actions import LEAST_MOMENT, Fluid, InertiaBox, JointSum
 from simspec.world.frames import vector3
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
-    Connect,
+    ConnectConstraint,
     Constraint,
     EnginePair,
     EngineServo,
-    Follow,
+    FollowConstraint,
     Frame,
     Inertial,
     Joint,
@@ -38,7 +38,7 @@ from simspec.world.types import (
     Surface,
     Vector3,
     Velocity6,
-    Weld,
+    WeldConstraint,
 )
 
 UNREADABLE = {
@@ -165,14 +165,14 @@ class _ReadBack:
         fluid = Fluid(float(option.density), float(option.viscosity), _vector(option.wind))
         return None if fluid == Fluid() else fluid
 
-    def _box(self, index: int) -> Box | None:
+    def _box(self, index: int) -> InertiaBox | None:
         """The box by which the fluid acts on a body: MuJoCo's own, of a moving body with mass."""
         model, mass = self._model, float(self._model.body_mass[index])
         if self._fluid() is None or model.body_weldid[index] == 0 or mass < LEAST_MOMENT:
             return None
         x, y, z = model.body_inertia[index].tolist()
         edges = [math.sqrt(max(LEAST_MOMENT, moment) / mass * 6.0) for moment in (y + z - x, x + z - y, x + y - z)]
-        return Box((edges[0], edges[1], edges[2]), frames.normalise(tuple(model.body_iquat[index].tolist())))
+        return InertiaBox((edges[0], edges[1], edges[2]), frames.normalise(tuple(model.body_iquat[index].tolist())))
 
     def _constraints(self) -> tuple[Constraint, ...]:
         """The equalities as simspec writes them, of two joints and of two sites; others are counted (``count.neq``)."""
@@ -189,15 +189,15 @@ class _ReadBack:
                 joints = self._names["JOINT"]
                 if any(data[2:5]) or other < 0:
                     continue
-                actual.append(Follow(name, joints[index], joints[other], data[1], data[0]))
+                actual.append(FollowConstraint(name, joints[index], joints[other], data[1], data[0]))
                 continue
             if int(model.eq_objtype[row]) != int(self._mujoco.mjtObj.mjOBJ_SITE):
                 continue
             (first, near), (second, far) = self._end(index), self._end(other)
             if kind == "connect":
-                actual.append(Connect(name, first, second, near.position, far.position))
+                actual.append(ConnectConstraint(name, first, second, near.position, far.position))
             else:
-                actual.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+                actual.append(WeldConstraint(name, first, second, frames.compose(near, frames.inverse(far))))
         return tuple(sorted(actual, key=lambda constraint: constraint.name))
 
     def _sums(self) -> tuple[JointSum, ...]:

@@ -16,7 +16,16 @@ from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.kinematics import trees
 from simspec.world.rotations import to_xyzw_of
-from simspec.world.types import Connect, Constraint, Follow, Pose, Quaternion, Vector3, Weld, World
+from simspec.world.types import (
+    ConnectConstraint,
+    Constraint,
+    FollowConstraint,
+    Pose,
+    Quaternion,
+    Vector3,
+    WeldConstraint,
+    World,
+)
 
 if TYPE_CHECKING:
     from simspec.engines.pybullet.simulation import PybulletSimulation
@@ -60,7 +69,7 @@ def _fixed_below_a_ball(world: World) -> Refinement | None:
     whose end is the root itself, or below a further joint, is."""
     by_name = {body.name: body for body in world.bodies}
     for constraint in world.constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             continue
         for name in (constraint.first, constraint.second):
             above, joint = by_name[name], by_name[name].joint
@@ -79,7 +88,7 @@ def in_same_tree(world: World) -> Refinement | None:
     number in the follower's own tree, and the two part by 0.1 rad in 20 steps."""
     tree = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     for constraint in world.constraints:
-        if isinstance(constraint, Follow) and tree[constraint.joint] != tree[constraint.leader]:
+        if isinstance(constraint, FollowConstraint) and tree[constraint.joint] != tree[constraint.leader]:
             return unsupported_if(
                 f"PyBullet's gears read the leader's position from the follower's tree, and {constraint.leader!r} and "
                 f"{constraint.joint!r} are in different trees"
@@ -96,7 +105,7 @@ def hold(
     joints = _joints(sim)
     actual = []
     for constraint in constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             ends = [joints.get(name) for name in (constraint.joint, constraint.leader)]
             if None in ends:
                 raise EngineError("pybullet", f"the constraint {constraint.name!r} names a joint that is not there")
@@ -124,11 +133,11 @@ def _joints(sim: PybulletSimulation) -> dict[str, tuple[int, int]]:
     }
 
 
-def _joined(sim: PybulletSimulation, constraint: Connect | Weld, anchor: Vector3) -> int:
+def _joined(sim: PybulletSimulation, constraint: ConnectConstraint | WeldConstraint, anchor: Vector3) -> int:
     p = sim.bullet
     links = {link.index: (tree.uid, link.link) for tree in sim.trees for link in tree.links}
     first, second = (sim.place[name] for name in (constraint.first, constraint.second))
-    if isinstance(constraint, Connect):
+    if isinstance(constraint, ConnectConstraint):
         kind, places = p.JOINT_POINT2POINT, (Pose(constraint.first_point), Pose(constraint.second_point))
     else:
         at = Pose(anchor)
@@ -170,7 +179,7 @@ def read_constraints(sim: PybulletSimulation) -> tuple[Constraint, ...]:
         info: tuple[Any, ...] = p.getConstraintInfo(actual.number)
         entry, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
         if kind == "follow":
-            found.append(Follow(actual.name, joint_of[entry], joint_of[other], -info[11], info[13]))
+            found.append(FollowConstraint(actual.name, joint_of[entry], joint_of[other], -info[11], info[13]))
             continue
         first, second = body_of[entry], body_of[other]
         near, far = (
@@ -178,10 +187,12 @@ def read_constraints(sim: PybulletSimulation) -> tuple[Constraint, ...]:
             for index, at in ((first, 6), (second, 7))
         )
         if kind == "connect":
-            found.append(Connect(actual.name, sim.names[first], sim.names[second], near.position, far.position))
+            found.append(
+                ConnectConstraint(actual.name, sim.names[first], sim.names[second], near.position, far.position)
+            )
         elif kind == "weld":
             place = frames.compose(near, frames.inverse(far))
-            found.append(Weld(actual.name, sim.names[first], sim.names[second], place))
+            found.append(WeldConstraint(actual.name, sim.names[first], sim.names[second], place))
         else:
             raise EngineError("pybullet", f"holds the constraint {actual.name!r} as {kind}, unknown here")
     return tuple(sorted(found, key=lambda constraint: constraint.name))

@@ -31,9 +31,9 @@ from simspec.world.kinematics import carried
 from simspec.world.shapes import field_of
 from simspec.world.types import (
     Body,
-    Connect,
+    ConnectConstraint,
     Constraint,
-    Follow,
+    FollowConstraint,
     Joint,
     PairContact,
     Pose,
@@ -351,9 +351,9 @@ SITE: Final = "constraint/"
 
 def ends(constraint: Constraint, anchor: Vector3 = NOWHERE) -> tuple[Pose, Pose]:
     """The frames in the two bodies that a connect or a weld holds together, a weld at ``anchor`` in its second body."""
-    if isinstance(constraint, Follow):
+    if isinstance(constraint, FollowConstraint):
         raise TypeError(f"{constraint.name!r} couples joints, and holds no bodies")
-    if isinstance(constraint, Connect):
+    if isinstance(constraint, ConnectConstraint):
         return Pose(constraint.first_point), Pose(constraint.second_point)
     return frames.compose(constraint.pose, Pose(anchor)), Pose(anchor)
 
@@ -365,7 +365,7 @@ def sites_of(
     world's; ``anchors``: by the name of a weld the point of its second body at which it is held (default: its origin)."""
     sites: dict[str, tuple[MjcfSite, ...]] = {}
     for constraint in world.constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             continue
         bodies = (constraint.first, constraint.second)
         for number, (body, end) in enumerate(
@@ -391,7 +391,7 @@ def equalities(world: World, more: Attributes = ()) -> tuple[MjcfEquality, ...]:
     """One equality for each constraint, with further attributes."""
     written = []
     for constraint in world.constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             coefficients = (constraint.offset, constraint.ratio, 0.0, 0.0, 0.0)
             attributes: Attributes = (
                 ("joint1", constraint.joint),

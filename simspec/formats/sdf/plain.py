@@ -29,7 +29,17 @@ from simspec.world import frames
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import CollisionFilter, meeting_laws
 from simspec.world.kinematics import poses, rigid_groups, trees
-from simspec.world.types import Body, Connect, Follow, Inertial, PairContact, Pose, Shape, Weld, World
+from simspec.world.types import (
+    Body,
+    ConnectConstraint,
+    FollowConstraint,
+    Inertial,
+    PairContact,
+    Pose,
+    Shape,
+    WeldConstraint,
+    World,
+)
 
 # --- constraints: mimic joints, and a further joint of a link for a loop in a tree ---
 # A joint stands where its child has it, and joins what both links have there with all joints at zero: the file does not state a
@@ -65,12 +75,12 @@ def loops_in_trees(world: World) -> Refinement | None:
     return None
 
 
-def _follows(world: World) -> Iterator[Follow]:
-    return (constraint for constraint in world.constraints if isinstance(constraint, Follow))
+def _follows(world: World) -> Iterator[FollowConstraint]:
+    return (constraint for constraint in world.constraints if isinstance(constraint, FollowConstraint))
 
 
-def _loops(world: World) -> Iterator[Connect | Weld]:
-    return (constraint for constraint in world.constraints if not isinstance(constraint, Follow))
+def _loops(world: World) -> Iterator[ConnectConstraint | WeldConstraint]:
+    return (constraint for constraint in world.constraints if not isinstance(constraint, FollowConstraint))
 
 
 @derived
@@ -80,19 +90,19 @@ def _closed(world: World) -> Set[str]:
     return {loop.name for loop, away in zip(loops, _openings(world, loops), strict=True) if away <= CLOSED}
 
 
-def _openings(world: World, loops: Sequence[Connect | Weld]) -> Iterator[float]:
+def _openings(world: World, loops: Sequence[ConnectConstraint | WeldConstraint]) -> Iterator[float]:
     """How far each loop is open where all joints are at zero."""
     at_zero = poses(world, at_zero=True) if loops else {}
     for loop in loops:
         between = frames.compose(frames.inverse(at_zero[loop.first]), at_zero[loop.second])
-        if isinstance(loop, Connect):
+        if isinstance(loop, ConnectConstraint):
             yield math.dist(frames.compose(between, Pose(loop.second_point)).position, loop.first_point)
         else:
             turn = frames.multiply(frames.conjugate(loop.pose.quaternion), between.quaternion)
             yield max(math.dist(between.position, loop.pose.position), math.hypot(*turn[1:]))
 
 
-def loops_within(world: World, bodies: tuple[Body, ...]) -> list[Connect | Weld]:
+def loops_within(world: World, bodies: tuple[Body, ...]) -> list[ConnectConstraint | WeldConstraint]:
     """The loops of a tree that a file says."""
     if not world.constraints:
         return []
@@ -117,7 +127,7 @@ def closing_joints(world: World, bodies: tuple[Body, ...], names: Names) -> Iter
     for loop in loops_within(world, bodies):
         first, second = names["body", loop.first], names["body", loop.second]
         name = names["constraint", loop.name]
-        if isinstance(loop, Connect):
+        if isinstance(loop, ConnectConstraint):
             yield tree.SdfJoint(name, "ball", first, second, place=loop.second_point)
         else:
             yield tree.SdfJoint(name, "fixed", first, second)

@@ -45,7 +45,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.kinematics import trees
-from simspec.world.types import Body, Follow, World
+from simspec.world.types import Body, FollowConstraint, World
 
 PLACEMENT: Final = "placement.json"
 PLACEMENT_SCHEMA: Final = 1
@@ -77,8 +77,8 @@ def within_trees(world: World) -> Refinement | None:
     return unsupported_if(f"{across[0]!r} couples joints of two trees, which are separate files") if across else None
 
 
-def _follows(world: World) -> Iterator[Follow]:
-    return (coupling for coupling in world.constraints if isinstance(coupling, Follow))
+def _follows(world: World) -> Iterator[FollowConstraint]:
+    return (coupling for coupling in world.constraints if isinstance(coupling, FollowConstraint))
 
 
 SUPPORT: Final[Table] = {

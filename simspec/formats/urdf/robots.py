@@ -18,7 +18,7 @@ from simspec.world import frames
 from simspec.world.inertia import principal_axes
 from simspec.world.types import (
     Body,
-    Follow,
+    FollowConstraint,
     Frame,
     Pose,
     Shape,
@@ -329,7 +329,7 @@ AXES: Final[tuple[tuple[str, Vector3], ...]] = (
 def standard_robot(
     bodies: tuple[Body, ...],
     kinds: Collection[str] = (),
-    follows: Iterable[Follow] = (),
+    follows: Iterable[FollowConstraint] = (),
     named: Iterable[Frame] = (),
 ) -> UrdfRobot:
     """The robot that a tree is; of shapes only those of ``kinds``, where some are given. Links stand in the order of the

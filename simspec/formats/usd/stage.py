@@ -20,7 +20,18 @@ from simspec.world.contact_pairs import CollisionFilter, solid_shapes
 from simspec.world.frames import sorted_pair
 from simspec.world.inertia import principal_axes
 from simspec.world.kinematics import is_carrier, joined, poses, rigid_groups, trees
-from simspec.world.types import Body, Connect, Frame, Inertial, Material, Pose, Shape, Vector3, Weld, World
+from simspec.world.types import (
+    Body,
+    ConnectConstraint,
+    Frame,
+    Inertial,
+    Material,
+    Pose,
+    Shape,
+    Vector3,
+    WeldConstraint,
+    World,
+)
 
 ROOT: Final = "World"
 JOINTS: Final = "joints"
@@ -384,7 +395,7 @@ class _Writer:
 
     # --- what is outside the trees ------------------------------------------------------------------------------
 
-    def _loop(self, constraint: Connect | Weld) -> UsdPrim:
+    def _loop(self, constraint: ConnectConstraint | WeldConstraint) -> UsdPrim:
         kind = "Spherical" if constraint.kind == "connect" else "Fixed"
         prim = self._named(self.loops[constraint.name], f"Physics{kind}Joint", constraint.name)
         if constraint.kind == "connect":

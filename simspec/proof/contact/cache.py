@@ -31,7 +31,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
 from simspec.outputs.cache import processor
 from simspec.outputs.collection import Entries
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 
@@ -102,7 +102,7 @@ def key(engine: type[Engine], *parts: object) -> str:
     return hashlib.sha256(canonical_json([code_digest(), environment(), versions, *parts]).encode()).hexdigest()
 
 
-def read(name: str) -> list[Figure] | None:
+def read(name: str) -> list[ProbeFigure] | None:
     """The figures of an entry; None when there is none, or it is not what was kept (it is then measured anew)."""
     kept = ENTRIES.read(name)
     if kept is None:
@@ -111,12 +111,12 @@ def read(name: str) -> list[Figure] | None:
         entry = read_as(CacheEntry, kept, name)
         if (entry.simspec_cache, entry.key) != (VERSION, name) or entry.sha256 != _content(entry.figures):
             return None
-        return [from_plain(Figure, figure) for figure in entry.figures] or None  # every probe gives some figure
+        return [from_plain(ProbeFigure, figure) for figure in entry.figures] or None  # every probe gives some figure
     except (SpecError, ValueError, KeyError, TypeError):
         return None
 
 
-def differing(cached: Sequence[Figure], now: Sequence[Figure]) -> list[Figure]:
+def differing(cached: Sequence[ProbeFigure], now: Sequence[ProbeFigure]) -> list[ProbeFigure]:
     """Of figures that were cached, and were measured again ``now`` in the same order, those that are not the same: each
     without a number, so that it fails, and with both in its case."""
     found = []
@@ -128,7 +128,7 @@ def differing(cached: Sequence[Figure], now: Sequence[Figure]) -> list[Figure]:
     return found
 
 
-def _same(figure: Figure, other: Figure) -> bool:
+def _same(figure: ProbeFigure, other: ProbeFigure) -> bool:
     if (figure.probe, figure.subject, figure.quantity) != (other.probe, other.subject, other.quantity):
         return False
     if figure.measured is None or other.measured is None:
@@ -145,7 +145,7 @@ def _same(figure: Figure, other: Figure) -> bool:
     return all(abs(value - another) <= SAME * other.tolerance for value, another in pairs)
 
 
-def _off(figure: Figure) -> float:
+def _off(figure: ProbeFigure) -> float:
     """How far a figure is off, in tolerances."""
     if figure.measured is None or not figure.tolerance:
         return 0.0 if figure.measured == figure.expected else math.inf
@@ -156,7 +156,7 @@ def _content(figures: Sequence[Any]) -> str:
     return hashlib.sha256(canonical_json(list(figures)).encode()).hexdigest()
 
 
-def write(name: str, figures: Sequence[Figure]) -> bool:
+def write(name: str, figures: Sequence[ProbeFigure]) -> bool:
     """Keep figures; False when the folder cannot be written, which costs time only."""
     plain = [to_plain(figure) for figure in figures]
     entry = {"simspec_cache": VERSION, "key": name, "sha256": _content(plain), "figures": plain}

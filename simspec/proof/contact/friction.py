@@ -16,12 +16,12 @@ import numpy as np
 
 from simspec.proof.contact.probe import (
     GRAVITY,
-    Figure,
-    Law,
-    Motion,
     Phase,
     Probe,
-    Trial,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
     cone_norm,
     direction,
     furthest,
@@ -96,17 +96,17 @@ class _Sliders(Probe):
     RELATIVE = False
     """Whether directions are compared by their relative error."""
 
-    def vectors(self, law: Law, motion: Motion) -> Vectors:
+    def vectors(self, law: ProbeLaw, motion: TrialMotion) -> Vectors:
         raise NotImplementedError
 
-    def at(self, law: Law, angle: float) -> Figure:
+    def at(self, law: ProbeLaw, angle: float) -> ProbeFigure:
         """The figure of the direction ``angle`` (rad)."""
         raise NotImplementedError
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.pair.collide and law.pair.friction > 0.0
 
-    def bodies(self, law: Law, speed: float = 0.0) -> tuple[Body, ...]:
+    def bodies(self, law: ProbeLaw, speed: float = 0.0) -> tuple[Body, ...]:
         """A floor, and a slider for each direction with this initial speed along it: larger where ``WIDE`` says so."""
         scale = max(1.0, WIDE * law.pair.rolling_friction / SQUARE[0])
         size = (scale * self.SIZE[0], scale * self.SIZE[1], self.SIZE[2])
@@ -119,17 +119,17 @@ class _Sliders(Probe):
             bodies.append(box(law, _name(degrees), size, MASS, at, (along, across, 0.0, 0.0, 0.0, 0.0)))
         return tuple(bodies)
 
-    def pushed(self, law: Law, forces: Mapping[float, np.ndarray], steps: int, last: int) -> Sequence[Trial]:
+    def pushed(self, law: ProbeLaw, forces: Mapping[float, np.ndarray], steps: int, last: int) -> Sequence[ProbeTrial]:
         """Sliders that come to rest and are pushed by these forces (2,), seen before the ``last`` of the steps and after."""
         settle = law.steps(SETTLE, 10)
         efforts = {_name(key): (float(force[0]), float(force[1]), 0.0, 0.0, 0.0, 0.0) for key, force in forces.items()}
         phases = (Phase(settle, settle), Phase(steps - last, steps - last, efforts), Phase(last, last, efforts))
-        return [Trial(self.bodies(law), phases)]
+        return [ProbeTrial(self.bodies(law), phases)]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         return [self.at(law, 0.0)]
 
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
+    def reference(self, law: ProbeLaw, figure: ProbeFigure) -> ProbeFigure | None:
         wanted = self.at(law, figure.angle or 0.0)
         same = (figure.probe, figure.case, figure.quantity) == (wanted.probe, wanted.case, wanted.quantity)
         probed = wanted.angle is None or any(
@@ -137,7 +137,7 @@ class _Sliders(Probe):
         )
         return wanted if same and probed else None
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[ProbeFigure]:
         vectors = self.vectors(law, motions[0])
         errors = {
             degrees: float(np.linalg.norm(measured - expected) / (np.linalg.norm(expected) if self.RELATIVE else 1.0))
@@ -154,28 +154,28 @@ class Push(_Sliders):
 
     NAME = "push"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.pair.collide
 
-    def _force(self, law: Law, degrees: float) -> np.ndarray:
+    def _force(self, law: ProbeLaw, degrees: float) -> np.ndarray:
         """The push (2,), in N."""
         force: np.ndarray = (PUSH * law.pair.friction or UNBRAKED) * WEIGHT * direction(degrees)
         return force
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         acceleration = (PUSH - 1.0 / math.sqrt(2.0)) * max(law.pair.friction, 0.05) * GRAVITY
         most = max(20, int(SPEED_OFF / acceleration / law.timestep))
         steps = min(law.steps(PUSHED, 40), most)
         return self.pushed(law, {degrees: self._force(law, degrees) for degrees in DIRECTIONS}, steps, steps // 2)
 
-    def at(self, law: Law, angle: float) -> Figure:
+    def at(self, law: ProbeLaw, angle: float) -> ProbeFigure:
         friction = law.pair.friction
         expected = project(self._force(law, math.degrees(angle)) / WEIGHT, friction, law.friction_cone)
         tolerance, without = (PUSH_TOLERANCE * friction, 0.0) if friction else (NO_FRICTION, None)
         size, case = float(np.linalg.norm(expected)), f"{len(DIRECTIONS)} directions"
         return self.figure(law, case, "friction", "", size, tolerance, angle=angle, without=without)
 
-    def vectors(self, law: Law, motion: Motion) -> Vectors:
+    def vectors(self, law: ProbeLaw, motion: TrialMotion) -> Vectors:
         time = motion.time[-1] - motion.time[-2]
         found = {}
         for degrees in DIRECTIONS:
@@ -193,25 +193,25 @@ class Stop(_Sliders):
     NAME = "stop"
     RELATIVE = True
 
-    def speed(self, law: Law) -> float:
+    def speed(self, law: ProbeLaw) -> float:
         return min(SLIDE_SPEED, SLIDE_STEPS * law.pair.friction * GRAVITY * law.timestep)
 
-    def steps(self, law: Law) -> int:
+    def steps(self, law: ProbeLaw) -> int:
         # pyramids stop late along their edges; twice the time of a disc is enough for all
         needed = 2.0 * self.speed(law) / (law.pair.friction * GRAVITY * law.timestep) + 10
         return math.ceil(min(needed, 2.0 * SLIDE_STEPS))
 
-    def slipped(self, law: Law, degrees: float, sign: float = 1.0) -> np.ndarray:
+    def slipped(self, law: ProbeLaw, degrees: float, sign: float = 1.0) -> np.ndarray:
         """The way (2,), in m, of a slide in this direction (``sign`` -1: against it)."""
         path, _ = slide(sign * self.speed(law) * direction(degrees), law, self.steps(law))
         end: np.ndarray = path[-1]
         return end
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         steps = self.steps(law)
-        return [Trial(self.bodies(law, self.speed(law)), (Phase(steps, steps),))]
+        return [ProbeTrial(self.bodies(law, self.speed(law)), (Phase(steps, steps),))]
 
-    def at(self, law: Law, angle: float) -> Figure:
+    def at(self, law: ProbeLaw, angle: float) -> ProbeFigure:
         """Without friction it would go on at its speed, and be off by the way that it then is too far."""
         degrees, speed = math.degrees(angle), self.speed(law)
         way = self.slipped(law, degrees)
@@ -221,7 +221,7 @@ class Stop(_Sliders):
         case, tolerance = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions", STOP_TOLERANCE * expected
         return self.figure(law, case, "distance", "m", expected, tolerance, angle=angle, without=without)
 
-    def vectors(self, law: Law, motion: Motion) -> Vectors:
+    def vectors(self, law: ProbeLaw, motion: TrialMotion) -> Vectors:
         poses = {degrees: motion.pose[_name(degrees)] for degrees in DIRECTIONS}
         return {key: (pose[-1, :2] - pose[0, :2], self.slipped(law, key)) for key, pose in poses.items()}
 
@@ -231,25 +231,25 @@ class Stick(_Sliders):
 
     NAME = "stick"
 
-    def _force(self, law: Law, degrees: float) -> np.ndarray:
+    def _force(self, law: ProbeLaw, degrees: float) -> np.ndarray:
         """0.8 of the force (2,), in N, that the cone holds in a direction."""
         along = direction(degrees)
         reach = 1.0 if law.friction_cone == "elliptic" else 1.0 / cone_norm(along, law.friction_cone)
         force: np.ndarray = STICK_PUSH * reach * law.pair.friction * WEIGHT * along
         return force
 
-    def at(self, law: Law, angle: float) -> Figure:
+    def at(self, law: ProbeLaw, angle: float) -> ProbeFigure:
         """``without``: the mean speed of the steps that count, if nothing held."""
         push = float(np.linalg.norm(self._force(law, math.degrees(angle)))) / MASS
         without = push * law.timestep * (STICK_STEPS - STICK_STEPS // 3 / 2.0)
         case = f"{len(DIRECTIONS)} directions"
         return self.figure(law, case, "creep", "m/s", 0.0, CREEP, angle=angle, without=without)
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         forces = {degrees: self._force(law, degrees) for degrees in DIRECTIONS}
         return self.pushed(law, forces, STICK_STEPS, STICK_STEPS // 3)
 
-    def vectors(self, law: Law, motion: Motion) -> Vectors:
+    def vectors(self, law: ProbeLaw, motion: TrialMotion) -> Vectors:
         time = motion.time[-1] - motion.time[-2]
         poses = {degrees: motion.pose[_name(degrees)] for degrees in DIRECTIONS}
         return {key: ((pose[-1, :2] - pose[-2, :2]) / time, np.zeros(2)) for key, pose in poses.items()}
@@ -260,10 +260,10 @@ class Carry(Stop):
 
     NAME = "carry"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return super().applies(law) and any(law.belt)
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         carrying = floor(law)
         (shape,) = carrying.shapes
         share = self.speed(law) / float(np.linalg.norm(law.belt))
@@ -271,19 +271,19 @@ class Carry(Stop):
         moving = dataclasses.replace(shape, surface_velocity=(*frames.rotate(_onto(law.belt), written), 0.0, 0.0, 0.0))
         steps = self.steps(law)
         slider = box(law, _name(0.0), SQUARE, MASS, (0.0, 0.0, SQUARE[2] / 2))
-        return [Trial((dataclasses.replace(carrying, shapes=(moving,)), slider), (Phase(steps, steps),))]
+        return [ProbeTrial((dataclasses.replace(carrying, shapes=(moving,)), slider), (Phase(steps, steps),))]
 
-    def _way(self, law: Law) -> np.ndarray:
+    def _way(self, law: ProbeLaw) -> np.ndarray:
         belt = self.speed(law) * direction(CARRIED)
         way: np.ndarray = belt * self.steps(law) * law.timestep + self.slipped(law, CARRIED, -1.0)
         return way
 
-    def at(self, law: Law, angle: float) -> Figure:
+    def at(self, law: ProbeLaw, angle: float) -> ProbeFigure:
         size, slipped = (float(np.linalg.norm(way)) for way in (self._way(law), self.slipped(law, CARRIED, -1.0)))
         case = f"by a surface at {self.speed(law):.3g} m/s"
         return self.figure(law, case, "distance", "m", size, STOP_TOLERANCE * slipped, without=0.0)
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[ProbeFigure]:
         pose = motions[0].pose[_name(0.0)]
         measured = signed_size(pose[-1, :2] - pose[0, :2], self._way(law))
         return [dataclasses.replace(self.at(law, 0.0), measured=measured)]
@@ -304,7 +304,7 @@ class PushOblong(Push):
     NAME = "push-oblong"
     SIZE = OBLONG
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return super().applies(law) and law.pair.friction > 0.0
 
 

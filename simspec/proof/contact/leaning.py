@@ -27,7 +27,17 @@ from typing import Any
 import numpy as np
 
 from simspec.proof.contact.friction import PUSH_TOLERANCE
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, direction, furthest
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Phase,
+    Probe,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
+    direction,
+    furthest,
+)
 from simspec.proof.contact.worlds import ball, cluster, fixed_box, floor
 from simspec.world import frames
 from simspec.world.frames import vector3
@@ -60,7 +70,7 @@ WALL = (0.2, 1.0, 4.0)
 
 
 @dataclass(frozen=True)
-class Case:
+class LeaningCase:
     """One body or pile: its name, direction (degrees), friction over the least that holds, and place in the grid."""
 
     name: str
@@ -88,7 +98,7 @@ class Case:
 class _Leaning(Probe):
     """The common part of the three: cases that stand are held to rest, cases that slip to their equation of motion."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """Rolling friction is a moment that the closed forms have no place for."""
         return (
             law.is_rigid
@@ -102,53 +112,53 @@ class _Leaning(Probe):
         """The angle at which this friction is the least that holds; None where there is none in the range that is probed."""
         raise NotImplementedError
 
-    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, case: LeaningCase) -> Iterator[Body]:
         raise NotImplementedError
 
-    def effort(self, law: Law, case: Case) -> Mapping[str, tuple[float, ...]]:
+    def effort(self, law: ProbeLaw, case: LeaningCase) -> Mapping[str, tuple[float, ...]]:
         return {}
 
-    def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
+    def meets(self, law: ProbeLaw) -> tuple[tuple[str, str], ...]:
         return ()
 
-    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: ProbeLaw, case: LeaningCase, steps: int, friction: float) -> np.ndarray:
         """The way (steps + 1,), in m, of the body that is measured where it slips with this friction."""
         raise NotImplementedError
 
-    def way(self, case: Case, motion: Motion) -> np.ndarray:
+    def way(self, case: LeaningCase, motion: TrialMotion) -> np.ndarray:
         """The same of a motion (n,): how far the body has fallen, unless a probe says otherwise."""
         height = motion.pose[case.name][:, 2]
         way: np.ndarray = height[0] - height
         return way
 
-    def cases(self, law: Law) -> list[Case]:
+    def cases(self, law: ProbeLaw) -> list[LeaningCase]:
         found = [
             (turn, ratio)
             for turn in TURNS[law.friction_cone]
             for ratio in (*STANDS, *SLIPS)
             if self.angle(law.pair.friction / ratio) is not None
         ]
-        return [Case(f"{self.NAME}_{number}", turn, ratio, number) for number, (turn, ratio) in enumerate(found)]
+        return [LeaningCase(f"{self.NAME}_{number}", turn, ratio, number) for number, (turn, ratio) in enumerate(found)]
 
-    def steps(self, law: Law) -> int:
+    def steps(self, law: ProbeLaw) -> int:
         """Long enough for the slowest slip to be ``SLIPPED``, and for what stands to be seen standing."""
         least = law.steps(STANDING_TIME, STANDING_STEPS)
         slipping = [case for case in self.cases(law) if not case.stands and case.turn == 0.0]
         return max([least, *(self._until(law, case) for case in slipping)])
 
-    def _until(self, law: Law, case: Case) -> int:
+    def _until(self, law: ProbeLaw, case: LeaningCase) -> int:
         """The step at which a slip is measured."""
         way = self.slip(law, case, math.ceil(SLIP_TIME / law.timestep), law.pair.friction)
         return int(np.argmax(way >= min(SLIPPED, SLIPPED_SHARE * way[-1])))
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         cases = self.cases(law)
         bodies = [floor(law), *(body for case in cases for body in self.bodies(law, case))]
         effort = {name: values for case in cases for name, values in self.effort(law, case).items()}
         phase = Phase(self.steps(law), effort=effort)  # type: ignore[arg-type]
-        return [Trial(tuple(bodies), (phase,), self.meets(law))]
+        return [ProbeTrial(tuple(bodies), (phase,), self.meets(law))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """One figure of all that stand, and one of each ratio that slips; without friction all of them fall."""
         cases = {case.ratio: case for case in reversed(self.cases(law))}
         figures = []
@@ -171,7 +181,7 @@ class _Leaning(Probe):
             figures.append(self.figure(law, _text(ratio), "way", "m", expected, tolerance, **named))
         return figures
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[Mapping[str, Any]]:
         readings = []
         for figure in self.wanted(law):
             ways = {}
@@ -191,7 +201,7 @@ def _text(ratio: float) -> str:
     return f"at {ratio:g} × the least friction"
 
 
-def standing_way(law: Law, steps: int) -> float:
+def standing_way(law: ProbeLaw, steps: int) -> float:
     """m: how far a body that must stand may move in so many steps."""
     return STANDING_WAY + STANDING_SPEED * steps * law.timestep
 
@@ -243,7 +253,7 @@ class Rod(_Leaning):
             low, high = (middle, high) if self._least(middle) > friction else (low, middle)
         return (low + high) / 2.0
 
-    def cases(self, law: Law) -> list[Case]:
+    def cases(self, law: ProbeLaw) -> list[LeaningCase]:
         """A slip needs its own threshold: at the flattest angle the least friction may be below the case's."""
         return [
             case
@@ -251,13 +261,13 @@ class Rod(_Leaning):
             if case.stands or law.pair.friction / case.ratio < self._least(self.ANGLES[0])
         ]
 
-    def _angle(self, law: Law, case: Case) -> float:
+    def _angle(self, law: ProbeLaw, case: LeaningCase) -> float:
         found = self.angle(law.pair.friction / case.ratio)
         if found is None:
             raise ValueError("a case has an angle")
         return found
 
-    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, case: LeaningCase) -> Iterator[Body]:
         angle, half = self._angle(law, case), self.LENGTH / 2.0
         c, s = half * math.cos(angle), half * math.sin(angle)
         ends = {"foot": (-c, 0.0, -s), "top": (c, 0.0, s)}
@@ -266,7 +276,7 @@ class Rod(_Leaning):
         wall = case.place(self.RADIUS - TOUCH + WALL[0] / 2.0, WALL[2] / 2.0)
         yield fixed_box(f"{case.name}_wall", WALL, wall, law.pair.first, case.quaternion)
 
-    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: ProbeLaw, case: LeaningCase, steps: int, friction: float) -> np.ndarray:
         start = self._angle(law, case)
 
         def acceleration(angle: float, speed: float) -> float:
@@ -277,7 +287,7 @@ class Rod(_Leaning):
         found: np.ndarray = self.LENGTH / 2.0 * (np.cos(angles) - math.cos(start))
         return found
 
-    def way(self, case: Case, motion: Motion) -> np.ndarray:
+    def way(self, case: LeaningCase, motion: TrialMotion) -> np.ndarray:
         pose = motion.pose[case.name]
         moved = pose[:, :3] - pose[0, :3]
         way: np.ndarray = np.linalg.norm(moved, axis=1) if case.stands else -moved[:, :2] @ direction(case.turn)
@@ -318,19 +328,19 @@ class Clamp(_Leaning):
     FURTHEST = 2.0
     """m from the post to the centre of mass, at most; the gain of a law of little friction is smaller."""
 
-    def distance(self, friction: float, case: Case) -> float:
+    def distance(self, friction: float, case: LeaningCase) -> float:
         return min(self.GAIN * self.HEIGHT / (2.0 * friction), self.FURTHEST)
 
     def angle(self, friction: float) -> float | None:
         return 0.0
 
-    def moment(self, law: Law, case: Case) -> float:
+    def moment(self, law: ProbeLaw, case: LeaningCase) -> float:
         """N m: at ratio 1 friction just carries the weight."""
         friction = law.pair.friction
         least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self.distance(friction, case))
         return case.ratio * least
 
-    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, case: LeaningCase) -> Iterator[Body]:
         out, half = self.distance(law.pair.friction, case), self.HEIGHT / 2.0
         reach = self.POST / 2.0 + self.RADIUS - TOUCH
         ends = {"far": (-out - reach, 0.0, half), "near": (-out + reach, 0.0, -half)}
@@ -341,10 +351,10 @@ class Clamp(_Leaning):
         size = (self.POST, 1.0, 2.0 * height)
         yield fixed_box(f"{case.name}_post", size, case.place(0.0, height), law.pair.first, case.quaternion)
 
-    def effort(self, law: Law, case: Case) -> Mapping[str, tuple[float, ...]]:
+    def effort(self, law: ProbeLaw, case: LeaningCase) -> Mapping[str, tuple[float, ...]]:
         return {case.name: (0.0, 0.0, 0.0, 0.0, self.moment(law, case), 0.0)}
 
-    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: ProbeLaw, case: LeaningCase, steps: int, friction: float) -> np.ndarray:
         normal = self.moment(law, case) / (self.HEIGHT - 2.0 * friction * self.distance(law.pair.friction, case))
         fall = GRAVITY - 2.0 * friction * normal / self.MASS
         return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
@@ -360,17 +370,17 @@ class Jam(Clamp):
     LEAST_FRICTION = 0.04
     """Below it the centre of mass would be more than 2 m off the post."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return super().applies(law) and law.reach.jams and law.pair.friction >= self.LEAST_FRICTION
 
-    def cases(self, law: Law) -> list[Case]:
+    def cases(self, law: ProbeLaw) -> list[LeaningCase]:
         return [case for case in super().cases(law) if case.stands]
 
-    def distance(self, friction: float, case: Case) -> float:
+    def distance(self, friction: float, case: LeaningCase) -> float:
         """That at which the gain is the case's ratio."""
         return case.ratio * self.HEIGHT / (2.0 * friction)
 
-    def moment(self, law: Law, case: Case) -> float:
+    def moment(self, law: ProbeLaw, case: LeaningCase) -> float:
         return self.MOMENT * GRAVITY * self.MASS * self.HEIGHT
 
 
@@ -389,23 +399,23 @@ class Pile(_Leaning):
     WIDEST = math.radians(70.0)
     """Of the angle between the vertical and the line of centres."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return super().applies(law) and law.reach.gathers
 
-    def _below(self, law: Law) -> int:
+    def _below(self, law: ProbeLaw) -> int:
         return 3 if law.friction_cone == "elliptic" else 2
 
     def angle(self, friction: float) -> float | None:
         return min(2.0 * math.atan(friction), self.WIDEST)
 
-    def cases(self, law: Law) -> list[Case]:
+    def cases(self, law: ProbeLaw) -> list[LeaningCase]:
         widest = math.tan(self.WIDEST / 2.0)
         return [case for case in super().cases(law) if case.stands or law.pair.friction / case.ratio < widest]
 
-    def _start(self, law: Law, case: Case) -> float:
+    def _start(self, law: ProbeLaw, case: LeaningCase) -> float:
         return min(2.0 * math.atan(law.pair.friction / case.ratio), self.WIDEST)
 
-    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, case: LeaningCase) -> Iterator[Body]:
         angle, count = self._start(law, case), self._below(law)
         between = 2.0 * self.RADIUS - TOUCH
         out, up = between * math.sin(angle), between * math.cos(angle)
@@ -417,10 +427,10 @@ class Pile(_Leaning):
         material, group = law.pair.first, f"{case.name}_top"
         yield ball(law, case.name, self.RADIUS, self.MASS, top, material=material, group=group)
 
-    def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
+    def meets(self, law: ProbeLaw) -> tuple[tuple[str, str], ...]:
         return tuple((f"{case.name}_below", f"{case.name}_top") for case in self.cases(law))
 
-    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: ProbeLaw, case: LeaningCase, steps: int, friction: float) -> np.ndarray:
         start, below = self._start(law, case), self._below(law)
 
         def acceleration(angle: float, speed: float) -> float:

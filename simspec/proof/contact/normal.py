@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, furthest
+from simspec.proof.contact.probe import GRAVITY, Phase, Probe, ProbeFigure, ProbeLaw, ProbeTrial, TrialMotion, furthest
 from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor, solid
 from simspec.world import frames
 from simspec.world.types import Quaternion
@@ -65,11 +65,11 @@ class Restitution(Probe):
 
     NAME = "restitution"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """A compliant contact has no restitution of its own (see ``compliance``), and a native one says nothing."""
         return law.is_rigid
 
-    def speeds(self, law: Law) -> dict[float, float]:
+    def speeds(self, law: ProbeLaw) -> dict[float, float]:
         """The ratio that is expected, by approach speed."""
         threshold = law.pair.restitution_threshold
         expected = {speed: law.pair.restitution for speed in RESTITUTION_SPEEDS if speed > threshold}
@@ -78,7 +78,7 @@ class Restitution(Probe):
             expected.setdefault(2.0 * threshold, law.pair.restitution)
         return dict(sorted(expected.items()))
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         bodies = [floor(law)]
         for row, speed in enumerate(self.speeds(law)):
             # large enough for the ball's centre to stay above the floor wherever in the step it arrives
@@ -87,9 +87,9 @@ class Restitution(Probe):
                 start, way = flight(law, speed, phase)
                 place = (3.0 * column, 3.0 * row, radius + way)
                 bodies.append(ball(law, f"ball_{row}_{column}", radius, 1.0, place, (0.0, 0.0, -start, 0.0, 0.0, 0.0)))
-        return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
+        return [ProbeTrial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Below the threshold an engine without one bounces as it does above; such engines declare a deviation for these
         figures alone."""
         e = law.pair.restitution
@@ -101,7 +101,7 @@ class Restitution(Probe):
             figures.append(replace(figure, case=case, without=(0.0 if expected else e) if e else None))
         return figures
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[Mapping[str, Any]]:
         readings = []
         for row, expected in enumerate(self.speeds(law).values()):
             speeds = {phase: motions[0].velocity[f"ball_{row}_{n}"][:, 2] for n, phase in enumerate(STEP_PHASES)}
@@ -140,14 +140,14 @@ class Rest(Probe):
     STEADY = "steady"
     """The name of the figures of speed, so that a declared deviation in depth is none in speed."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.is_rigid
 
-    def cases(self, law: Law) -> dict[str, float]:
+    def cases(self, law: ProbeLaw) -> dict[str, float]:
         """Initial gap (m) by case."""
         return {"put down": 0.0} | ({"dropped": DROP_HEIGHT} if law.pair.restitution <= DROP_RESTITUTION else {})
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         bodies = [floor(law)]
         for column, gap in enumerate(self.cases(law).values()):
             at = 3.0 * column
@@ -155,9 +155,9 @@ class Rest(Probe):
             bodies.append(ball(law, f"ball_{column}", SPHERE, SPHERE_MASS, (at, 3.0, SPHERE + gap)))
         steps = law.steps(REST_TIME, REST_STEPS)
         seen = steps // 4
-        return [Trial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
+        return [ProbeTrial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Without a floor everything falls as long as the trial lasts."""
         seconds = law.steps(REST_TIME, REST_STEPS) * law.timestep
         fallen, falls, moves = 0.5 * GRAVITY * seconds**2, GRAVITY * seconds, REST_SPEED + hop(law)
@@ -167,7 +167,7 @@ class Rest(Probe):
             figures.append(self.figure(law, case, "speed", "m/s", 0.0, moves, probe=self.STEADY, without=falls))
         return figures
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         readings = []
         for name in (f"{shape}_{column}" for column in range(len(self.cases(law))) for shape in ("cube", "ball")):
             depth = np.array([-lowest_point(name.partition("_")[0], pose) for pose in motions[0].pose[name][2:]])
@@ -176,7 +176,7 @@ class Rest(Probe):
         return readings
 
 
-def hop(law: Law) -> float:
+def hop(law: ProbeLaw) -> float:
     """The speed (m/s) up to which a body at rest hops under a law with restitution.
 
     Some engines multiply a step's speed after gravity was added. In units of g dt: a body that leaves with u stays in
@@ -197,23 +197,23 @@ def lowest_point(shape: str, pose: np.ndarray) -> float:
     return float(pose[2] - np.abs(upright).sum() * CUBE / 2)
 
 
-class Overlap(Probe):
+class OverlapRecovery(Probe):
     """The speed at which balls that begin inside the floor leave it after one step, against β overlap / dt."""
 
     NAME = "overlap"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """With restitution, e times one step's gravity comes on top in engines that add gravity first, and drowns it."""
         return law.is_rigid and not law.pair.restitution
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         balls = (
             ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap))
             for column, overlap in enumerate(overlaps(law))
         )
-        return [Trial((floor(law), *balls), (Phase(1),))]
+        return [ProbeTrial((floor(law), *balls), (Phase(1),))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         speeds = {
             f"overlap {overlap * 1e6:g} µm": ERROR_REDUCTION * overlap / law.timestep for overlap in overlaps(law)
         }
@@ -223,11 +223,11 @@ class Overlap(Probe):
             for case, speed in speeds.items()
         ]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         return [float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS))]
 
 
-def overlaps(law: Law) -> tuple[float, ...]:
+def overlaps(law: ProbeLaw) -> tuple[float, ...]:
     """m: how deep each ball is in the floor."""
     return tuple(overlap * min(1.0, law.timestep / OVERLAPS_FROM) for overlap in OVERLAPS)
 
@@ -309,10 +309,10 @@ class Compliance(Probe):
 
     NAME = "compliance"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.pair.collide and law.pair.hardness.kind in ("time-constant", "stiffness")
 
-    def _case(self, law: Law) -> tuple[float, Oscillator]:
+    def _case(self, law: ProbeLaw) -> tuple[float, Oscillator]:
         """The ball's mass and its oscillator."""
         hardness, dt = law.pair.hardness, law.timestep
         if hardness.kind == "time-constant":
@@ -324,7 +324,7 @@ class Compliance(Probe):
             stiffness, damping = hardness.stiffness / mass, hardness.damping / mass
         return mass, Oscillator(stiffness, damping, min(GRAVITY, LARGEST_REST_DEPTH * stiffness))
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         mass, oscillator = self._case(law)
         time, depth = oscillator.deepest()
         radius, falling = max(0.1, depth / SINKS_PER_RADIUS), (0.0, 0.0, -oscillator.arrival, 0.0, 0.0, 0.0)
@@ -335,13 +335,13 @@ class Compliance(Probe):
         dip = math.ceil(1.5 * time / law.timestep) + 3
         rest = max(1, self._settling(law, oscillator) - dip)
         phases = (Phase(dip, effort=effort), Phase(rest, every=rest, effort=effort))
-        return [Trial((floor(law), resting, arriving), phases)]
+        return [ProbeTrial((floor(law), resting, arriving), phases)]
 
-    def _settling(self, law: Law, oscillator: Oscillator) -> int:
+    def _settling(self, law: ProbeLaw, oscillator: Oscillator) -> int:
         """Steps until a body lies at rest."""
         return min(MOST_STEPS, math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep))
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """A rigid contact lets nothing in."""
         _, oscillator = self._case(law)
         arrival, (_, deepest) = oscillator.arrival, oscillator.deepest()
@@ -352,7 +352,7 @@ class Compliance(Probe):
             self.figure(law, case, "depth", "m", *arriving, without=0.0),
         ]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         radius = max(0.1, self._case(law)[1].deepest()[1] / SINKS_PER_RADIUS)
         resting, arriving = (motions[0].pose[name][:, 2] for name in ("resting", "arriving"))
         return [float(radius - resting[-1]), float(radius - np.min(arriving[:-1]))]  # the last is after the rest
@@ -386,13 +386,13 @@ class ComplianceByShape(Compliance):
 
     NAME = "compliance-shape"
 
-    def lying(self, law: Law) -> dict[str, _Lying]:
+    def lying(self, law: ProbeLaw) -> dict[str, _Lying]:
         return {case: body for case, body in LYING.items() if body.kind in law.reach.kinds}
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.pair.collide and law.pair.hardness.kind == "stiffness" and bool(self.lying(law))
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         mass, oscillator = self._case(law)
         bodies = [floor(law)]
         for number, (case, body) in enumerate(self.lying(law).items()):
@@ -401,9 +401,9 @@ class ComplianceByShape(Compliance):
         lift = (0.0, 0.0, mass * (GRAVITY - oscillator.load), 0.0, 0.0, 0.0)
         steps = max(1, self._settling(law, oscillator))
         phase = Phase(steps, every=steps, effort={body.name: lift for body in bodies[1:]})
-        return [Trial(tuple(bodies), (phase,))]
+        return [ProbeTrial(tuple(bodies), (phase,))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Without a spring there is no depth."""
         rest = self._case(law)[1].rest
         depths = {case: rest / body.points for case, body in self.lying(law).items()}
@@ -412,6 +412,6 @@ class ComplianceByShape(Compliance):
             for case, depth in depths.items()
         ]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         ends = {case: motions[0].pose[case.replace(" ", "_")][-1] for case in self.lying(law)}
         return [body.height - float(ends[case][2]) for case, body in self.lying(law).items()]

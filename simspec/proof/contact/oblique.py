@@ -25,12 +25,12 @@ import numpy as np
 from simspec.proof.contact.normal import RESTITUTION_TOLERANCE, TURNED
 from simspec.proof.contact.probe import (
     GRAVITY,
-    Figure,
-    Law,
-    Motion,
     Phase,
     Probe,
-    Trial,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
     direction,
     furthest,
     project,
@@ -119,25 +119,25 @@ class Oblique(Probe):
     SEPARATION = "oblique-separation"
     """The name of the figures along the normal: friction must not change how bodies part."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.is_rigid and law.pair.friction > 0.0
 
-    def approach(self, law: Law) -> float:
+    def approach(self, law: ProbeLaw) -> float:
         """Speed (m/s) along the normal."""
         fastest = self._demand(law, 1.0, "slips", "ball")
         return max(
             APPROACH * min(1.0, FASTEST / (APPROACH * fastest)), ABOVE_THRESHOLD * law.pair.restitution_threshold
         )
 
-    def _demand(self, law: Law, approach: float, regime: str, shape: str) -> float:
+    def _demand(self, law: ProbeLaw, approach: float, regime: str, shape: str) -> float:
         """Speed (m/s) along the surface of a regime."""
         return REGIMES[regime] * law.pair.friction * (1.0 + law.pair.restitution) * approach / SHARE[shape]
 
-    def shapes(self, law: Law) -> tuple[str, ...]:
+    def shapes(self, law: ProbeLaw) -> tuple[str, ...]:
         """Rolling friction is a torque that spin meets, which the closed form of balls has no place for."""
         return ("box",) if law.pair.rolling_friction else ("box", "ball")
 
-    def landings(self, law: Law) -> list[_Case]:
+    def landings(self, law: ProbeLaw) -> list[_Case]:
         return [
             _Case((f"{shape}_{regime}_{index}",), shape, regime, *landing)
             for shape in self.shapes(law)
@@ -145,7 +145,7 @@ class Oblique(Probe):
             for index, landing in enumerate(LANDINGS)
         ]
 
-    def meetings(self, law: Law) -> list[_Case]:
+    def meetings(self, law: ProbeLaw) -> list[_Case]:
         if "ball" not in self.shapes(law):
             return []
         return [
@@ -154,16 +154,16 @@ class Oblique(Probe):
             for index, (normal, degrees, phase) in enumerate(MEETINGS[law.friction_cone])
         ]
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         phases = (Phase(STEPS_BEFORE + STEPS_AFTER),)
         landing = [floor(law), *(self._landing(law, case, index) for index, case in enumerate(self.landings(law)))]
-        trials = [Trial(tuple(landing), phases)]
+        trials = [ProbeTrial(tuple(landing), phases)]
         if meetings := self.meetings(law):
             balls = [ball for index, case in enumerate(meetings) for ball in self._meeting(law, case, index)]
-            trials.append(Trial(tuple(balls), phases, meets=((STRIKER, STRUCK),)))
+            trials.append(ProbeTrial(tuple(balls), phases, meets=((STRIKER, STRUCK),)))
         return trials
 
-    def _landing(self, law: Law, case: _Case, index: int) -> Body:
+    def _landing(self, law: ProbeLaw, case: _Case, index: int) -> Body:
         dt, approach = law.timestep, self.approach(law)
         speed = self._demand(law, approach, case.regime, case.shape)
         start, way = flight(law, approach, case.phase)
@@ -179,15 +179,15 @@ class Oblique(Probe):
         height = size * THICKNESS
         return box(law, name, (size * WIDTH, size * WIDTH, height), MASS, (x, y, height / 2 + way), velocity)
 
-    def radius(self, law: Law, speed: float) -> float:
+    def radius(self, law: ProbeLaw, speed: float) -> float:
         """Of a ball (m) that comes at this speed."""
         return max(RADIUS, WAYS * speed * law.timestep)
 
-    def _ways(self, law: Law) -> float:
+    def _ways(self, law: ProbeLaw) -> float:
         """How far (m) two separating bodies can go in a trial."""
         return 2.0 * FASTEST * law.timestep * (STEPS_BEFORE + STEPS_AFTER)
 
-    def _meeting(self, law: Law, case: _Case, index: int) -> Iterator[Body]:
+    def _meeting(self, law: ProbeLaw, case: _Case, index: int) -> Iterator[Body]:
         approach = self.approach(law)
         normal, axes = _frame(case.normal)
         slip = self._demand(law, approach, case.regime, case.shape) * direction(case.degrees) @ axes
@@ -204,11 +204,11 @@ class Oblique(Probe):
             static = (*velocity.tolist(), 0.0, 0.0, 0.0)
             yield ball(law, name, radius, mass, tuple(place.tolist()), static, material=material, group=group)
 
-    def slack(self, law: Law) -> float:
+    def slack(self, law: ProbeLaw) -> float:
         """Gravity acts as long as an impact lasts, and balls meet along the line that their ways give."""
         return ARRIVAL + GRAVITY * law.timestep * (STEPS_BEFORE + STEPS_AFTER + 1) / self.approach(law)
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         e = law.pair.restitution
         figures = []
         for text, cases in self.groups(law).items():
@@ -221,13 +221,13 @@ class Oblique(Probe):
             figures.append(self.figure(law, text, "ratio", "", e, RESTITUTION_TOLERANCE, **ratio))
         return figures
 
-    def groups(self, law: Law) -> dict[str, list[_Case]]:
+    def groups(self, law: ProbeLaw) -> dict[str, list[_Case]]:
         groups: dict[str, list[_Case]] = {}
         for case in [*self.landings(law), *self.meetings(law)]:
             groups.setdefault(_group(case), []).append(case)
         return groups
 
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
+    def reference(self, law: ProbeLaw, figure: ProbeFigure) -> ProbeFigure | None:
         """Under a pyramid the expected change depends on the direction that came out worst."""
         found = super().reference(law, figure)
         if found is None or figure.probe != self.NAME:
@@ -240,14 +240,14 @@ class Oblique(Probe):
         size = self._change(law, same[0])
         return replace(found, expected=size, tolerance=TOLERANCE * size)
 
-    def _change(self, law: Law, case: _Case) -> float:
+    def _change(self, law: ProbeLaw, case: _Case) -> float:
         """The change of speed (m/s) of a case that arrives exactly as it is meant to."""
         approach = self.approach(law)
         slip = SHARE[case.shape] * self._demand(law, approach, case.regime, case.shape) * direction(case.degrees)
         most = law.pair.friction * (1.0 + law.pair.restitution) * approach
         return float(np.linalg.norm(project(slip, most, law.friction_cone)))
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[Mapping[str, Any]]:
         """Of each quantity the case that is furthest off."""
         readings: list[Mapping[str, Any]] = []
         for cases in self.groups(law).values():
@@ -266,7 +266,7 @@ class Oblique(Probe):
             readings.append({"measured": hits[worst].ratio} | _of(worst))
         return readings
 
-    def _landed(self, law: Law, case: _Case, motions: Sequence[Motion]) -> _Hit:
+    def _landed(self, law: ProbeLaw, case: _Case, motions: Sequence[TrialMotion]) -> _Hit:
         velocity = motions[0].velocity[case.bodies[0]]
         approach = self.approach(law)
         begin = impact_begins(velocity[:, :3], law.timestep)
@@ -282,7 +282,7 @@ class Oblique(Probe):
         ratio = float(velocity[end, 2] + fallen * (end - begin - 1)) / fall  # one step leaves gravity no time
         return _Hit(expected, velocity[begin, :2] - velocity[end, :2], spin, ratio)
 
-    def _met(self, law: Law, case: _Case, motions: Sequence[Motion]) -> _Hit:
+    def _met(self, law: ProbeLaw, case: _Case, motions: Sequence[TrialMotion]) -> _Hit:
         motion = motions[1]
         striker, other = (motion.velocity[name] for name in case.bodies)
         relative = striker[:, :3] - other[:, :3]

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from simspec.world.reach import Reach
+from simspec.world.reach import MaterialReach
 from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
 GRAVITY = 9.81
@@ -37,7 +37,7 @@ NO_BELT = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Law:
+class ProbeLaw:
     """The law to be measured: that of two materials, the cone it is under, and the timestep (s) of the scenario."""
 
     pair: PairContact
@@ -47,7 +47,7 @@ class Law:
     """The velocity (m/s) of a surface of the two that moves, in its shape's axes; zero where none does."""
     belt_written: Vector3 | None = field(default=None, metadata=LEFT_OUT)
     """The same as the files have it; None: as it is."""
-    reach: Reach = field(default=Reach(), metadata=LEFT_OUT)
+    reach: MaterialReach = field(default=MaterialReach(), metadata=LEFT_OUT)
     """The kinds of contact that bodies of the two materials can have in the scenario."""
 
     @property
@@ -76,7 +76,7 @@ class Phase:
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class ProbeTrial:
     """One probe world: its bodies in their initial state, and how they are driven.
 
     Moving bodies meet the floor alone, but for bodies of the collision groups of ``meets``: those meet each other alone.
@@ -88,7 +88,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrialMotion:
     """The motion of a trial, by body: states at the times (n,), in s, the initial state first.
 
     ``pose`` (n, 7) x y z w x y z of the body frame; ``velocity`` (n, 6) linear of the body frame's origin, then angular,
@@ -101,7 +101,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Figure:
+class ProbeFigure:
     """One measured figure.
 
     probe      name of the probe (``push``, ``stop``, ``stick``, ``restitution``, ...)
@@ -175,56 +175,58 @@ class Probe:
 
     NAME: str
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Every figure that this law must have, without what an engine did (``measured`` is None): name, case, quantity,
         expected value, tolerance, and ``without``. Of figures whose case or expected value depends on what came out worst, one
         of them (see :meth:`reference`). Figures take ``without`` from here, and stored certificates are judged by it; the
         figures of a probe that does not say this are judged by their own numbers."""
         return ()
 
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
+    def reference(self, law: ProbeLaw, figure: ProbeFigure) -> ProbeFigure | None:
         """The reference of a measured ``figure``; None where the law has no such figure."""
         named = (figure.probe, figure.case, figure.quantity)
         return next((each for each in wanted(self, law) if (each.probe, each.case, each.quantity) == named), None)
 
-    def slack(self, law: Law) -> float:
+    def slack(self, law: ProbeLaw) -> float:
         """By what share of it the expected value of a measured figure may differ from :meth:`reference`'s, since it follows
         from the motion itself (the speed with which a body arrives)."""
         return 0.0
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """Whether this probe can measure anything under this law."""
         raise NotImplementedError
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         """The worlds to run; the same for every engine."""
         raise NotImplementedError
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float | Mapping[str, Any] | Figure]:
+    def readings(
+        self, law: ProbeLaw, motions: Sequence[TrialMotion]
+    ) -> Sequence[float | Mapping[str, Any] | ProbeFigure]:
         """For each figure of :meth:`wanted` the measured value, or fields to replace (``measured``, ``worst``, ...), or the
         whole figure; ``motions``: one for each trial, in order."""
         raise NotImplementedError
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def figures(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[ProbeFigure]:
         """The figures that the motions give under ``law``."""
         pairs = zip(self.wanted(law), self.readings(law, motions), strict=True)
         return [
             reading
-            if isinstance(reading, Figure)
+            if isinstance(reading, ProbeFigure)
             else replace(figure, **(reading if isinstance(reading, Mapping) else {"measured": reading}))
             for figure, reading in pairs
         ]
 
     def figure(
-        self, law: Law, case: str, quantity: str, unit: str, expected: float, tolerance: float, **others: Any
-    ) -> Figure:
+        self, law: ProbeLaw, case: str, quantity: str, unit: str, expected: float, tolerance: float, **others: Any
+    ) -> ProbeFigure:
         """A figure that is not measured yet, of this probe's name unless ``probe`` is given among ``others``."""
         name = others.pop("probe", self.NAME)
-        return Figure(name, law.subject, case, quantity, unit, expected, None, tolerance, **others)
+        return ProbeFigure(name, law.subject, case, quantity, unit, expected, None, tolerance, **others)
 
 
 @lru_cache(maxsize=256)
-def wanted(probe: Probe, law: Law) -> tuple[Figure, ...]:
+def wanted(probe: Probe, law: ProbeLaw) -> tuple[ProbeFigure, ...]:
     """:meth:`Probe.wanted`, kept: a certificate has hundreds of figures of a law, and some follow from stepped equations."""
     return tuple(probe.wanted(law))
 
@@ -307,7 +309,7 @@ def cone_norm(vector: np.ndarray, friction_cone: str) -> float:
     return float(np.abs(vector).sum() if friction_cone == "pyramid-inscribed" else np.abs(vector).max())
 
 
-def slide(velocity: np.ndarray, law: Law, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def slide(velocity: np.ndarray, law: ProbeLaw, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities (steps + 1, 2) of a body that slides freely from the origin; both are read-only."""
     x, y = (float(part) for part in velocity)
     return _slid(x, y, law.pair.friction * GRAVITY * law.timestep, law.timestep, law.friction_cone, steps)

@@ -31,7 +31,7 @@ from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
 from simspec.proof.contact import stacks as carried
-from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe
+from simspec.proof.contact.probe import GRAVITY, NO_BELT, Probe, ProbeFigure, ProbeLaw
 from simspec.proof.contact.probe import wanted as figures_wanted
 from simspec.proof.contact.worlds import (
     FileLaw,
@@ -47,13 +47,13 @@ from simspec.proof.contact.worlds import (
 from simspec.world.canonical import to_plain
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import layout_of
-from simspec.world.reach import Reach, reach
+from simspec.world.reach import MaterialReach, reach
 from simspec.world.types import Pair, Physics, ReadBack, World
 
 LEVEL = "L5"
 _COUPLED = (
     *(leaning.Rod(), leaning.Clamp(), leaning.Pile(), leaning.Jam(), leaning.LightJam(), carried.Squeeze()),
-    *(simultaneous.Strike(), simultaneous.Row(), simultaneous.Edge(), stacks.Stack(), stacks.SlidingStack()),
+    *(simultaneous.Strike(), simultaneous.BallRow(), simultaneous.Edge(), stacks.Stack(), stacks.SlidingStack()),
     *(stacks.Cross(), carried.Carrier(), spin.Slide()),
 )
 _SINGLE = (
@@ -65,7 +65,7 @@ _SINGLE = (
         friction.Stick(),
         friction.Carry(),
     ),
-    *(normal.Restitution(), normal.Rest(), normal.Overlap(), oblique.Oblique()),
+    *(normal.Restitution(), normal.Rest(), normal.OverlapRecovery(), oblique.Oblique()),
     *(normal.Compliance(), normal.ComplianceByShape(), spin.Torsional(), spin.Rolling()),
 )
 COUPLED: Mapping[str, Probe] = {probe.NAME: probe for probe in _COUPLED}
@@ -83,15 +83,15 @@ class _Job:
     """The trials of one probe on one pair (or of the sizes), compiled; ``first``: the index of its first operation."""
 
     key: str
-    law: Law | None
+    law: ProbeLaw | None
     probe: Probe | None
     compiled: tuple[Compiled, ...]
     operations: tuple[Operation, ...]
     worlds: tuple[tuple[World, ...], ...] = ()
     """Of each trial the worlds that it is driven in, in the order of the operations."""
     sizes: size.SizeTrial | None = None
-    known: tuple[Figure, ...] | None = None
-    sampled: tuple[Figure, ...] | None = None
+    known: tuple[ProbeFigure, ...] | None = None
+    sampled: tuple[ProbeFigure, ...] | None = None
     """Figures in the cache of a job that is measured all the same, to verify the cache."""
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
@@ -123,22 +123,22 @@ class Measuring:
     refused: str = ""
     """Why the cache is not used."""
 
-    def wait(self, doing: Callable[[str], None] | None = None) -> tuple[list[Figure], list[str]]:
+    def wait(self, doing: Callable[[str], None] | None = None) -> tuple[list[ProbeFigure], list[str]]:
         """The figures, and the cache's complaints; ``doing`` as of :meth:`Running.wait`.
 
         A job at which the engine fails is a figure without a number."""
         answers = self._answers(doing)
-        figures: list[Figure] = []
+        figures: list[ProbeFigure] = []
         complaints = [self.refused] if self.refused else []
         for job in self.jobs:
             if job.known is not None:
-                raw: Sequence[Figure] = [dataclasses.replace(figure, cached=True) for figure in job.known]
+                raw: Sequence[ProbeFigure] = [dataclasses.replace(figure, cached=True) for figure in job.known]
             else:
                 answer = next(answers)
                 if isinstance(answer, EngineError):
                     subject = "shapes" if job.law is None else job.law.subject
                     name = size.NAME if job.probe is None else job.probe.NAME
-                    figures.append(Figure(name, subject, str(answer), "", "", 0.0, None, 0.0))
+                    figures.append(ProbeFigure(name, subject, str(answer), "", "", 0.0, None, 0.0))
                     continue
                 raw = [_kept(figure, job) for figure in _figures(job, answer, self.engine)]
                 if self.use_cache and not cache.write(job.key, raw):
@@ -174,11 +174,11 @@ class Measuring:
             return again
 
 
-def laws(world: World) -> list[Law]:
+def laws(world: World) -> list[ProbeLaw]:
     """The laws to be measured of ``world``: those of all pairs of materials that can meet."""
     moving = belts(world)
     return [
-        Law(
+        ProbeLaw(
             law,
             world.contact.friction_cone,
             world.physics.timestep,
@@ -241,7 +241,9 @@ def measure(
         )
 
 
-def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
+def _job(
+    engine: type[Engine], whole: FileLaw, law: ProbeLaw, probe: Probe, use_cache: bool, python: str | None
+) -> _Job:
     of_two = of_pair(whole, law.pair.first, law.pair.second)
     physics = Physics((0.0, 0.0, -GRAVITY), of_two.timestep)
     worlds: list[tuple[World, ...]] = []
@@ -255,7 +257,7 @@ def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache
             compiled.append(_compiled(engine, world, of_two.plan, python))
             operations.append(drive_of(world, part))
     # the other abilities of the world decide which probes there are, and is in their trials
-    described = (to_plain(dataclasses.replace(law, reach=Reach())), probe.NAME)
+    described = (to_plain(dataclasses.replace(law, reach=MaterialReach())), probe.NAME)
     key, known = _cached(engine, compiled, operations, *described) if use_cache else ("", None)
     return _Job(key, law, probe, tuple(compiled), tuple(operations), tuple(worlds), known=known)
 
@@ -278,7 +280,7 @@ def _compiled(engine: type[Engine], world: World, plan: ContactPlan, python: str
 
 def _cached(
     engine: type[Engine], compiled: Sequence[Compiled], operations: Sequence[Operation], law: Any, probe: str
-) -> tuple[str, tuple[Figure, ...] | None]:
+) -> tuple[str, tuple[ProbeFigure, ...] | None]:
     """The key of a job in the cache, and its figures there."""
     drives = [
         [operation.op, dict(operation.parameters), {name: value.tolist() for name, value in operation.arrays.items()}]
@@ -289,7 +291,7 @@ def _cached(
     return key, None if known is None else tuple(known)
 
 
-def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[Figure]:
+def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[ProbeFigure]:
     if job.sizes is not None:
         return size.size_figures(job.sizes, answers[0].arrays["touching"], engine.thicker(job.sizes.world))
     if job.probe is None or job.law is None:
@@ -309,7 +311,7 @@ def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
     return found
 
 
-def _kept(figure: Figure, job: _Job) -> Figure:
+def _kept(figure: ProbeFigure, job: _Job) -> ProbeFigure:
     """A figure as certificates keep it: no number where there is none, points only where they are drawn, and what an engine
     without the effect would show."""
     wanted = None if job.probe is None or job.law is None else job.probe.reference(job.law, figure)
@@ -324,16 +326,24 @@ def _kept(figure: Figure, job: _Job) -> Figure:
 
 
 def deviating(
-    figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any], version: str | None = None
-) -> Figure:
+    figure: ProbeFigure,
+    law: ProbeLaw | None,
+    engine: type[Engine],
+    settings: Mapping[str, Any],
+    version: str | None = None,
+) -> ProbeFigure:
     """The figure with the tolerance that the engine's declared deviations give it under its settings in its release; a size
     has none."""
     return figure if law is None else widened(figure, law, engine.CONTACT_DEVIATIONS, settings, version)
 
 
 def widened(
-    figure: Figure, law: Law, declared: Iterable[Deviation], settings: Mapping[str, Any], version: str | None = None
-) -> Figure:
+    figure: ProbeFigure,
+    law: ProbeLaw,
+    declared: Iterable[Deviation],
+    settings: Mapping[str, Any],
+    version: str | None = None,
+) -> ProbeFigure:
     """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
     sizes = [
         ((deviation.size * abs(figure.expected) if deviation.relative else deviation.size), deviation)
@@ -348,9 +358,9 @@ def widened(
     return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why, promised=figure.tolerance)
 
 
-def contact_checks(figures: Sequence[Figure]) -> list[Check]:
+def contact_checks(figures: Sequence[ProbeFigure]) -> list[Check]:
     """One check for each probe: how far its worst figure is off, in units of that figure's tolerance."""
-    by_probe: dict[str, list[Figure]] = {}
+    by_probe: dict[str, list[ProbeFigure]] = {}
     for figure in figures:
         by_probe.setdefault(figure.probe, []).append(figure)
     checks = []
@@ -367,7 +377,7 @@ def contact_checks(figures: Sequence[Figure]) -> list[Check]:
     return checks
 
 
-def _off(figure: Figure) -> float:
+def _off(figure: ProbeFigure) -> float:
     if figure.measured is None or not math.isfinite(figure.measured):
         return math.inf
     off = abs(figure.measured - figure.expected)
@@ -389,7 +399,7 @@ SettingsBetween = Callable[[Pair], Mapping[str, Any]]
 
 
 def figure_faults(
-    figures: Sequence[Figure],
+    figures: Sequence[ProbeFigure],
     world: World,
     engine: type[Engine] | None,
     settings: SettingsBetween,
@@ -398,7 +408,7 @@ def figure_faults(
     """Figures that are missing or that the world does not have, and those whose expected value, tolerance or declared
     deviation is not that of the probe and of the engine. ``engine`` None: one that is not known here, whose deviations
     cannot be judged; ``settings``: those in force between two materials; ``version``: the engine's release."""
-    by_subject: dict[str, list[Figure]] = {}
+    by_subject: dict[str, list[ProbeFigure]] = {}
     for figure in figures:
         by_subject.setdefault(figure.subject, []).append(figure)
     known = set()
@@ -411,7 +421,11 @@ def figure_faults(
 
 
 def _of_law(
-    figures: Sequence[Figure], law: Law, engine: type[Engine] | None, settings: Mapping[str, Any], version: str | None
+    figures: Sequence[ProbeFigure],
+    law: ProbeLaw,
+    engine: type[Engine] | None,
+    settings: Mapping[str, Any],
+    version: str | None,
 ) -> Iterator[str]:
     probes = [probe for probe in PROBES.values() if probe.applies(law)]
     wanted = Counter((figure.probe, figure.quantity) for probe in probes for figure in figures_wanted(probe, law))
@@ -434,7 +448,7 @@ def _of_law(
                 yield from _deviation(figure, law, engine, settings, version, reference)
 
 
-def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe | None, Figure | None]:
+def _reference(figure: ProbeFigure, law: ProbeLaw, probes: Sequence[Probe]) -> tuple[Probe | None, ProbeFigure | None]:
     """The probe that has this figure, and what the figure must be held against."""
     for probe in probes:
         if (found := probe.reference(law, figure)) is not None:
@@ -444,7 +458,7 @@ def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe
     return next(silent, None), None
 
 
-def _numbers(figure: Figure, reference: Figure, slack: float) -> Iterator[str]:
+def _numbers(figure: ProbeFigure, reference: ProbeFigure, slack: float) -> Iterator[str]:
     for name in ("expected", "without"):
         given, wanted = getattr(figure, name), getattr(reference, name)
         if (given is None) != (wanted is None) or (
@@ -454,7 +468,12 @@ def _numbers(figure: Figure, reference: Figure, slack: float) -> Iterator[str]:
 
 
 def _deviation(
-    figure: Figure, law: Law, engine: type[Engine], settings: Mapping[str, Any], version: str | None, reference: Figure
+    figure: ProbeFigure,
+    law: ProbeLaw,
+    engine: type[Engine],
+    settings: Mapping[str, Any],
+    version: str | None,
+    reference: ProbeFigure,
 ) -> Iterator[str]:
     """The tolerance is the probe's, or that of a deviation that the engine declares for this law."""
     share = figure.expected / reference.expected if reference.expected else 1.0
@@ -473,7 +492,7 @@ def _deviation(
         yield f"L5 {figure.probe}, {figure.case}: a promised tolerance of {_number(figure.promised)}"
 
 
-def _of_sizes(figures: Sequence[Figure], world: World, engine: type[Engine] | None) -> Iterator[str]:
+def _of_sizes(figures: Sequence[ProbeFigure], world: World, engine: type[Engine] | None) -> Iterator[str]:
     lacks = engine is not None and Capability.PAIR_DETECTION in engine.LACKS
     trial = None if lacks else size.size_trial(world)
     given = {figure.subject: figure for figure in figures if figure.probe == size.NAME}

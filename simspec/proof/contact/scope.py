@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.proof.contact.normal import LYING
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.world.contact_pairs import meeting_laws
-from simspec.world.reach import Reach, reach
+from simspec.world.reach import MaterialReach, reach
 from simspec.world.types import World
 
 # The basis of the contact figures of a proof: how many pass by a declared deviation alone, how wide these are, and which
@@ -69,13 +69,13 @@ EFFECTS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Declared:
+class DeclaredShare:
     """Of ``figures`` contact figures ``declared`` pass by a declared deviation alone; ``widest``: the one with the largest
-    :attr:`Figure.width`; ``absent``: the probes of effects that are absent; ``cached``: figures that come from the cache."""
+    :attr:`ProbeFigure.width`; ``absent``: the probes of absent effects; ``cached``: figures that come from the cache."""
 
     figures: int
     declared: int
-    widest: Figure | None
+    widest: ProbeFigure | None
     absent: tuple[str, ...]
     cached: int
 
@@ -121,15 +121,15 @@ class Declared:
         }
 
 
-def declared(figures: Sequence[Figure]) -> Declared:
+def declared(figures: Sequence[ProbeFigure]) -> DeclaredShare:
     """The basis of the contact figures of one engine."""
     by = [figure for figure in figures if figure.declared]
     widest = max(by, key=lambda figure: figure.width, default=None)
     absent = tuple(dict.fromkeys(figure.probe for figure in by if figure.absent))
-    return Declared(len(figures), len(by), widest, absent, sum(figure.cached for figure in figures))
+    return DeclaredShare(len(figures), len(by), widest, absent, sum(figure.cached for figure in figures))
 
 
-def width_text(figure: Figure) -> str:
+def width_text(figure: ProbeFigure) -> str:
     """The width of a figure's tolerance: in per cent of the expected value, or as a multiple of the probe's tolerance."""
     if not math.isfinite(figure.width):
         return "of any size"
@@ -150,7 +150,7 @@ NONE_HERE = "none in this world: "
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ContactKind:
     """A kind of contact: the probes that measure it, by the names of their figures, and why a world has none of it ("" where
     it has some)."""
 
@@ -166,7 +166,7 @@ def _several(world: World) -> str:
     there = [reach(world, *pair) for pair in meeting_laws(world)]
     return (
         ""
-        if any(dataclasses.replace(entry, kinds=(), plane=False) != Reach() for entry in there)
+        if any(dataclasses.replace(entry, kinds=(), plane=False) != MaterialReach() for entry in there)
         else "each body can touch one flat surface alone"
     )
 
@@ -224,14 +224,14 @@ PAIRS = tuple(probe for probe in EFFECTS if probe not in _OTHERS)
 """Probes of one contact."""
 BORNE = {body.kind for body in LYING.values()}
 """Kinds of shapes that lie on several points."""
-KINDS: Mapping[str, Kind] = {
-    "contact of two bodies": Kind(PAIRS, _meets),
-    "contact of several bodies": Kind(SEVERAL, _several),
-    "clamps that friction alone presses": Kind(JAMS, _clamps),
-    "faces that joints press": Kind(SQUEEZED, _pressed),
-    "contact on accelerating carriers": Kind(("carrier",), _carriers),
-    "compliance by shape": Kind(("compliance-shape",), _compliant),
-    "sliding with spin": Kind(("slide-spin",), _slides),
+KINDS: Mapping[str, ContactKind] = {
+    "contact of two bodies": ContactKind(PAIRS, _meets),
+    "contact of several bodies": ContactKind(SEVERAL, _several),
+    "clamps that friction alone presses": ContactKind(JAMS, _clamps),
+    "faces that joints press": ContactKind(SQUEEZED, _pressed),
+    "contact on accelerating carriers": ContactKind(("carrier",), _carriers),
+    "compliance by shape": ContactKind(("compliance-shape",), _compliant),
+    "sliding with spin": ContactKind(("slide-spin",), _slides),
 }
 """By name, in the order of verdicts."""
 
@@ -245,7 +245,7 @@ def scope(world: World, probes: Iterable[str]) -> dict[str, str]:
     return {name: _state(kind, world, there) for name, kind in KINDS.items()}
 
 
-def _state(kind: Kind, world: World, there: set[str]) -> str:
+def _state(kind: ContactKind, world: World, there: set[str]) -> str:
     if why := kind.missing(world):
         return NONE_HERE + why
     return MEASURED if there & set(kind.probes) else NO_FIGURE

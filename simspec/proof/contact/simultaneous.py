@@ -19,7 +19,17 @@ import numpy as np
 
 from simspec.proof.contact.normal import RESTITUTION_TOLERANCE
 from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins, impact_ends
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, furthest, signed_size
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Phase,
+    Probe,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
+    furthest,
+    signed_size,
+)
 from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world import frames
 from simspec.world.frames import sorted_pair, vector3
@@ -66,7 +76,7 @@ def impulses(
 
 
 @dataclass(frozen=True)
-class _Group:
+class _BodyGroup:
     """Bodies that meet: names, share of a step after which they do, and place in the grid."""
 
     names: tuple[str, ...]
@@ -85,42 +95,42 @@ class _Together(Probe):
     STANDS = False
     """Whether the bodies meet the floor."""
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """Rolling friction is a moment that the impulses have no place for."""
         return law.is_rigid and not law.pair.rolling_friction and self.reached(law)
 
-    def reached(self, law: Law) -> bool:
+    def reached(self, law: ProbeLaw) -> bool:
         """Whether bodies of the two materials can meet so."""
         return law.reach.gathers
 
-    def approach(self, law: Law) -> float:
+    def approach(self, law: ProbeLaw) -> float:
         return max(APPROACH, ABOVE_THRESHOLD * law.pair.restitution_threshold)
 
-    def radius(self, law: Law) -> float:
+    def radius(self, law: ProbeLaw) -> float:
         return max(RADIUS, WAYS * self.approach(law) * law.timestep)
 
-    def before(self, law: Law, phase: float) -> float:
+    def before(self, law: ProbeLaw, phase: float) -> float:
         """Seconds until bodies meet."""
         return (STEPS_BEFORE + phase) * law.timestep
 
-    def groups(self) -> list[_Group]:
+    def groups(self) -> list[_BodyGroup]:
         return [
-            _Group(tuple(f"{role}_{number}" for role in self.ROLES), phase, number)
+            _BodyGroup(tuple(f"{role}_{number}" for role in self.ROLES), phase, number)
             for number, phase in enumerate(PHASES)
         ]
 
-    def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, group: _BodyGroup) -> Iterator[Body]:
         raise NotImplementedError
 
-    def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
+    def changes(self, law: ProbeLaw, group: _BodyGroup) -> Mapping[str, np.ndarray]:
         """Change (3,) of each body's velocity (m/s), by the law."""
         raise NotImplementedError
 
-    def energy(self, law: Law) -> float:
+    def energy(self, law: ProbeLaw) -> float:
         """Kinetic energy after over before, by the law."""
         raise NotImplementedError
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         groups = self.groups()
         bodies = [
             *([floor(law)] if self.STANDS else []),
@@ -128,9 +138,9 @@ class _Together(Probe):
         ]
         meets = [(group.names[index], group.names[other]) for group in groups for index, other in self.MEETS]
         named = tuple(sorted_pair(f"{name}_group", f"{other}_group") for name, other in meets)
-        return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), named)]
+        return [ProbeTrial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), named)]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Of each body, and the energy; without the impact nothing changes."""
         share = VELOCITY_TOLERANCE * max(1.0, law.timestep / LONG)
         tolerance = share * (1.0 + law.pair.restitution) * self.approach(law)
@@ -153,10 +163,10 @@ class _Together(Probe):
         named = {"probe": f"{self.NAME}-energy", "without": None if energy >= 1.0 else 1.0}
         return [*figures, self.figure(law, self.TEXT, "energy after, over before", "", energy, tolerance, **named)]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[Mapping[str, Any]]:
         motion, bodies = motions[0], {body.name: body for body in self.trials(law)[0].bodies}
-        sizes: dict[str, dict[_Group, float]] = {}
-        energies: dict[_Group, float] = {}
+        sizes: dict[str, dict[_BodyGroup, float]] = {}
+        energies: dict[_BodyGroup, float] = {}
         for group in self.groups():
             begin, end = self._span(law, group, motion)
             fallen = np.array([0.0, 0.0, GRAVITY * law.timestep])
@@ -184,7 +194,7 @@ class _Together(Probe):
             readings.append({"measured": values[worst], "worst": f"{worst.phase:g} of a step"})
         return readings
 
-    def _span(self, law: Law, group: _Group, motion: Motion) -> tuple[int, int]:
+    def _span(self, law: ProbeLaw, group: _BodyGroup, motion: TrialMotion) -> tuple[int, int]:
         """Numbers of the last step before the impact and of the first after it, of all bodies of the group."""
         begins, ends = [], []
         for name in group.names:
@@ -218,7 +228,7 @@ class Strike(_Together):
     TEXT = "one ball on two"
     ROLES, MEETS = ("striker", "left", "right"), ((0, 1), (0, 2))
 
-    def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, group: _BodyGroup) -> Iterator[Body]:
         radius = self.radius(law)
         y = SPACING * radius * group.number
         height = 2.0 * radius * math.cos(OPENING) + self.approach(law) * self.before(law, group.phase)
@@ -230,13 +240,13 @@ class Strike(_Together):
         yield ball(law, left, radius, MASS, (-radius, y, 0.0), group=f"{left}_group")
         yield ball(law, right, radius, MASS, (radius, y, 0.0), group=f"{right}_group")
 
-    def _impulses(self, law: Law) -> tuple[float, float]:
+    def _impulses(self, law: ProbeLaw) -> tuple[float, float]:
         c, s = math.cos(OPENING), math.sin(OPENING)
         mobility = np.array([[1.0 + 2.0 * c * c, 2.0 * c * s], [2.0 * c * s, 3.5 + 2.0 * s * s]]) / MASS
         speed = self.approach(law)
         return impulses(mobility, speed * c, speed * s, law.pair.friction, law.pair.restitution)
 
-    def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
+    def changes(self, law: ProbeLaw, group: _BodyGroup) -> Mapping[str, np.ndarray]:
         c, s = math.cos(OPENING), math.sin(OPENING)
         normal, along = self._impulses(law)
         found = {group.names[0]: np.array([0.0, 0.0, 2.0 * (normal * c + along * s) / MASS])}
@@ -244,7 +254,7 @@ class Strike(_Together):
             found[name] = np.array([side * (normal * s - along * c), 0.0, -normal * c - along * s]) / MASS
         return found
 
-    def energy(self, law: Law) -> float:
+    def energy(self, law: ProbeLaw) -> float:
         _, along = self._impulses(law)
         changes = self.changes(law, self.groups()[0])
         speed = self.approach(law)
@@ -253,14 +263,14 @@ class Strike(_Together):
         return float((striker[2] - speed) ** 2 * MASS + 2.0 * (left @ left * MASS + spin)) / (MASS * speed * speed)
 
 
-class Row(_Together):
+class BallRow(_Together):
     """A ball against two that touch, in line."""
 
     NAME = "row"
     TEXT = "a ball against a row of two"
     ROLES, MEETS = ("first", "second", "third"), ((0, 1), (1, 2))
 
-    def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, group: _BodyGroup) -> Iterator[Body]:
         radius, speed = self.radius(law), self.approach(law)
         y = SPACING * radius * group.number
         start = -2.0 * radius - speed * self.before(law, group.phase)
@@ -269,13 +279,13 @@ class Row(_Together):
         yield ball(law, second, radius, MASS, (0.0, y, 0.0), material=law.pair.first, group=f"{second}_group")
         yield ball(law, third, radius, MASS, (2.0 * radius, y, 0.0), group=f"{third}_group")
 
-    def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
+    def changes(self, law: ProbeLaw, group: _BodyGroup) -> Mapping[str, np.ndarray]:
         share = (1.0 + law.pair.restitution) * self.approach(law) / 3.0
         return {
             name: np.array([size * share, 0.0, 0.0]) for name, size in zip(group.names, (-2.0, 1.0, 1.0), strict=True)
         }
 
-    def energy(self, law: Law) -> float:
+    def energy(self, law: ProbeLaw) -> float:
         e = law.pair.restitution
         return ((1.0 - 2.0 * e) ** 2 + 2.0 * (1.0 + e) ** 2) / 9.0
 
@@ -288,20 +298,20 @@ class Edge(_Together):
     ROLES = ("box",)
     STANDS = True
 
-    def reached(self, law: Law) -> bool:
+    def reached(self, law: ProbeLaw) -> bool:
         return law.reach.corners
 
-    def _size(self, law: Law) -> np.ndarray:
+    def _size(self, law: ProbeLaw) -> np.ndarray:
         return np.array(EDGE) * max(WIDTH, WAYS * self.approach(law) * law.timestep)
 
-    def _lever(self, law: Law) -> tuple[float, float]:
+    def _lever(self, law: ProbeLaw) -> tuple[float, float]:
         """From the centre of mass to the edge that lands: x, z (m)."""
         half = self._size(law) / 2.0
         # turned about y by TILT: the corner (x, z) = (half, -half) is the lowest
         c, s = math.cos(TILT), math.sin(TILT)
         return float(c * half[0] - s * half[2]), float(-s * half[0] - c * half[2])
 
-    def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
+    def bodies(self, law: ProbeLaw, group: _BodyGroup) -> Iterator[Body]:
         start, way = flight(law, self.approach(law), group.phase)
         size = self._size(law)
         place = (3.0 * float(size[0]) * group.number, 0.0, -self._lever(law)[1] + way)
@@ -309,7 +319,7 @@ class Edge(_Together):
         turn = frames.from_axis_angle((0.0, 1.0, 0.0), TILT)
         yield box(law, group.names[0], vector3(size), MASS, place, down, turn)
 
-    def _after(self, law: Law) -> tuple[float, float, float]:
+    def _after(self, law: ProbeLaw) -> tuple[float, float, float]:
         """Impulses P and T, and the moment of inertia about y."""
         x, z = self._lever(law)
         size = self._size(law)
@@ -321,11 +331,11 @@ class Edge(_Together):
         normal, along = impulses(mobility, self.approach(law), 0.0, law.pair.friction, law.pair.restitution)
         return normal, along, inertia
 
-    def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
+    def changes(self, law: ProbeLaw, group: _BodyGroup) -> Mapping[str, np.ndarray]:
         normal, along, _ = self._after(law)
         return {group.names[0]: np.array([along, 0.0, normal]) / MASS}
 
-    def energy(self, law: Law) -> float:
+    def energy(self, law: ProbeLaw) -> float:
         normal, along, inertia = self._after(law)
         x, z = self._lever(law)
         speed = self.approach(law)

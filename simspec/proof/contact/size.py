@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.world import frames, shapes
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.frames import sorted_pair, vector3
@@ -390,7 +390,7 @@ def _ball(name: str, material: str, position: tuple[float, float, float]) -> Bod
 
 def size_figures(
     trial: SizeTrial, touching: np.ndarray, thicker: Mapping[str, float] = MappingProxyType({})
-) -> list[Figure]:
+) -> list[ProbeFigure]:
     """A figure for each shape, its worst point, from the touching pairs (n, 3): state, then two bodies' indices. ``thicker``:
     by shape of the trial's world, how far (m) outside or inside an engine declares to hold its faces."""
     seen = {(int(state), int(a), int(b)) for state, a, b in touching}
@@ -408,7 +408,7 @@ def size_figures(
         numbers = (0.0, errors[worst], tolerance)
         promised = TOLERANCE if why else None
         named = (NAME, subject, case_of(len(points)), "size error", "m")
-        figures.append(Figure(*named, *numbers, why, worst=worst.where, note=note, promised=promised))
+        figures.append(ProbeFigure(*named, *numbers, why, worst=worst.where, note=note, promised=promised))
     return figures
 
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from simspec.proof.contact.probe import (
     GRAVITY,
-    Figure,
-    Law,
-    Motion,
     Phase,
     Probe,
-    Trial,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
     direction,
     furthest,
     nearest,
@@ -88,17 +88,17 @@ class _Slowing(Probe):
     SPEED: tuple[str, str]
     """Name and unit of the speed."""
 
-    def deceleration(self, law: Law) -> float:
+    def deceleration(self, law: ProbeLaw) -> float:
         raise NotImplementedError
 
-    def speeds(self, law: Law, motion: Motion) -> Mapping[str, np.ndarray]:
+    def speeds(self, law: ProbeLaw, motion: TrialMotion) -> Mapping[str, np.ndarray]:
         """Speeds (n,) by case."""
         raise NotImplementedError
 
-    def initial(self, law: Law) -> float:
+    def initial(self, law: ProbeLaw) -> float:
         return self.deceleration(law) * steps_of(law) * law.timestep
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Their cases name the ball that came out worst, once they are measured."""
         expected, initial, (speed, unit) = self.deceleration(law), self.initial(law), self.SPEED
         slowing = f"{unit.removesuffix('/s')}/s²"
@@ -107,11 +107,11 @@ class _Slowing(Probe):
             self.figure(law, "", speed, unit, 0.0, REST_SHARE * initial, without=initial),
         ]
 
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
+    def reference(self, law: ProbeLaw, figure: ProbeFigure) -> ProbeFigure | None:
         named = (figure.probe, figure.quantity)
         return next((figure for figure in self.wanted(law) if (figure.probe, figure.quantity) == named), None)
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[Mapping[str, Any]]:
         speeds = self.speeds(law, motions[0])
         decelerations = {case: deceleration(speed, law.timestep) for case, speed in speeds.items()}
         left = {case: float(speed[-1]) for case, speed in speeds.items()}
@@ -130,25 +130,25 @@ class Torsional(_Slowing):
     NAME = "torsional"
     SPEED = ("spin", "rad/s")
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """See ``LARGEST_MOMENT``."""
         return law.pair.collide and 0.0 < law.pair.torsional_friction <= LARGEST_MOMENT
 
-    def _radius(self, law: Law) -> float:
+    def _radius(self, law: ProbeLaw) -> float:
         turned = law.pair.torsional_friction * GRAVITY * steps_of(law) * law.timestep**2
         return max(RADIUS, math.sqrt(turned / (BALL_INERTIA * LARGEST_TURN)))
 
-    def deceleration(self, law: Law) -> float:
+    def deceleration(self, law: ProbeLaw) -> float:
         return law.pair.torsional_friction * GRAVITY / (BALL_INERTIA * self._radius(law) ** 2)
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         radius, bodies = self._radius(law), [floor(law)]
         for column, (name, sign) in enumerate(SPINS.items()):
             velocity = (0.0, 0.0, 0.0, 0.0, 0.0, sign * self.initial(law))
             bodies.append(ball(law, name, radius, MASS, (30.0 * radius * column, 0.0, radius), velocity))
-        return [Trial(tuple(bodies), (Phase(2 * steps_of(law)),))]
+        return [ProbeTrial(tuple(bodies), (Phase(2 * steps_of(law)),))]
 
-    def speeds(self, law: Law, motion: Motion) -> Mapping[str, np.ndarray]:
+    def speeds(self, law: ProbeLaw, motion: TrialMotion) -> Mapping[str, np.ndarray]:
         return {name: sign * motion.velocity[name][:, 5] for name, sign in SPINS.items()}
 
 
@@ -158,33 +158,33 @@ class Rolling(_Slowing):
     NAME = "rolling"
     SPEED = ("speed", "m/s")
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """Without sliding friction nothing rolls; see ``LARGEST_RADIUS``."""
         friction, rolling = law.pair.friction, law.pair.rolling_friction
         return law.pair.collide and rolling > 0.0 and friction > 0.0 and self._radius(law) <= LARGEST_RADIUS
 
-    def _radius(self, law: Law) -> float:
+    def _radius(self, law: ProbeLaw) -> float:
         return max(RADIUS, SLENDERNESS * law.pair.rolling_friction / law.pair.friction)
 
-    def deceleration(self, law: Law) -> float:
+    def deceleration(self, law: ProbeLaw) -> float:
         return law.pair.rolling_friction * GRAVITY / (self._radius(law) * (1.0 + BALL_INERTIA))
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         radius, speed, bodies = self._radius(law), self.initial(law), [floor(law)]
         for row, angle in enumerate(DIRECTIONS):
             (along, across), turn = direction(angle).tolist(), speed / radius
             velocity = (speed * along, speed * across, 0.0, -turn * across, turn * along, 0.0)
             bodies.append(ball(law, f"ball_{row}", radius, MASS, (0.0, 5.0 * radius * row, radius), velocity))
-        return [Trial(tuple(bodies), (Phase(2 * steps_of(law)),))]
+        return [ProbeTrial(tuple(bodies), (Phase(2 * steps_of(law)),))]
 
-    def speeds(self, law: Law, motion: Motion) -> Mapping[str, np.ndarray]:
+    def speeds(self, law: ProbeLaw, motion: TrialMotion) -> Mapping[str, np.ndarray]:
         return {
             f"rolling at {angle:g}°": motion.velocity[f"ball_{row}"][:, :2] @ direction(angle)
             for row, angle in enumerate(DIRECTIONS)
         }
 
 
-def steps_of(law: Law) -> int:
+def steps_of(law: ProbeLaw) -> int:
     """Steps in which a ball comes to rest."""
     return law.steps(TIME, STEPS)
 
@@ -200,7 +200,7 @@ class Slide(Probe):
 
     NAME = "slide-spin"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         """Torsional and rolling friction are moments that the equation has no place for."""
         return (
             law.is_rigid
@@ -209,7 +209,7 @@ class Slide(Probe):
             and not law.pair.rolling_friction
         )
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         bodies: list[Body] = [floor(law)]
         for number, slider in enumerate(SLIDERS):
             places = centres(law, slider)
@@ -219,9 +219,9 @@ class Slide(Probe):
             state = (*velocity.tolist(), *spin.tolist())
             name = slider.replace(" ", "_")
             bodies.append(cluster(law, name, balls, SLIDER_RADIUS, MASS, INERTIA[slider], at, velocity=state))
-        return [Trial(tuple(bodies), (Phase(slide_steps(law)),))]
+        return [ProbeTrial(tuple(bodies), (Phase(slide_steps(law)),))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         figures = []
         for slider in SLIDERS:
             tolerance = max(SLIDE_TOLERANCE, SLIDE_STEPS_OFF / slide_steps(law))
@@ -233,7 +233,7 @@ class Slide(Probe):
                 figures.append(self.figure(law, *named, size, tolerance * size, without=0.0))
         return figures
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         readings = []
         for slider in SLIDERS:
             state = motions[0].velocity[slider.replace(" ", "_")][slide_steps(law)]
@@ -242,36 +242,36 @@ class Slide(Probe):
         return readings
 
 
-def centres(law: Law, slider: str) -> list[Vector3]:
+def centres(law: ProbeLaw, slider: str) -> list[Vector3]:
     """Centres of a slider's balls, from its centre of mass (m)."""
     raised = SLIDER_RADIUS - min(HEIGHT, TIPS / law.pair.friction) if slider == "tripod" else 0.0
     return [(x, y, z + raised) for x, y, z in SLIDERS[slider]]
 
 
-def start(law: Law) -> tuple[np.ndarray, np.ndarray]:
+def start(law: ProbeLaw) -> tuple[np.ndarray, np.ndarray]:
     """Velocity (3,) of the centre of mass and spin (3,) at the start of a slide."""
     speed = min(FASTEST, SLIDE_STEPS * law.timestep * law.pair.friction * GRAVITY / SLOWED)
     return np.array([0.8 * speed, 0.6 * speed, 0.0]), np.array([0.0, 0.0, SPIN * speed / ARM])
 
 
-def slide_steps(law: Law) -> int:
+def slide_steps(law: ProbeLaw) -> int:
     """Steps after which a slide is measured."""
     speed = float(np.linalg.norm(start(law)[0]))
     return max(1, round(SLOWED * speed / (law.pair.friction * GRAVITY) / law.timestep))
 
 
-def slid(law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
+def slid(law: ProbeLaw, slider: str) -> tuple[np.ndarray, np.ndarray]:
     """Velocity (3,) of the centre of mass and spin (3,) of a body of balls at the end of a slide.
 
     Unknown are the normal forces N_i alone: friction is d_i N_i, d_i the section of the cone of size μ opposite to the slip of
     the point, and no ball's centre accelerates along the vertical: g + Σ N (…)/m + (α × c)_z + (ω × (ω × c))_z = 0.
     """
     pair = replace(law.pair, first="", second="", restitution=0.0, restitution_threshold=0.0)
-    return _slid(Law(pair, law.friction_cone, law.timestep), slider)
+    return _slid(ProbeLaw(pair, law.friction_cone, law.timestep), slider)
 
 
 @lru_cache(maxsize=64)
-def _slid(law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
+def _slid(law: ProbeLaw, slider: str) -> tuple[np.ndarray, np.ndarray]:
     arms, inertia = np.array(centres(law, slider)), INERTIA[slider]
     velocity, spin = start(law)
     dt = law.timestep / FINER
@@ -302,7 +302,7 @@ def _turn(vector: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _opposed(along: Sequence[float], across: Sequence[float], law: Law) -> np.ndarray:
+def _opposed(along: Sequence[float], across: Sequence[float], law: ProbeLaw) -> np.ndarray:
     """Friction (n, 2) of points that slide at these velocities (m/s), per newton of their normal forces."""
     friction, cone = law.pair.friction, law.friction_cone
     found = []

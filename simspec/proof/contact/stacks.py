@@ -23,7 +23,17 @@ import numpy as np
 from simspec.proof.contact.friction import SETTLE
 from simspec.proof.contact.leaning import SLIP_TOLERANCE, STANDING_STEPS, STANDING_TIME, TOUCH, standing_way
 from simspec.proof.contact.normal import DROP_RESTITUTION, REST_DEPTH, hop
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, deviation, furthest
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Phase,
+    Probe,
+    ProbeFigure,
+    ProbeLaw,
+    ProbeTrial,
+    TrialMotion,
+    deviation,
+    furthest,
+)
 from simspec.proof.contact.worlds import box, floor, plane
 from simspec.world import frames
 from simspec.world.rotations import rotation_error
@@ -52,10 +62,10 @@ class Stack(Probe):
     NAME = "stack"
     SIDEWAYS = "stack-sideways"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.is_rigid and law.reach.ratio > 0.0 and law.pair.restitution <= DROP_RESTITUTION
 
-    def stacks(self, law: Law) -> dict[str, tuple[float, ...]]:
+    def stacks(self, law: ProbeLaw) -> dict[str, tuple[float, ...]]:
         """Masses (kg) from the lowest up, by name: two layers at the whole ratio, and three that share it."""
         ratio = law.reach.ratio
         found: dict[str, tuple[float, ...]] = {"two": (LIGHTEST, ratio * LIGHTEST)}
@@ -63,14 +73,14 @@ class Stack(Probe):
             found["three"] = (LIGHTEST, math.sqrt(ratio) * LIGHTEST, ratio * LIGHTEST)
         return found
 
-    def _bodies(self, law: Law) -> Iterator[Body]:
+    def _bodies(self, law: ProbeLaw) -> Iterator[Body]:
         for number, (name, masses) in enumerate(self.stacks(law).items()):
             for layer, mass in enumerate(masses):
                 at = (STACK_SPACING * number, 0.0, EDGE * (layer + 0.5))
                 material = law.pair.first if layer % 2 else law.pair.second
                 yield box(law, f"{name}_{layer}", (EDGE,) * 3, mass, at, material=material, group=f"{name}_{layer}")
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         meets = [
             (f"{name}_{layer}", f"{name}_{layer + 1}")
             for name, masses in self.stacks(law).items()
@@ -78,13 +88,13 @@ class Stack(Probe):
         ]
         steps = law.steps(TIME, STEPS)
         every = steps if law.pair.friction else steps // SAMPLES
-        return [Trial((floor(law), *self._bodies(law)), (Phase(steps, every),), tuple(meets))]
+        return [ProbeTrial((floor(law), *self._bodies(law)), (Phase(steps, every),), tuple(meets))]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         texts = (" on ".join(f"{mass:.4g}" for mass in reversed(masses)) for masses in self.stacks(law).values())
         return [figure for text in texts for figure in _resting(self, law, f"{text} kg", self.SIDEWAYS)]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         motion, readings = motions[0], []
         for name, masses in self.stacks(law).items():
             paths = [motion.pose[f"{name}_{layer}"][:, :3] for layer in range(len(masses))]
@@ -106,7 +116,7 @@ def _before_adrift(paths: Sequence[np.ndarray]) -> int:
     return max(1, int(beyond[0]) - 1) if len(beyond) and np.isfinite(ways).all() else -1
 
 
-def _resting(probe: Probe, law: Law, case: str, sideways: str) -> Iterator[Figure]:
+def _resting(probe: Probe, law: ProbeLaw, case: str, sideways: str) -> Iterator[ProbeFigure]:
     """The figures of bodies that lie on each other: depth, and with friction the way sideways. Without support everything falls
     as long as the trial lasts; sideways nothing moves without a cause."""
     hops = hop(law) * law.timestep
@@ -139,7 +149,7 @@ class SlidingStack(Probe):
     NAME = "stack-slides"
     STAYS = "stack-stays"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return (
             law.is_rigid
             and 0.0 < law.pair.friction < TIPS
@@ -149,20 +159,20 @@ class SlidingStack(Probe):
             and not law.pair.rolling_friction
         )
 
-    def steps(self, law: Law) -> int:
+    def steps(self, law: ProbeLaw) -> int:
         """Steps in which what slides comes to rest."""
         return law.steps(math.sqrt(2.0 * WAY / (law.pair.friction * GRAVITY)), LEAST_STEPS)
 
-    def speed(self, law: Law) -> float:
+    def speed(self, law: ProbeLaw) -> float:
         """m/s: at the start."""
         return self.steps(law) * law.pair.friction * GRAVITY * law.timestep
 
-    def way(self, law: Law) -> float:
+    def way(self, law: ProbeLaw) -> float:
         """m: until rest, by semi-implicit Euler, the method of all engines."""
         steps = self.steps(law)
         return law.pair.friction * GRAVITY * law.timestep**2 * steps * (steps - 1) / 2.0
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         """On a box, the slab first; where the world has a plane, on a plane too, the cube first: solvers that sweep over
         contacts have them in another order then."""
         on_box = self._trial(law, floor(law))
@@ -171,7 +181,7 @@ class SlidingStack(Probe):
         on_plane = self._trial(law, plane(law))
         return [on_box, replace(on_plane, bodies=tuple(reversed(on_plane.bodies)))]
 
-    def _trial(self, law: Law, ground: Body) -> Trial:
+    def _trial(self, law: ProbeLaw, ground: Body) -> ProbeTrial:
         bodies, meets = [ground], []
         for number, (name, speed) in enumerate(((SLIDING, self.speed(law)), (STANDING, 0.0))):
             y, cube, heavy = SLAB_SPACING * number, f"{name}_cube", law.reach.ratio * LIGHT
@@ -180,12 +190,12 @@ class SlidingStack(Probe):
             bodies.append(box(law, name, SLAB, LIGHT, (0.0, y, SLAB[2] / 2.0), slab, group=name))
             bodies.append(box(law, cube, CUBE, heavy, above, first, material=law.pair.first, group=cube))
             meets.append((name, cube))
-        return Trial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))
+        return ProbeTrial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         return [figure for ground in (("", ON_PLANE) if law.reach.plane else ("",)) for figure in self._on(law, ground)]
 
-    def _on(self, law: Law, ground: str) -> tuple[Figure, Figure, Figure]:
+    def _on(self, law: ProbeLaw, ground: str) -> tuple[ProbeFigure, ProbeFigure, ProbeFigure]:
         way, ratio, steps = self.way(law), law.reach.ratio, self.steps(law)
         slides = ("way", "m", way, SLIP_TOLERANCE * way)
         free: dict[str, Any] = {"probe": self.NAME + ground, "without": self.speed(law) * steps * law.timestep}
@@ -197,7 +207,7 @@ class SlidingStack(Probe):
             self.figure(law, over, "way", "m", 0.0, standing_way(law, steps), **stays),
         )
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float | Mapping[str, Any]]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float | Mapping[str, Any]]:
         readings: list[float | Mapping[str, Any]] = []
         for motion in motions:
             ways = {name: float(pose[-1, 0] - pose[0, 0]) for name, pose in motion.pose.items()}
@@ -233,25 +243,25 @@ class Cross(Probe):
     NAME = "cross"
     SIDEWAYS = "cross-sideways"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.is_rigid and law.reach.crosses and law.pair.restitution <= DROP_RESTITUTION
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         """One world for each case: solvers of dense equations fail to converge with all cases in one."""
         return [self._trial(law, *case) for case in CASES.values()]
 
-    def _trial(self, law: Law, below: Vector3, above: Vector3, turn: float, moved: float) -> Trial:
+    def _trial(self, law: ProbeLaw, below: Vector3, above: Vector3, turn: float, moved: float) -> ProbeTrial:
         at = (0.0, moved, below[2] + above[2] / 2.0)
         turned = frames.from_axis_angle((0.0, 0.0, 1.0), math.radians(turn))
         lower = box(law, LOWER, below, CROSS_MASS, (0.0, 0.0, below[2] / 2.0), group=LOWER)
         upper = box(law, UPPER, above, CROSS_MASS, at, turn=turned, material=law.pair.first, group=UPPER)
         steps = law.steps(TIME, STEPS)
-        return Trial((floor(law), lower, upper), (Phase(steps, steps),), ((LOWER, UPPER),))
+        return ProbeTrial((floor(law), lower, upper), (Phase(steps, steps),), ((LOWER, UPPER),))
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         return [figure for text in CASES for figure in _resting(self, law, text, self.SIDEWAYS)]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         readings = []
         for motion in motions:
             lower, upper = (motion.pose[name][-1, :3] - motion.pose[name][0, :3] for name in (LOWER, UPPER))
@@ -291,13 +301,13 @@ class Carrier(Probe):
     NAME = "carrier"
     CASES = ("speeds up", "turns")
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return law.is_rigid and law.pair.friction > 0.0 and law.reach.carries
 
-    def _acceleration(self, law: Law) -> float:
+    def _acceleration(self, law: ProbeLaw) -> float:
         return SHARE * law.pair.friction * GRAVITY
 
-    def _bodies(self, law: Law) -> Iterator[Body]:
+    def _bodies(self, law: ProbeLaw) -> Iterator[Body]:
         turn = math.sqrt(self._acceleration(law) / OUT)
         height = CARRIER_SLAB[2] / 2.0 + LOAD_EDGE / 4.0
         states = {
@@ -313,7 +323,7 @@ class Carrier(Probe):
                 law, load, (LOAD_EDGE, LOAD_EDGE, LOAD_EDGE / 2.0), MASS, (x + out, 0.0, height), carried, group=load
             )
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         settle, steps = law.steps(SETTLE, 10), law.steps(CARRIED_TIME, CARRIED_STEPS)
         weight = (SLAB_MASS + MASS) * GRAVITY
         actual = (0.0, 0.0, weight, 0.0, 0.0, 0.0)
@@ -323,9 +333,9 @@ class Carrier(Probe):
             Phase(steps, steps, {"slab_0": pushed, "slab_1": actual}),
         )
         meets = tuple((f"load_{number}", f"slab_{number}") for number in range(len(self.CASES)))
-        return [Trial(tuple(self._bodies(law)), phases, meets)]
+        return [ProbeTrial(tuple(self._bodies(law)), phases, meets)]
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         """Without friction the box stays where it is in the world, or goes on along its tangent."""
         steps, acceleration = law.steps(CARRIED_TIME, CARRIED_STEPS), self._acceleration(law)
         time, value = steps * law.timestep, standing_way(law, steps)
@@ -340,7 +350,7 @@ class Carrier(Probe):
             self.figure(law, *turns, outwards, outwards + value, without=abs(straight - OUT)),
         ]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         slips = []
         for number in range(len(self.CASES)):
             places = [_seen(motions[0], f"slab_{number}", f"load_{number}", at) for at in (-2, -1)]
@@ -348,7 +358,7 @@ class Carrier(Probe):
         return slips
 
 
-def _seen(motion: Motion, carrier: str, carried: str, at: int) -> np.ndarray:
+def _seen(motion: TrialMotion, carrier: str, carried: str, at: int) -> np.ndarray:
     """Where a body's frame is in another's (3,), in m."""
     below, above = motion.pose[carrier][at], motion.pose[carried][at]
     found: np.ndarray = np.array(frames.matrix(tuple(below[3:].tolist()))).T @ (above[:3] - below[:3])
@@ -378,7 +388,7 @@ class Squeeze(Probe):
     NAME = "squeeze"
     SLIDES, TURNS = "squeeze-slips", "squeeze-turns"
 
-    def applies(self, law: Law) -> bool:
+    def applies(self, law: ProbeLaw) -> bool:
         return (
             law.is_rigid
             and law.pair.friction > 0.0
@@ -387,25 +397,25 @@ class Squeeze(Probe):
             and not law.pair.rolling_friction
         )
 
-    def force(self, law: Law, share: float) -> float:
+    def force(self, law: ProbeLaw, share: float) -> float:
         """N: of each finger, whose friction on both sides carries this share of the box's weight."""
         return share * BOX_MASS * GRAVITY / (2.0 * law.pair.friction)
 
-    def steps(self, law: Law) -> int:
+    def steps(self, law: ProbeLaw) -> int:
         """The step at which the slipping box has fallen by ``FALL``."""
         fall = (1.0 - SLIPS) * GRAVITY
         return law.steps(math.sqrt(2.0 * FALL / fall))
 
-    def all_steps(self, law: Law) -> int:
+    def all_steps(self, law: ProbeLaw) -> int:
         """As many, and enough to see what is held stand."""
         return max(self.steps(law), law.steps(STANDING_TIME, STANDING_STEPS))
 
-    def fallen(self, law: Law, acceleration: float) -> float:
+    def fallen(self, law: ProbeLaw, acceleration: float) -> float:
         """m: after :meth:`steps` of semi-implicit Euler, the method of all engines."""
         steps = self.steps(law)
         return acceleration * law.timestep**2 * steps * (steps + 1) / 2.0
 
-    def trials(self, law: Law) -> Sequence[Trial]:
+    def trials(self, law: ProbeLaw) -> Sequence[ProbeTrial]:
         bodies: list[Body] = []
         effort: dict[str, tuple[float, ...]] = {}
         for number, share in enumerate((HOLDS, SLIPS)):
@@ -413,16 +423,16 @@ class Squeeze(Probe):
             force = self.force(law, share)
             effort |= {f"left_{number}": (force,), f"right_{number}": (-force,)}
         steps = self.all_steps(law)
-        return [Trial(tuple(bodies), (Phase(steps, effort=effort),), ((BOX, FINGERS),))]  # type: ignore[arg-type]
+        return [ProbeTrial(tuple(bodies), (Phase(steps, effort=effort),), ((BOX, FINGERS),))]  # type: ignore[arg-type]
 
-    def _squeezed(self, law: Law, number: int) -> Iterator[Body]:
+    def _squeezed(self, law: ProbeLaw, number: int) -> Iterator[Body]:
         y = BOX_SPACING * number
         out = (EDGES[0] + FINGER[0]) / 2.0 - TOUCH
         yield box(law, f"box_{number}", EDGES, BOX_MASS, (0.0, y, 0.0), group=BOX)
         yield _finger(law, f"left_{number}", (-out, y, 0.0))
         yield _finger(law, f"right_{number}", (out, y, 0.0))
 
-    def wanted(self, law: Law) -> Sequence[Figure]:
+    def wanted(self, law: ProbeLaw) -> Sequence[ProbeFigure]:
         steps = self.all_steps(law)
         whole = 0.5 * GRAVITY * (steps * law.timestep) ** 2
         way, free = (self.fallen(law, acceleration) for acceleration in ((1.0 - SLIPS) * GRAVITY, GRAVITY))
@@ -434,7 +444,7 @@ class Squeeze(Probe):
             self.figure(law, slips, "turn", "rad", 0.0, TURN, probe=self.TURNS),
         ]
 
-    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+    def readings(self, law: ProbeLaw, motions: Sequence[TrialMotion]) -> Sequence[float]:
         values, slipping = motions[0].pose["box_0"], motions[0].pose["box_1"][: self.steps(law) + 1]
         return [
             float(np.linalg.norm(values[:, :3] - values[0, :3], axis=1).max()),
@@ -443,7 +453,7 @@ class Squeeze(Probe):
         ]
 
 
-def _finger(law: Law, name: str, at: Vector3) -> Body:
+def _finger(law: ProbeLaw, name: str, at: Vector3) -> Body:
     """A box on a slide along x."""
     joint = Joint(f"{name}_joint", "slide", origin=Pose(at), axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,))
     return replace(box(law, name, FINGER, FINGER_MASS, at, material=law.pair.first, group=FINGERS), joint=joint)

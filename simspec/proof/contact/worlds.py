@@ -22,7 +22,7 @@ from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.proof.building import AT_REST, fixed, free
-from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, Phase, Trial
+from simspec.proof.contact.probe import FLOOR, GRAVITY, Phase, ProbeLaw, ProbeTrial, TrialMotion
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
@@ -57,12 +57,12 @@ STEPS_BEFORE = 2
 """Whole steps of flight before the one in which a body arrives."""
 
 
-def floor(law: Law, size: Vector3 = FLOOR_SIZE) -> Body:
+def floor(law: ProbeLaw, size: Vector3 = FLOOR_SIZE) -> Body:
     """A fixed box whose upper face is at z = 0."""
     return fixed_box(FLOOR, size, (0.0, 0.0, -size[2] / 2), law.pair.first)
 
 
-def plane(law: Law) -> Body:
+def plane(law: ProbeLaw) -> Body:
     """A fixed plane at z = 0."""
     return fixed(FLOOR, Shape(f"{FLOOR}_0", "plane", (), Pose(), law.pair.first))
 
@@ -73,7 +73,7 @@ def fixed_box(name: str, size: Vector3, at: Vector3, material: str, turn: Quater
 
 
 def cluster(
-    law: Law,
+    law: ProbeLaw,
     name: str,
     balls: Mapping[str, Vector3],
     radius: float,
@@ -92,7 +92,7 @@ def cluster(
 
 
 def ball(
-    law: Law,
+    law: ProbeLaw,
     name: str,
     radius: float,
     mass: float,
@@ -101,14 +101,15 @@ def ball(
     material: str | None = None,
     group: str = "default",
 ) -> Body:
-    """A free solid ball with its centre at ``at``; ``material`` by default the pair's second; ``group``: see :class:`Trial`."""
+    """A free solid ball with its centre at ``at``; ``material`` by default the pair's second; ``group``: see
+    :class:`ProbeTrial`."""
     moment = 0.4 * mass * radius * radius
     shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), material or law.pair.second)
     return free(name, at, _uniform(mass, (moment, moment, moment)), shape, velocity=velocity, group=group)
 
 
 def box(
-    law: Law,
+    law: ProbeLaw,
     name: str,
     size: Vector3,
     mass: float,
@@ -126,7 +127,7 @@ def box(
 
 
 def solid(
-    law: Law,
+    law: ProbeLaw,
     name: str,
     kind: str,
     size: tuple[float, ...],
@@ -143,7 +144,7 @@ def _uniform(mass: float, moments: Vector3) -> Inertial:
     return Inertial(mass, inertia=vector6((*moments, 0.0, 0.0, 0.0)))
 
 
-def flight(law: Law, speed: float, phase: float) -> tuple[float, float]:
+def flight(law: ProbeLaw, speed: float, phase: float) -> tuple[float, float]:
     """The speed (m/s) downwards at the start, and the way (m), of a body that falls and arrives at ``speed`` after this share
     of the step that follows ``STEPS_BEFORE``."""
     dt = law.timestep
@@ -151,7 +152,7 @@ def flight(law: Law, speed: float, phase: float) -> tuple[float, float]:
     return start, (sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + phase * speed) * dt
 
 
-def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: EngineOptions) -> World:
+def world_of_trial(trial: ProbeTrial, contact: Contact, physics: Physics, options: EngineOptions) -> World:
     """The world of a trial under a contact law: moving bodies meet fixed ones alone, except those that the trial lets meet."""
     meeting = {group for pair in trial.meets for group in pair}
     bodies = tuple(
@@ -167,7 +168,7 @@ def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: En
     return World("contact-probe", bodies, contact, physics, engines=(options,))
 
 
-def drive_of(world: World, trial: Trial) -> Operation:
+def drive_of(world: World, trial: ProbeTrial) -> Operation:
     """The operation that drives the world of a trial."""
     places = layout_of(world)
     index = {body.name: number for number, body in enumerate(world.bodies)}
@@ -179,17 +180,17 @@ def drive_of(world: World, trial: Trial) -> Operation:
     return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort}, world)
 
 
-def motion_of(world: World, answer: Answer) -> Motion:
+def motion_of(world: World, answer: Answer) -> TrialMotion:
     """The motion of a driven world, by body."""
     time, pose, velocity = (answer.arrays[name] for name in ("time", "pose", "velocity"))
     places = {body.name: number for number, body in enumerate(world.bodies)}
-    return Motion(time, *({name: rows[:, at] for name, at in places.items()} for rows in (pose, velocity)))
+    return TrialMotion(time, *({name: rows[:, at] for name, at in places.items()} for rows in (pose, velocity)))
 
 
 # --- trials in several worlds ------------------------------------------------------------------------------------
 
 
-def split(trial: Trial, most: int | None) -> list[Trial]:
+def split(trial: ProbeTrial, most: int | None) -> list[ProbeTrial]:
     """``trial`` in parts of at most ``most`` moving bodies each, in their order; None: whole. Fixed roots are in every part;
     bodies that are joined, or that may meet, stay together even where they are more."""
     chunks: list[set[str]] = []
@@ -204,7 +205,7 @@ def _stands(body: Body) -> bool:
     return body.joint.kind == "fixed" and body.joint.parent is None
 
 
-def _together(trial: Trial) -> Iterable[set[str]]:
+def _together(trial: ProbeTrial) -> Iterable[set[str]]:
     """The names of bodies that have to be in one world, in the order of the first of each."""
     units = {body.name: {body.name} for body in trial.bodies if not _stands(body)}
     order = {name: number for number, name in enumerate(units)}
@@ -228,23 +229,23 @@ def _together(trial: Trial) -> Iterable[set[str]]:
     )
 
 
-def _part(trial: Trial, names: set[str]) -> Trial:
+def _part(trial: ProbeTrial, names: set[str]) -> ProbeTrial:
     bodies = tuple(body for body in trial.bodies if body.name in names or _stands(body))
     phases = tuple(
         Phase(phase.steps, phase.every, {name: effort for name, effort in phase.effort.items() if name in names})
         for phase in trial.phases
     )
     groups = {body.collision_group for body in bodies}
-    return Trial(bodies, phases, tuple(pair for pair in trial.meets if set(pair) <= groups))
+    return ProbeTrial(bodies, phases, tuple(pair for pair in trial.meets if set(pair) <= groups))
 
 
-def joined(motions: Sequence[Motion]) -> Motion:
+def joined(motions: Sequence[TrialMotion]) -> TrialMotion:
     """The motion of a whole trial from those of its parts. Raises ValueError where their times differ."""
     time = motions[0].time
     if any(not np.array_equal(time, motion.time) for motion in motions[1:]):
         raise ValueError("parts of a trial were seen at different times")
     pose = {name: rows for motion in motions for name, rows in motion.pose.items()}
-    return Motion(time, pose, {name: rows for motion in motions for name, rows in motion.velocity.items()})
+    return TrialMotion(time, pose, {name: rows for motion in motions for name, rows in motion.velocity.items()})
 
 
 # The contact law as a scenario's *files* hold it, so that probes measure what was written, not what was meant.

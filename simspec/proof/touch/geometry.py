@@ -24,7 +24,7 @@ ENOUGH = 0.2
 
 
 @dataclass(frozen=True)
-class Solid:
+class CollisionSolid:
     """One collision shape: its ``body``'s index in the world; ``part`` is equal for the shapes of one body and material.
 
     ``inner`` is the radius of the largest sphere about its centre inside it, ``outer`` of the smallest around it (m).
@@ -72,16 +72,16 @@ class Solid:
         return transform(self.shape.pose)
 
 
-def solids(world: World) -> tuple[Solid, ...]:
+def solids(world: World) -> tuple[CollisionSolid, ...]:
     """Every collision shape of a world, in its order."""
-    solids_of_world: list[Solid] = []
+    solids_of_world: list[CollisionSolid] = []
     for index, body in enumerate(world.bodies):
         for shape in body.shapes:
             if shape.collision:
                 part = (index, shape.material)
                 kind = SHAPES[shape.kind]
                 inner, outer = kind.inner_radius(shape.size), kind.outer_radius(shape.size)
-                solids_of_world.append(Solid(len(solids_of_world), index, shape, part, inner, outer))
+                solids_of_world.append(CollisionSolid(len(solids_of_world), index, shape, part, inner, outer))
     return tuple(solids_of_world)
 
 
@@ -184,7 +184,7 @@ def _request() -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class ShapeGap:
     """The signed distance of two shapes (m, negative: how deep they overlap), the unit normal from the first to the second,
     and the points of both that are nearest or deepest, in the world."""
 
@@ -194,11 +194,11 @@ class Gap:
     second: np.ndarray
 
 
-NOWHERE = Gap(math.inf, np.zeros(3), np.zeros(3), np.zeros(3))
+NOWHERE = ShapeGap(math.inf, np.zeros(3), np.zeros(3), np.zeros(3))
 """The gap of shapes at infinite distance."""
 
 
-def gap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
+def gap(solid: CollisionSolid, at: np.ndarray, other: CollisionSolid, other_at: np.ndarray) -> ShapeGap:
     """The gap between two shapes at poses (4, 4). Two planes, or two of what only bodies that cannot move have, are at
     infinite distance: nothing can bring them together.
 
@@ -210,21 +210,21 @@ def gap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap
         return _to_field(solid, at, other, other_at)
     if other.grid:
         found = _to_field(other, other_at, solid, at)
-        return Gap(found.distance, -found.normal, found.second, found.first)
+        return ShapeGap(found.distance, -found.normal, found.second, found.first)
     return _between(solid.thing, at, other.thing, other_at)
 
 
-def _between(thing: Any, at: np.ndarray, other: Any, other_at: np.ndarray) -> Gap:
+def _between(thing: Any, at: np.ndarray, other: Any, other_at: np.ndarray) -> ShapeGap:
     coal = _coal()
     result = coal.DistanceResult()
     first, second = (coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (at, other_at))
     separation = coal.distance(thing, first, other, second, _request(), result)
     if not math.isfinite(separation):
         return NOWHERE
-    return Gap(separation, result.normal, result.getNearestPoint1(), result.getNearestPoint2())
+    return ShapeGap(separation, result.normal, result.getNearestPoint1(), result.getNearestPoint2())
 
 
-def _to_field(field: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
+def _to_field(field: CollisionSolid, at: np.ndarray, other: CollisionSolid, other_at: np.ndarray) -> ShapeGap:
     """The gap from a height field, which is that of the nearest of its prisms, or of the one that is overlapped most."""
     centre = at[:3, :3].T @ (other_at[:3, 3] - at[:3, 3])
     best = NOWHERE
@@ -237,12 +237,12 @@ def _to_field(field: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) 
     return best
 
 
-def wanted_depth(solid: Solid, other: Solid) -> tuple[float, float]:
+def wanted_depth(solid: CollisionSolid, other: CollisionSolid) -> tuple[float, float]:
     """How deep two shapes should overlap, and how deep at least (m)."""
     least = min(solid.inner, other.inner)
     return DIP * least, ENOUGH * least
 
 
-def overlap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
+def overlap(solid: CollisionSolid, at: np.ndarray, other: CollisionSolid, other_at: np.ndarray) -> bool:
     """Whether two shapes overlap clearly."""
     return gap(solid, at, other, other_at).distance <= -wanted_depth(solid, other)[1]

@@ -12,8 +12,8 @@ import numpy as np
 from simspec.dynamics.oracle import random_states
 from simspec.dynamics.oracle_tree import OracleTree
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.proof.touch.geometry import Gap, Solid, gap, transforms, wanted_depth
-from simspec.proof.touch.scene import POSES, Pair, Scene, States, easy
+from simspec.proof.touch.geometry import CollisionSolid, ShapeGap, gap, transforms, wanted_depth
+from simspec.proof.touch.scene import POSES, Pair, Scene, TouchStates, easy
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.shapes import SHAPES, Round
 from simspec.world.types import World
@@ -80,16 +80,18 @@ class Mechanism:
         """Write Pinocchio's coordinates ``q`` of these trees into a state (nq,) of the world."""
         into[self._places] = q[self.tree.q_index]
 
-    def _pose(self, solid: Solid, name: str) -> np.ndarray:
+    def _pose(self, solid: CollisionSolid, name: str) -> np.ndarray:
         pose: np.ndarray = self._data.oMi[self._joint[name]].homogeneous @ self._placement[name] @ solid.pose
         return pose
 
-    def between(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> Gap:
+    def between(self, q: np.ndarray, solid: CollisionSolid, other: CollisionSolid, names: tuple[str, str]) -> ShapeGap:
         """The gap of two shapes of the bodies ``names`` in a state of Pinocchio's."""
         self._pin.forwardKinematics(self._model, self._data, q)
         return gap(solid, self._pose(solid, names[0]), other, self._pose(other, names[1]))
 
-    def relative(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> np.ndarray:
+    def relative(
+        self, q: np.ndarray, solid: CollisionSolid, other: CollisionSolid, names: tuple[str, str]
+    ) -> np.ndarray:
         """The pose (4, 4) of the second of two shapes in the first one's frame."""
         self._pin.forwardKinematics(self._model, self._data, q)
         pose: np.ndarray = np.linalg.inv(self._pose(solid, names[0])) @ self._pose(other, names[1])
@@ -100,7 +102,9 @@ class Mechanism:
         step = generator.uniform(-extent, extent, self._model.nv)
         return self._clipped(self._pin.integrate(self._model, q, step))
 
-    def look(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray]:
+    def look(
+        self, q: np.ndarray, solid: CollisionSolid, other: CollisionSolid, names: tuple[str, str]
+    ) -> tuple[float, np.ndarray]:
         """The signed distance of two shapes, and its slope (nv,): the motion of a point of the second along the normal, less
         that of the first's."""
         self._pin.computeJointJacobians(self._model, self._data, q)
@@ -114,7 +118,12 @@ class Mechanism:
         return between.distance, slope
 
     def descend(
-        self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str], deeper_by: float = 1.0
+        self,
+        q: np.ndarray,
+        solid: CollisionSolid,
+        other: CollisionSolid,
+        names: tuple[str, str],
+        deeper_by: float = 1.0,
     ) -> tuple[float, np.ndarray, int]:
         """From a state of Pinocchio's down to an overlap ``deeper_by`` times as deep as usual, or as far as distances fall:
         the distance, the state, and how often was looked."""
@@ -169,7 +178,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
 
 
-class Reach:
+class MechanismReach:
     """Which shapes of mechanisms the lengths of their links separate at all joint positions."""
 
     def __init__(self, world: World, poses: np.ndarray):
@@ -183,7 +192,7 @@ class Reach:
             self._above.append((*above, number) if body.joint.kind != "fixed" else above)
         self._slides = {number for number, body in enumerate(world.bodies) if body.joint.kind == "slide"}
 
-    def separate(self, solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
+    def separate(self, solid: CollisionSolid, at: np.ndarray, other: CollisionSolid, other_at: np.ndarray) -> bool:
         """Whether the polygon from centre to centre over the hinges between can't close. Slides change lengths: False.
         ``at`` and ``other_at``: where the centres (3,) are in that state."""
         first, second = self._above[solid.body], self._above[other.body]
@@ -198,7 +207,7 @@ class Reach:
 
 
 def nearest(
-    sampled: Sequence[np.ndarray], firsts: Sequence[Solid], seconds: Sequence[Solid], count: int
+    sampled: Sequence[np.ndarray], firsts: Sequence[CollisionSolid], seconds: Sequence[CollisionSolid], count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each pair of shapes the numbers (pairs, count) of the samples in which their bounding spheres are nearest, nearest
     first, and that least gap (pairs,) in m.
@@ -256,7 +265,7 @@ class JointPairs:
         self._alike: list[tuple[Pair, np.ndarray, list[np.ndarray]]] = []
         """Pairs of which too few different overlaps were found, one of their states, and the poses of those that were."""
 
-    def bring_together(self, states: States) -> None:
+    def bring_together(self, states: TouchStates) -> None:
         """Search for a state of each pair, for several where a detector may miss one: named pairs first, then what seeded
         states bring nearest."""
         scene = self._scene
@@ -268,7 +277,7 @@ class JointPairs:
         pairs = pairs[:SEARCHED]
         if not pairs:
             return
-        reach = Reach(scene.world, scene.poses)
+        reach = MechanismReach(scene.world, scene.poses)
         pairs_left = []
         for pair in pairs:
             (solid, at), (other, other_at) = ((scene.solids[k], scene.at[k][:3, 3]) for k in pair)
@@ -308,7 +317,7 @@ class JointPairs:
                 if scene.group[i] != scene.group[j]:
                     yield i, j
 
-    def _search(self, states: States, pair: Pair, starts: list[np.ndarray]) -> bool:
+    def _search(self, states: TouchStates, pair: Pair, starts: list[np.ndarray]) -> bool:
         """Descend from every start until there are states enough; whether there is one."""
         scene = self._scene
         solid, other = (scene.solids[number] for number in pair)
@@ -337,8 +346,8 @@ class JointPairs:
         self,
         mechanism: Mechanism,
         start: np.ndarray,
-        solid: Solid,
-        other: Solid,
+        solid: CollisionSolid,
+        other: CollisionSolid,
         names: tuple[str, str],
         deeper_by: float = 1.0,
     ) -> np.ndarray | None:
@@ -349,7 +358,7 @@ class JointPairs:
         return q if mechanism.holds(q) and deep >= wanted_depth(solid, other)[1] else None
 
     def _shake(
-        self, states: States, pair: Pair, q: np.ndarray, placed: list[np.ndarray], generator: np.random.Generator
+        self, states: TouchStates, pair: Pair, q: np.ndarray, placed: list[np.ndarray], generator: np.random.Generator
     ) -> None:
         """Search around an overlap for ones in other poses, until there are ``POSES``."""
         scene = self._scene
@@ -375,7 +384,9 @@ class JointPairs:
             self._mechanisms[trees] = Mechanism(scene.world, [scene.roots[tree] for tree in trees])
         return self._mechanisms[trees]
 
-    def _keep(self, states: States, mechanism: Mechanism, trees: tuple[int, ...], pair: Pair, q: np.ndarray) -> None:
+    def _keep(
+        self, states: TouchStates, mechanism: Mechanism, trees: tuple[int, ...], pair: Pair, q: np.ndarray
+    ) -> None:
         """Write a found state into the first one in which these trees have nothing to do yet."""
         scene = self._scene
         taken = 0
@@ -404,14 +415,14 @@ class JointPairs:
         )
 
 
-def _unlike(pose: np.ndarray, known: np.ndarray, solid: Solid, other: Solid) -> bool:
+def _unlike(pose: np.ndarray, known: np.ndarray, solid: CollisionSolid, other: CollisionSolid) -> bool:
     """Whether two poses (4, 4) of the second of two shapes in the first one's frame are different, but for turns that change
     nothing of one of them."""
     ways = ((pose, known, other), (np.linalg.inv(pose), np.linalg.inv(known), solid))
     return all(_differ(values, two, moved, UNLIKE * min(solid.inner, other.inner)) for values, two, moved in ways)
 
 
-def _differ(pose: np.ndarray, known: np.ndarray, moved: Solid, far: float) -> bool:
+def _differ(pose: np.ndarray, known: np.ndarray, moved: CollisionSolid, far: float) -> bool:
     kind = SHAPES[moved.shape.kind]
     away = float(np.linalg.norm(pose[:3, 3] - known[:3, 3]))
     axes = slice(0 if kind.round is Round.NONE else 2, 3 if kind.round is not Round.EVERY else 0)

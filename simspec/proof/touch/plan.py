@@ -15,9 +15,9 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.checks import Check
-from simspec.proof.touch.geometry import Solid, gap, overlap, transforms
+from simspec.proof.touch.geometry import CollisionSolid, gap, overlap, transforms
 from simspec.proof.touch.mechanisms import JointPairs
-from simspec.proof.touch.scene import POSES, SEVERAL, Overlaps, Pair, Rounds, Scene, States, easy, frame_at
+from simspec.proof.touch.scene import POSES, SEVERAL, Overlaps, Pair, Rounds, Scene, TouchStates, easy, frame_at
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.frames import sorted_pair
@@ -57,7 +57,7 @@ class FreePairs:
         self.untried = 0
         self.left: list[Pair] = []
 
-    def bring_together(self, states: States) -> None:
+    def bring_together(self, states: TouchStates) -> None:
         """First the pairs that show every shape against every class of others and every pair the world names, then all others,
         then further poses of those that a detector may miss."""
         met: set[Pair] = set()
@@ -142,7 +142,7 @@ class FreePairs:
 
     # --- where ----------------------------------------------------------------------------------------------------
 
-    def _write(self, states: States) -> None:
+    def _write(self, states: TouchStates) -> None:
         """Make the states; a pair without a clear overlap after all is left untried."""
         scene = self._scene
         for number in sorted(self._visits):
@@ -166,7 +166,7 @@ class FreePairs:
                     self.left.append(key)
 
     def _meet(
-        self, mover: Solid, host: Solid, frame: np.ndarray | None, place: int, pose: int
+        self, mover: CollisionSolid, host: CollisionSolid, frame: np.ndarray | None, place: int, pose: int
     ) -> tuple[np.ndarray | None, bool]:
         """Where to put the mover's root frame (4, 4) so that its shape overlaps the host's, whose root's frame is ``frame``
         (None: where it stands), by itself if there is such a place; and whether it is by itself."""
@@ -186,12 +186,12 @@ class FreePairs:
             first = root if first is None else first
         return first, False
 
-    def _place(self, solid: Solid, frame: np.ndarray | None) -> np.ndarray:
+    def _place(self, solid: CollisionSolid, frame: np.ndarray | None) -> np.ndarray:
         in_root = self._scene.in_root[solid.number]
         place: np.ndarray = in_root if frame is None else frame @ in_root
         return place
 
-    def _alone(self, mover: Solid, root: np.ndarray, host: Solid, frame: np.ndarray | None) -> bool:
+    def _alone(self, mover: CollisionSolid, root: np.ndarray, host: CollisionSolid, frame: np.ndarray | None) -> bool:
         """Whether no other shapes of the same bodies and materials overlap."""
         parts = self._scene.parts
         return all(
@@ -201,7 +201,7 @@ class FreePairs:
         )
 
 
-def _base(first: Solid, other: Solid) -> Solid:
+def _base(first: CollisionSolid, other: CollisionSolid) -> CollisionSolid:
     """The shape on whose surface the other one is put: a plane, or the larger."""
     return max(first, other, key=lambda solid: (solid.outer, -solid.number))
 
@@ -220,7 +220,7 @@ class Meetings:
 
     q: np.ndarray
     tried: np.ndarray
-    solids: tuple[Solid, ...] = ()
+    solids: tuple[CollisionSolid, ...] = ()
     rigid: int = 0
     separate: tuple[Pair, ...] = ()
     untried: int = 0
@@ -268,7 +268,7 @@ def oracle_of(world: World) -> Oracle:
 
 def plan(world: World, oracle: Oracle) -> Meetings:
     """States that bring the pairs of solid shapes of ``world`` together."""
-    scene, states = Scene(world, oracle), States()
+    scene, states = Scene(world, oracle), TouchStates()
     if len(scene.solids) < 2:
         return Meetings(np.zeros((0, oracle.nq)), np.zeros((0, 4), np.int64), scene.solids)
     rigid = _as_built(scene, states)
@@ -286,7 +286,7 @@ def plan(world: World, oracle: Oracle) -> Meetings:
     )
 
 
-def _as_built(scene: Scene, states: States) -> int:
+def _as_built(scene: Scene, states: TouchStates) -> int:
     """One state in which nothing is brought together: shapes that overlap by construction must not touch.
 
     Returns how many pairs of one rigid body do not overlap.
@@ -424,7 +424,7 @@ def _edges_only(
 ) -> set[Pair]:
     """Those of the pairs that overlap in no state that was tried once the edges of their shapes are rounded."""
 
-    def radius(solid: Solid) -> float:
+    def radius(solid: CollisionSolid) -> float:
         return rounding.get((world.bodies[solid.body].name, solid.name), 0.0)
 
     requested = {pair: [meetings.solids[number] for number in pair] for pair in missed}
@@ -441,7 +441,7 @@ def _edges_only(
     return {pair for pair, alone in separate.items() if alone}
 
 
-def _core(solid: Solid, radius: float) -> Solid:
+def _core(solid: CollisionSolid, radius: float) -> CollisionSolid:
     if not radius:
         return solid
     size = rounded_core(solid.shape.kind, solid.shape.size, radius)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
-from simspec.proof.touch.geometry import Solid, gap, solids, transforms, wanted_depth
+from simspec.proof.touch.geometry import CollisionSolid, gap, solids, transforms, wanted_depth
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.hull import hull_of
@@ -27,7 +27,7 @@ Pair = tuple[int, int]
 
 
 @dataclass
-class States:
+class TouchStates:
     """States (nq,), and what overlaps in them: state, two shapes' numbers, and whether no others of their bodies and materials
     do."""
 
@@ -68,7 +68,7 @@ class Scene:
         self.free = [world.bodies[number].joint.kind == "free" for number in self._root_index]
         self.tree = [tree_of[name] for name in self.names]
         self.group = [groups[name] for name in self.names]
-        self.parts: dict[tuple[int, str], list[Solid]] = {}
+        self.parts: dict[tuple[int, str], list[CollisionSolid]] = {}
         for solid in self.solids:
             self.parts.setdefault(solid.part, []).append(solid)
         self.q, _ = initial_state(world)
@@ -164,7 +164,7 @@ GRID = 24
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def easy(solid: Solid, other: Solid) -> bool:
+def easy(solid: CollisionSolid, other: CollisionSolid) -> bool:
     """Whether one pose of the two is enough."""
     return solid.shape.kind in EASY and other.shape.kind in EASY
 
@@ -180,11 +180,11 @@ class Overlaps:
         self._known: dict[tuple[object, ...], np.ndarray | None] = {}
         self._grids: dict[tuple[object, ...], list[tuple[float, float]]] = {}
 
-    def places(self, base: Solid) -> int:
+    def places(self, base: CollisionSolid) -> int:
         """How many shapes can be brought to ``base`` at once."""
         return max(SEVERAL, len(self._grid(base)))
 
-    def relative(self, base: Solid, other: Solid, place: int, pose: int = 0) -> np.ndarray | None:
+    def relative(self, base: CollisionSolid, other: CollisionSolid, place: int, pose: int = 0) -> np.ndarray | None:
         """The pose (4, 4) of ``other`` in the frame of ``base``'s shape at one of its places; ``pose`` is one of ``POSES``.
         None when there is no clear overlap."""
         key = (base.shape.kind, base.shape.size, other.shape.kind, other.shape.size, place, pose)
@@ -192,7 +192,7 @@ class Overlaps:
             self._known[key] = self._find(base, other, place, pose)
         return self._known[key]
 
-    def _find(self, base: Solid, other: Solid, place: int, pose: int) -> np.ndarray | None:
+    def _find(self, base: CollisionSolid, other: CollisionSolid, place: int, pose: int) -> np.ndarray | None:
         point, normal = self._anchor(base, place, pose)
         wanted, enough = wanted_depth(base, other)
         placed, identity = np.eye(4), np.eye(4)
@@ -210,14 +210,14 @@ class Overlaps:
             low, high = (middle, high) if depth(middle) >= wanted else (low, middle)
         return placed if depth(low) >= enough else None
 
-    def _grid(self, base: Solid) -> list[tuple[float, float]]:
+    def _grid(self, base: CollisionSolid) -> list[tuple[float, float]]:
         """Places on a plane, or on the largest face of a box, in that face's own axes."""
         key = (base.shape.kind, base.shape.size)
         if key not in self._grids:
             self._grids[key] = self._new_grid(base)
         return self._grids[key]
 
-    def _new_grid(self, base: Solid) -> list[tuple[float, float]]:
+    def _new_grid(self, base: CollisionSolid) -> list[tuple[float, float]]:
         if base.shape.kind == "plane":
             counts: tuple[int, ...] = (GRID, GRID)
         elif base.shape.kind == "box":
@@ -232,7 +232,7 @@ class Overlaps:
             for j in range(counts[1])
         ]
 
-    def _anchor(self, base: Solid, place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    def _anchor(self, base: CollisionSolid, place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
         """A point of the surface in the shape's frame, and its outward normal."""
         grid = self._grid(base)
         kind, size = base.shape.kind, base.shape.size
@@ -308,7 +308,7 @@ _SURFACE: Mapping[str, Callable[[Sequence[float], int, int], tuple[np.ndarray, n
 """For each kind without a grid of places a point of the surface and its normal, by the place's number and the pose."""
 
 
-def _thin(base: Solid) -> int:
+def _thin(base: CollisionSolid) -> int:
     return int(np.argmin(base.shape.size))
 
 

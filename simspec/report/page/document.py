@@ -22,7 +22,7 @@ from simspec.proof.certificate import Certificate
 from simspec.report import differences
 from simspec.report.certificate import certificate_notes, certificate_tables
 from simspec.report.differences import angle, inconclusive_note, not_compared_words, tolerances
-from simspec.report.page.packing import FARTHEST, Frames, Packed, choose_frames
+from simspec.report.page.packing import FARTHEST, PackedNumbers, ShownFrames, choose_frames
 from simspec.report.page.playback import charts, is_drawn, scene_data
 from simspec.report.problems import not_run_table
 from simspec.report.studies import StoredStudy, expectations, final_table, results, shown_of
@@ -289,7 +289,7 @@ class Section:
     description: str | None = None
 
 
-def section(stored: StoredStudy, packed: Packed) -> Section:
+def section(stored: StoredStudy, packed: PackedNumbers) -> Section:
     """A study as a part of a page; its numbers go into ``packed``."""
     study = stored.study
     shown = [run for run in study.runs.values() if run.recorded]
@@ -326,7 +326,7 @@ def section(stored: StoredStudy, packed: Packed) -> Section:
     )
 
 
-def _caption(frames: Frames, runs: list[Run], scene: dict[str, Any]) -> str:
+def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any]) -> str:
     """How what is drawn differs from what was computed."""
     parts = [
         f"Drawn positions are rounded to {1e3 * frames.step:.2g} mm; every figure and plot is computed from the runs."
@@ -379,7 +379,7 @@ MOST_STUDIES = 6
 _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&\u2028\u2029"}
 
 
-Part = StoredStudy | Section | Callable[[Packed], Sequence[Section]]
+Part = StoredStudy | Section | Callable[[PackedNumbers], Sequence[Section]]
 """A stored study, a part that was made already, or what makes parts whose numbers go into the page's."""
 
 
@@ -391,7 +391,7 @@ def page(studies: Sequence[Part]) -> str:
     if not 0 < len(studies) <= MOST_STUDIES:
         message = f"a page has 1 to {MOST_STUDIES} studies"
         raise SpecError([Problem(message, found=str(len(studies)), hint="write several pages")])
-    packed = Packed()
+    packed = PackedNumbers()
     sections: list[Section] = []
     for stored in studies:
         if isinstance(stored, Section):
@@ -408,7 +408,7 @@ def is_page(content: bytes) -> bool:
     return MARK.encode() in content[:200]
 
 
-def _text(sections: Sequence[Section], packed: Packed) -> str:
+def _text(sections: Sequence[Section], packed: PackedNumbers) -> str:
     made = bundle()
     script, style = _inside("script", made.script), _inside("style", made.style)
     policy = (

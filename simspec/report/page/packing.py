@@ -25,7 +25,7 @@ LARGEST_CODE = 32767
 """Numbers between two bounds are coded as −32767 to 32767."""
 
 
-class Packed:
+class PackedNumbers:
     """The packed numbers of a page, by name."""
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ USUAL = (5.0, 95.0)
 
 
 @dataclass(frozen=True)
-class Frames:
+class ShownFrames:
     """The rows that are shown, of some runs of one world.
 
     ``rows``: of the longest run; a run that ended early has the first ``shown[k]`` of them. ``low`` and ``high`` (3,): the
@@ -123,7 +123,7 @@ class Frames:
         return resolution(self.low, self.high)
 
 
-def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
+def choose_frames(world: World, runs: Sequence[Run]) -> ShownFrames:
     """The frames of some runs of ``world`` that recorded anything: evenly spaced, with the first and the last."""
     usable = [_rows_to_draw(run) for run in runs]
     longest = int(np.argmax(usable))
@@ -139,7 +139,7 @@ def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
     everywhere = [run.arrays["pose"][rows[:number], :, :3] for run, number in zip(runs, shown, strict=True)]
     low, high, centre, radius, beyond = _box(world, everywhere, moving)
     time = np.asarray(runs[longest].time[rows], dtype=np.float64)
-    return Frames(rows, shown, time, low, high, centre, radius, every, beyond)
+    return ShownFrames(rows, shown, time, low, high, centre, radius, every, beyond)
 
 
 def _rows_to_draw(run: Run) -> int:

@@ -14,7 +14,17 @@ from simspec.comparison.floor import FLOOR_FACTOR, deviations
 from simspec.comparison.study import Study
 from simspec.errors import visible
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.report.page.packing import FARTHEST, Frames, Numbers, Packed, Rows, coded, drawable, turns, turns_unseen
+from simspec.report.page.packing import (
+    FARTHEST,
+    Numbers,
+    PackedNumbers,
+    Rows,
+    ShownFrames,
+    coded,
+    drawable,
+    turns,
+    turns_unseen,
+)
 from simspec.report.table import length
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -95,7 +105,7 @@ DIGITS = 7
 """Of lengths in the page's own text: more than a screen shows."""
 
 
-def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) -> dict[str, Any]:
+def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: PackedNumbers) -> dict[str, Any]:
     """A scene as ``page/src/data.ts`` declares it, without its plots. ``runs``: those of ``frames``."""
     poses = [np.asarray(run.arrays["pose"][frames.rows[:shown]]) for run, shown in zip(runs, frames.shown, strict=True)]
     moving, turning = _movers(world, poses, frames)
@@ -127,7 +137,7 @@ def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed
     }
 
 
-def _shapes(world: World, packed: Packed) -> list[dict[str, Any]]:
+def _shapes(world: World, packed: PackedNumbers) -> list[dict[str, Any]]:
     """The visual shapes, and planes; of a body without any, those that collide. Not those that are too large to be drawn."""
     shown = []
     hulls: dict[tuple[float, ...], dict[str, str]] = {}
@@ -147,7 +157,7 @@ def _shapes(world: World, packed: Packed) -> list[dict[str, Any]]:
     return shown
 
 
-def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: Packed) -> dict[str, Any]:
+def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: PackedNumbers) -> dict[str, Any]:
     """A shape's lengths; of a mesh or a height field its vertices and faces, packed once for each size."""
     if not (SHAPES[shape.kind].points or SHAPES[shape.kind].grid):
         return {"size": [round(length, DIGITS) for length in shape.size]}
@@ -174,7 +184,7 @@ def is_drawn(shape: Shape) -> bool:
     return all(abs(length) < FARTHEST for length in (*shape.size, *shape.pose.position))
 
 
-def _movers(world: World, poses: Sequence[Numbers], frames: Frames) -> tuple[Rows, Rows]:
+def _movers(world: World, poses: Sequence[Numbers], frames: ShownFrames) -> tuple[Rows, Rows]:
     """The bodies that are seen to move, and those of them that are seen to turn, in any of the runs."""
     changed = np.zeros(len(world.bodies), dtype=bool)
     turned = np.zeros(len(world.bodies), dtype=bool)
@@ -193,7 +203,9 @@ def _rest(poses: Sequence[Numbers]) -> Numbers:
     return np.where(np.abs(first) < FARTHEST, first, 0.0)
 
 
-def _motion(poses: Numbers, moving: Rows, turning: Rows, frames: Frames, packed: Packed) -> dict[str, Any] | None:
+def _motion(
+    poses: Numbers, moving: Rows, turning: Rows, frames: ShownFrames, packed: PackedNumbers
+) -> dict[str, Any] | None:
     """The motions of some bodies; None where not even the first poses can be drawn."""
     if not drawable(poses).all():
         return None
@@ -209,7 +221,7 @@ def _by_series(codes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(codes.transpose(1, 2, 0)).reshape(-1, len(codes))
 
 
-def _forces(run: Run, frames: Frames, shown: int, packed: Packed) -> dict[str, Any] | None:
+def _forces(run: Run, frames: ShownFrames, shown: int, packed: PackedNumbers) -> dict[str, Any] | None:
     """The contact forces of every few frames, a bar for each; None where none were recorded, or there were none."""
     arrays = run.arrays
     if "contact.row" not in arrays:
@@ -243,7 +255,7 @@ def _forces(run: Run, frames: Frames, shown: int, packed: Packed) -> dict[str, A
     }
 
 
-def _ghost(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) -> dict[str, Any] | None:
+def _ghost(world: World, runs: Sequence[Run], frames: ShownFrames, packed: PackedNumbers) -> dict[str, Any] | None:
     """The target poses of driven joints, from the run that has the most; None where none is driven."""
     run, shown = max(zip(runs, frames.shown, strict=True), key=lambda pair: pair[1])
     if "control.target" not in run.arrays:
@@ -267,7 +279,7 @@ UNITS = {"hinge": "rad", "slide": "m"}
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """One line of a plot: values at the first so many frames. ``kind``: ``line``, ``band`` (filled from below) or ``limit``."""
 
     label: str
@@ -283,10 +295,10 @@ class Chart:
 
     title: str
     unit: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
     logarithmic: bool = False
 
-    def data(self, packed: Packed) -> dict[str, Any]:
+    def data(self, packed: PackedNumbers) -> dict[str, Any]:
         """As ``page/src/data.ts`` declares it."""
         return {
             "title": self.title,
@@ -305,7 +317,7 @@ class Chart:
         }
 
 
-def charts(study: Study, runs: Sequence[Run], frames: Frames) -> list[Chart]:
+def charts(study: Study, runs: Sequence[Run], frames: ShownFrames) -> list[Chart]:
     """The plots of a study; ``runs``: those of ``frames``. A channel that no run recorded has no plot."""
     shown = [frames.rows[:count] for count in frames.shown]
     made = [_differences(study, runs, frames, shown), _energy(study.world, runs, shown), *_contacts(runs, shown)]
@@ -313,7 +325,7 @@ def charts(study: Study, runs: Sequence[Run], frames: Frames) -> list[Chart]:
     return [chart for chart in made if chart is not None and chart.curves]
 
 
-def _differences(study: Study, runs: Sequence[Run], frames: Frames, shown: Sequence[Rows]) -> Chart | None:
+def _differences(study: Study, runs: Sequence[Run], frames: ShownFrames, shown: Sequence[Rows]) -> Chart | None:
     """For each pair the largest distance of any body; the tolerance; and what is within the engines' own noise."""
     moving = metrics.moving_bodies(study.world)
     if not len(moving) or (len(runs) < 2 and not study.floors):
@@ -327,11 +339,13 @@ def _differences(study: Study, runs: Sequence[Run], frames: Frames, shown: Seque
             continue  # recorded at other times: the table of differences compares what they have in common
         largest = _largest_distances(runs[a], runs[b], rows, moving)
         label = f"{runs[a].engine} – {runs[b].engine}"
-        curves.append(Curve(label, np.maximum(largest, LEAST), number, number))
+        curves.append(PlotCurve(label, np.maximum(largest, LEAST), number, number))
     if study.diffs:
         tolerance = study.diffs[0].tolerance
         if tolerance > 0.0:
-            curves.append(Curve(f"tolerance {length(tolerance)}", np.full(len(frames.rows), tolerance), kind="limit"))
+            curves.append(
+                PlotCurve(f"tolerance {length(tolerance)}", np.full(len(frames.rows), tolerance), kind="limit")
+            )
     return Chart("Largest difference of any body's position", "m", tuple(curves), logarithmic=True)
 
 
@@ -342,7 +356,7 @@ def _largest_distances(a: Run, b: Run, rows: Rows, moving: Rows) -> Numbers:
     return largest
 
 
-def _noise(study: Study, moving: Rows, rows: Rows) -> Curve | None:
+def _noise(study: Study, moving: Rows, rows: Rows) -> PlotCurve | None:
     """The level below which differences cannot be distinguished from round-off; None without floors."""
     if not study.floors:
         return None
@@ -352,7 +366,7 @@ def _noise(study: Study, moving: Rows, rows: Rows) -> Curve | None:
         inside = rows < len(floor.position)
         full[inside] = floor.position[rows[inside]][:, moving].max(axis=1)
         worst = np.maximum(worst, full)
-    return Curve(f"{FLOOR_FACTOR:g} × the engines' noise", np.maximum(FLOOR_FACTOR * worst, LEAST), kind="band")
+    return PlotCurve(f"{FLOOR_FACTOR:g} × the engines' noise", np.maximum(FLOOR_FACTOR * worst, LEAST), kind="band")
 
 
 def _part(run: Run, rows: Rows) -> dict[str, Numbers]:
@@ -361,7 +375,7 @@ def _part(run: Run, rows: Rows) -> dict[str, Numbers]:
 
 def _energy(world: World, runs: Sequence[Run], shown: Sequence[Rows]) -> Chart:
     curves = [
-        Curve(run.engine, sum(metrics.energy(world, _part(run, rows)), np.zeros(len(rows))), index, index)
+        PlotCurve(run.engine, sum(metrics.energy(world, _part(run, rows)), np.zeros(len(rows))), index, index)
         for index, (run, rows) in enumerate(zip(runs, shown, strict=True))
     ]
     return Chart("Energy of all bodies", "J", tuple(curves))
@@ -376,8 +390,8 @@ def _contacts(runs: Sequence[Run], shown: Sequence[Rows]) -> Iterator[Chart]:
     counts, forces = [], []
     for index, run, rows in recorded:
         count, force = _contacts_at(run, rows)
-        counts.append(Curve(run.engine, count, index, index))
-        forces.append(Curve(run.engine, force, index, index))
+        counts.append(PlotCurve(run.engine, count, index, index))
+        forces.append(PlotCurve(run.engine, force, index, index))
     if any(curve.values.any() for curve in counts):
         yield Chart("Contact points", "", tuple(counts))
         yield Chart("Sum of the contacts' normal forces", "N", tuple(forces))
@@ -400,6 +414,6 @@ def _tracking(world: World, runs: Sequence[Run], shown: Sequence[Rows]) -> Itera
             joints = [joint for joint in driven_joints(run.provenance) if kinds.get(joint) == kind]
             if joints and "control.target" in run.arrays:
                 errors = [np.abs(run.q(joint)[rows] - run.target(joint)[rows]) for joint in joints]
-                curves.append(Curve(run.engine, np.max(errors, axis=0), index, index))
+                curves.append(PlotCurve(run.engine, np.max(errors, axis=0), index, index))
         if curves:
             yield Chart(f"Largest distance of a driven {kind} from its target", UNITS[kind], tuple(curves))

@@ -23,7 +23,7 @@ from simspec.outputs.files import read_bytes, read_gzip
 from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
 from simspec.report.page.document import Section, section
-from simspec.report.page.packing import Packed
+from simspec.report.page.packing import PackedNumbers
 from simspec.report.studies import StoredStudy, study_of
 from simspec.report.study.runs import Done, Record, StudyTable, milliseconds
 from simspec.report.study.sentences import charts, verdict
@@ -44,7 +44,7 @@ TONES = (GOOD, WARNING, BAD, DIM)
 
 
 @dataclass(frozen=True)
-class Mark:
+class PageMark:
     """A marked place of a page: the study, what is wanted of it, and what stands there. ``line``: of its beginning, from 1."""
 
     study: str
@@ -68,9 +68,9 @@ class Mark:
         return self.content.strip() == NOT_MEASURED
 
 
-def marks(text: str, page: str) -> list[Mark]:
+def marks(text: str, page: str) -> list[PageMark]:
     """The marked places of a page. Raises SpecError, with every problem, for marks that are not understood."""
-    found: list[Mark] = []
+    found: list[PageMark] = []
     problems: list[Problem] = []
     after = 0
     for begin in BEGIN.finditer(text):
@@ -89,7 +89,7 @@ def marks(text: str, page: str) -> list[Mark]:
             allowed = f"{MEASURED}; SWEEP TABLE; SWEEP TABLE {SAID}; SWEEP TABLE ROW COLUMN"
             problems.append(Problem(f"{page}:{line}: not a place of a study", found=begin.group(), allowed=allowed))
             continue
-        found.append(Mark(begin.group(1), words, line, text[begin.end() : end]))
+        found.append(PageMark(begin.group(1), words, line, text[begin.end() : end]))
         after = end + len(END)
     if END in text[after:] or (text.count(END) != len(found) and not problems):
         problems.append(Problem(f"{page}: {END} without a beginning"))
@@ -123,7 +123,7 @@ def filled(text: str, page: str, study: Callable[[str], StudyTables | None], old
     return "".join([*parts, text[position:]])
 
 
-def _content(mark: Mark, tables: StudyTables | None, older: bool) -> str:
+def _content(mark: PageMark, tables: StudyTables | None, older: bool) -> str:
     if tables is None:
         return NOT_MEASURED if len(mark.words) == 4 else _block(NOT_MEASURED)
     if mark.sweep is None:
@@ -152,7 +152,7 @@ def _block(text: str) -> str:
     return f"\n{text.strip()}\n"
 
 
-def _table(mark: Mark, tables: StudyTables) -> StoredTableShown:
+def _table(mark: PageMark, tables: StudyTables) -> StoredTableShown:
     sweep = tables.sweeps[mark.words[0]]
     shown = next((shown for shown in sweep if shown.name == mark.words[1]), None)
     if shown is None:
@@ -161,7 +161,7 @@ def _table(mark: Mark, tables: StudyTables) -> StoredTableShown:
     return shown
 
 
-def _cell(mark: Mark, shown: StoredTableShown) -> str:
+def _cell(mark: PageMark, shown: StoredTableShown) -> str:
     """One cell, by the first cells of its row and the head of its column."""
     row_words, column = mark.words[2].split(BETWEEN), mark.words[3]
     heads = [cell.text for cell in shown.head]
@@ -210,7 +210,7 @@ def playback_tables(done: Done) -> list[StudyTable]:
     return [made]
 
 
-def playbacks(tables: StudyTables, store: Store, packed: Packed) -> list[Section]:
+def playbacks(tables: StudyTables, store: Store, packed: PackedNumbers) -> list[Section]:
     """The parts of the page that play runs back, with their plots over time, expectations and differences.
 
     Raises SpecError, which names the file, where a run is damaged; a run that is not in the store is left out, and named.
@@ -226,7 +226,7 @@ def playbacks(tables: StudyTables, store: Store, packed: Packed) -> list[Section
     return made
 
 
-def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packed: Packed) -> Section | None:
+def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packed: PackedNumbers) -> Section | None:
     runs: dict[str, Run] = {}
     notes: list[str] = []
     certificates: list[Certificate] = []
@@ -323,11 +323,11 @@ def study_section(tables: StudyTables) -> Section:
     )
 
 
-def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], list[Section]]:
+def study_parts(tables: StudyTables, store: Store | None) -> Callable[[PackedNumbers], list[Section]]:
     """A function that makes the parts of a study's page: the study, then the runs that are played back where ``store`` has
     them."""
 
-    def parts(packed: Packed) -> list[Section]:
+    def parts(packed: PackedNumbers) -> list[Section]:
         return [study_section(tables), *(playbacks(tables, store, packed) if store is not None else ())]
 
     return parts

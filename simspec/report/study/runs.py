@@ -16,10 +16,10 @@ from simspec.attribution.explanation import Explanation
 from simspec.errors import clipped
 from simspec.experiments.cases import world_of
 from simspec.experiments.first_gap import SecondPass
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import REFUSED, Outcome
+from simspec.experiments.sweep import REFUSED, SweepOutcome
 from simspec.language.study import Figure
 from simspec.language.study_specs import SweepOfStudy
 from simspec.report.table import Table, length, number
@@ -32,7 +32,7 @@ Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Explained:
+class StudyExplanation:
     """The explanation of the difference of an engine from the ``first`` of a sweep; None: there is none, for the reason
     ``refused``."""
 
@@ -48,15 +48,15 @@ class Done:
     passes; ``kept``: results that several tables need, computed once."""
 
     sweep: SweepOfStudy
-    outcome: Outcome
+    outcome: SweepOutcome
     store: Store
     figures: Sequence[Figure]
-    moved: Sequence[tuple[SecondPass, Outcome]] = ()
-    explained: Sequence[Explained] = ()
+    moved: Sequence[tuple[SecondPass, SweepOutcome]] = ()
+    explained: Sequence[StudyExplanation] = ()
     """Where the other engines differ from the first, where the study shows it."""
     kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
-    def runs(self, case: str | None = None, whole: bool = False) -> Iterator[tuple[Cell, Row]]:
+    def runs(self, case: str | None = None, whole: bool = False) -> Iterator[tuple[Cell, RunRow]]:
         """The runs of a case that are there; ``whole``: without those that failed."""
         for cell, row in self.outcome.rows():
             if row is not None and cell.case == case and not (whole and row.failed is not None):
@@ -126,7 +126,7 @@ def figure_records(figures: Iterable[Figure]) -> list[Record]:
 # Runs by world: engines, perturbations and repetitions of one world.
 
 TIMESTEP = "physics.timestep"
-Member = tuple[Cell, Row]
+Member = tuple[Cell, RunRow]
 
 
 @dataclass
@@ -150,7 +150,7 @@ class Runs:
         """The run of an engine whose initial state is not moved; None where there is none."""
         return next((member for member in self.of.get(engine, ()) if member[0].seed is None), None)
 
-    def moved(self, engine: str) -> Mapping[int, Row]:
+    def moved(self, engine: str) -> Mapping[int, RunRow]:
         """The whole runs of an engine by seed; the one that is not moved has seed 0."""
         return {cell.seed or 0: row for cell, row in self.of.get(engine, ()) if row.failed is None}
 
@@ -183,7 +183,7 @@ class Variant:
     engine: str
     case: str | None
     values: tuple[tuple[str, Any], ...]
-    runs: dict[float, list[tuple[Cell, Row]]] = field(default_factory=dict)
+    runs: dict[float, list[tuple[Cell, RunRow]]] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -197,13 +197,13 @@ class Variant:
         texts = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
         return ", ".join(texts) or PLAIN
 
-    def all_runs(self) -> Iterator[tuple[Cell, Row]]:
+    def all_runs(self) -> Iterator[tuple[Cell, RunRow]]:
         """The runs of all timesteps."""
         for runs in self.runs.values():
             yield from runs
 
     @staticmethod
-    def refused(row: Row) -> bool:
+    def refused(row: RunRow) -> bool:
         """Whether the engine does not support the scenario of a run."""
         return row.failed is not None and row.failed.startswith(REFUSED)
 
@@ -264,7 +264,7 @@ def unsupported_table(done: Done, name: str, made: list[Variant]) -> StudyTable:
 
 
 @dataclass(frozen=True)
-class Deviation:
+class LargestDeviation:
     """The deviation of a run that is the largest share of its tolerance, and both, in ``unit``."""
 
     value: float
@@ -286,9 +286,9 @@ class Judged:
     and what happened first where it does not."""
 
     cell: Cell
-    row: Row
+    row: RunRow
     trial: TimestepTrial
-    deviation: Deviation | None
+    deviation: LargestDeviation | None
     failure: Failure | None
 
 
@@ -300,7 +300,7 @@ def judged(done: Done, case: str | None = None) -> list[Judged]:
     return runs
 
 
-def _judge(done: Done, cell: Cell, row: Row) -> Judged:
+def _judge(done: Done, cell: Cell, row: RunRow) -> Judged:
     run = done.store.load(row.key)
     # the expectations are those of the study, and may differ from those when the run was made
     run = dataclasses.replace(run, world=world_of(done.outcome.plan, cell))
@@ -309,17 +309,17 @@ def _judge(done: Done, cell: Cell, row: Row) -> Judged:
         return Judged(cell, row, trial(run, outcomes), _deviation(run, outcomes), first_failure(run, outcomes))
 
 
-def _deviation(run: Run, outcomes: list[ExpectationsOutcome]) -> Deviation | None:
+def _deviation(run: Run, outcomes: list[ExpectationsOutcome]) -> LargestDeviation | None:
     pairs = zip(run.world.expectations, outcomes, strict=True)
     measured = [
-        Deviation(outcome.measured, outcome.bound, outcome.unit)
+        LargestDeviation(outcome.measured, outcome.bound, outcome.unit)
         for expectation, outcome in pairs
         if outcome.measured is not None and "tolerance" in dict(expectation.parameters)
     ]
     return max(measured, key=lambda deviation: deviation.share, default=None)
 
 
-def worst(runs: list[Judged]) -> Deviation | None:
+def worst(runs: list[Judged]) -> LargestDeviation | None:
     """The deviation of several runs that is the largest share of its tolerance."""
     return max(
         (run.deviation for run in runs if run.deviation is not None), key=lambda entry: entry.share, default=None

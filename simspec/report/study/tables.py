@@ -13,7 +13,7 @@ from simspec.comparison.runs import QUANTITIES
 from simspec.experiments.cases import world_of
 from simspec.experiments.plan import Cell
 from simspec.proof.certificate import Certificate
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import laws
 from simspec.report.certificate import TITLES
 from simspec.report.explain import attribution_tables
@@ -60,7 +60,7 @@ from simspec.world.types import PairContact
 
 
 @dataclass(frozen=True)
-class Form:
+class FigureForm:
     """How a probe's figures are shown.
 
     share     as a share of the expected value in per cent, else in ``unit`` (``factor`` of them in the figure's own)
@@ -75,22 +75,22 @@ class Form:
     quantity: str = ""
 
 
-FORMS: Mapping[str, Form] = {
+FORMS: Mapping[str, FigureForm] = {
     probe: form
     for probes, form in (
-        ("push push-oblong stop stop-oblong carry oblique", Form(share=True)),
-        ("torsional rolling", Form(share=True, quantity="deceleration")),
-        ("compliance compliance-shape slide-spin", Form(share=True, by_case=True)),
-        ("strike row edge stack-slides stack-slides-plane", Form(share=True, by_case=True)),
-        ("restitution threshold", Form(by_case=True)),
-        ("oblique-separation", Form()),
-        ("stick", Form(factor=1e6, unit="µm/s")),
-        ("size", Form(factor=1e6, unit="µm")),
-        ("steady", Form(factor=1e6, unit="µm/s", by_case=True)),
-        ("rest", Form(factor=1e6, unit="µm", by_case=True)),
-        ("overlap", Form(factor=1e3, unit="mm/s", by_case=True)),
-        ("rod clamp jam jam-light squeeze pile carrier", Form(factor=1e3, unit="mm", by_case=True)),
-        ("stack stack-stays stack-stays-plane cross", Form(factor=1e3, unit="mm", by_case=True)),
+        ("push push-oblong stop stop-oblong carry oblique", FigureForm(share=True)),
+        ("torsional rolling", FigureForm(share=True, quantity="deceleration")),
+        ("compliance compliance-shape slide-spin", FigureForm(share=True, by_case=True)),
+        ("strike row edge stack-slides stack-slides-plane", FigureForm(share=True, by_case=True)),
+        ("restitution threshold", FigureForm(by_case=True)),
+        ("oblique-separation", FigureForm()),
+        ("stick", FigureForm(factor=1e6, unit="µm/s")),
+        ("size", FigureForm(factor=1e6, unit="µm")),
+        ("steady", FigureForm(factor=1e6, unit="µm/s", by_case=True)),
+        ("rest", FigureForm(factor=1e6, unit="µm", by_case=True)),
+        ("overlap", FigureForm(factor=1e3, unit="mm/s", by_case=True)),
+        ("rod clamp jam jam-light squeeze pile carrier", FigureForm(factor=1e3, unit="mm", by_case=True)),
+        ("stack stack-stays stack-stays-plane cross", FigureForm(factor=1e3, unit="mm", by_case=True)),
     )
     for probe in probes.split()
 }
@@ -99,7 +99,7 @@ NOTE = (
     "The largest deviation from the analytic value. Italic, yellow: beyond what simspec promises at 1 ms, and within what the "
     "engine declares; bold, red: beyond that too"
 )
-Measured = Mapping[tuple[str, str], Sequence[Figure]]
+Measured = Mapping[tuple[str, str], Sequence[ProbeFigure]]
 """The figures of one proof, by the law in words and the probe."""
 
 
@@ -108,7 +108,7 @@ def contact_tables(done: Done) -> list[StudyTable]:
     figures."""
     made = variants(done)
     steps = timesteps_of(made)
-    rows: dict[tuple[str, str, str], dict[int, dict[float, list[Figure]]]] = {}
+    rows: dict[tuple[str, str, str], dict[int, dict[float, list[ProbeFigure]]]] = {}
     unmeasured: list[str] = []
     for index, variant in enumerate(made):
         for step, runs in variant.runs.items():
@@ -117,7 +117,7 @@ def contact_tables(done: Done) -> list[StudyTable]:
                 unmeasured.append(f"{variant.engine} at {milliseconds(step)} ({variant.label})")
             for (law, probe), figures in (measured or {}).items():
                 for figure in figures:
-                    case = figure.case if FORMS.get(probe, Form(by_case=True)).by_case else ""
+                    case = figure.case if FORMS.get(probe, FigureForm(by_case=True)).by_case else ""
                     rows.setdefault((probe, law, case), {}).setdefault(index, {}).setdefault(step, []).append(figure)
     note = "; ".join([NOTE, *([f"not verified: {', '.join(unmeasured)}"] if unmeasured else [])])
     probes = dict.fromkeys(probe for probe, _, _ in rows)
@@ -136,10 +136,10 @@ def _shown(
     made: Sequence[Variant],
     steps: Sequence[float],
     probe: str,
-    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, list[Figure]]]],
+    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, list[ProbeFigure]]]],
     note: str,
 ) -> StudyTable:
-    form = FORMS.get(probe, Form(by_case=True))
+    form = FORMS.get(probe, FigureForm(by_case=True))
     unit = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
     by_case = any(case for name, _, case in rows if name == probe)
     heads = ["law", *(["probed"] if by_case else []), "settings", "engine"]
@@ -160,7 +160,7 @@ def _shown(
     return shown
 
 
-def _worst(form: Form, figures: Sequence[Figure]) -> float:
+def _worst(form: FigureForm, figures: Sequence[ProbeFigure]) -> float:
     """The largest deviation; infinite where one is NaN."""
     deviations = [_deviation(form, figure) for figure in figures]
     return max(math.inf if math.isnan(deviation) else deviation for deviation in deviations)
@@ -174,9 +174,9 @@ def _measured(done: Done, cell: Cell) -> Measured | None:
         return None
     proof = Certificate.from_json(text, f"the certificate {key}").engines[cell.engine]
     words = {law.subject: law_words(law.pair) for law in laws(world_of(done.outcome.plan, cell))}
-    measured: dict[tuple[str, str], list[Figure]] = {}
+    measured: dict[tuple[str, str], list[ProbeFigure]] = {}
     for figure in proof.contact:
-        wanted = FORMS.get(figure.probe, Form()).quantity
+        wanted = FORMS.get(figure.probe, FigureForm()).quantity
         if not wanted or figure.quantity == wanted or figure.measured is None:
             measured.setdefault((words.get(figure.subject, figure.subject), figure.probe), []).append(figure)
     return measured
@@ -199,7 +199,7 @@ def law_words(pair: PairContact) -> str:
     return ", ".join(given)
 
 
-def _cell(form: Form, figures: Sequence[Figure] | None) -> TableCell:
+def _cell(form: FigureForm, figures: Sequence[ProbeFigure] | None) -> TableCell:
     """The worst of some figures."""
     if not figures:
         return TableCell(PLAIN, DIM)
@@ -211,7 +211,7 @@ def _cell(form: Form, figures: Sequence[Figure] | None) -> TableCell:
     return TableCell(two_digits(worst), WARNING if any(figure.deviation for figure in figures) else "")
 
 
-def _deviation(form: Form, figure: Figure) -> float:
+def _deviation(form: FigureForm, figure: ProbeFigure) -> float:
     if figure.measured is None:
         return math.inf
     off = abs(figure.measured - figure.expected)

@@ -15,9 +15,9 @@ from simspec.proof.checks import Check
 from simspec.report.certificate import strain
 from simspec.report.study.runs import (
     PLAIN,
-    Deviation,
     Done,
     Judged,
+    LargestDeviation,
     Record,
     StudyTable,
     elsewhere,
@@ -90,7 +90,7 @@ def _deviations(done: Done, runs: list[Judged]) -> list[StudyTable]:
                 | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
             )
     tolerances = sorted({(run.deviation.tolerance, run.deviation.unit) for run in runs if run.deviation is not None})
-    bounds = ", ".join(str(Deviation(value, value, unit)) for value, unit in tolerances)
+    bounds = ", ".join(str(LargestDeviation(value, value, unit)) for value, unit in tolerances)
     made.note = f"Of all runs of a timestep; tolerance {bounds}. Where runs fail: how many, and their largest deviation"
     return [made]
 

@@ -16,9 +16,9 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.checks import inventory_checks
 from simspec.proof.comparator import compare
 from simspec.proof.contact import leaning, run
-from simspec.proof.contact.probe import Motion
+from simspec.proof.contact.probe import TrialMotion
 from simspec.proof.contact.worlds import drive_of
-from simspec.world.reach import Reach
+from simspec.world.reach import MaterialReach
 from simspec.world.types import Body, Hardness, Inertial, Joint, Material, Pose, Shape
 from tests import worlds
 from tests.proof.contact_probing import law, world_of
@@ -159,7 +159,7 @@ def probed(load, probe, wanted):
     operation = drive_of(world_of(wanted, trial), trial)
     _, arrays = OPERATIONS["drive"].do(engine, dict(operation.arrays), dict(operation.parameters))
     names = [body.name for body in trial.bodies]
-    motion = Motion(
+    motion = TrialMotion(
         arrays["time"],
         {name: arrays["pose"][:, index] for index, name in enumerate(names)},
         {name: arrays["velocity"][:, index] for index, name in enumerate(names)},
@@ -172,7 +172,7 @@ def probed(load, probe, wanted):
 def test_a_clamp_that_jams_under_the_pyramid_stands(load, value, timestep):
     """It creeps within the tolerance at rest; separated by it, a side loses contact within 46 steps of 1 ms at 0.3."""
     wanted = dataclasses.replace(
-        law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=Reach(jams=True)
+        law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=MaterialReach(jams=True)
     )
     for probe in (leaning.Jam(), leaning.LightJam()):
         figures, _, _ = probed(load, probe, wanted)

@@ -15,7 +15,7 @@ from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.world import frames
 from simspec.world.kinematics import bare_frames, initial_state, poses
-from simspec.world.types import Body, Connect, EngineOptions, Inertial, Joint, Physics, Pose, World
+from simspec.world.types import Body, ConnectConstraint, EngineOptions, Inertial, Joint, Physics, Pose, World
 
 TURNED = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.4)
 HEAVY = Inertial(1.5, (0.02, -0.01, 0.03), (0.02, 0.03, 0.04, 0.001, 0.002, 0.0))
@@ -59,7 +59,7 @@ def test_a_body_with_dependents_is_not_a_frame():
     carried = dataclasses.replace(world, bodies=(*world.bodies[:-1], heavy))
     above = heavy.joint.parent
     assert not {heavy.name, above} & bare_frames(carried)
-    connect = Connect("loop", "frame1", "arm2", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    connect = ConnectConstraint("loop", "frame1", "arm2", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert "frame1" not in bare_frames(dataclasses.replace(world, constraints=(connect,)))
 
 

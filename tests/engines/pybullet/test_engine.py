@@ -19,7 +19,18 @@ from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout_of
-from simspec.world.types import Body, Contact, Follow, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
+from simspec.world.types import (
+    Body,
+    Contact,
+    FollowConstraint,
+    Inertial,
+    Joint,
+    Material,
+    PairContact,
+    Physics,
+    Pose,
+    Shape,
+)
 from tests import constrained, worlds
 from tests.dialects.pybullet.saying import WORLDS, assert_same_bodies, emit
 from tests.engines import simulated
@@ -398,7 +409,7 @@ def test_followers_that_act_on_each_other_are_swept_until_they_hold():
     follower = constrained.follower()
     joints = [body.joint.name for body in follower.bodies]
     two = dataclasses.replace(
-        follower, constraints=(*follower.constraints, Follow("second", joints[3], joints[1], 0.5, 0.1))
+        follower, constraints=(*follower.constraints, FollowConstraint("second", joints[3], joints[1], 0.5, 0.1))
     )
     for world, sweeps in ((follower, 200), (two, 2000), (constrained.closed_loop(), 2000)):
         assert PyBullet.chosen_settings(world, resolve_settings(PyBullet, world))["iterations"] == sweeps

@@ -30,7 +30,7 @@ from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.frames import direction
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups, trees
-from simspec.world.types import Connect, Follow, Pose, World
+from simspec.world.types import ConnectConstraint, FollowConstraint, Pose, World
 from tests import worlds
 from tests.files import write
 from tests.random_specs import spec
@@ -118,9 +118,9 @@ def constraints_of(world):
     first body."""
     follows = {}
     for constraint in world.constraints:
-        if isinstance(constraint, Follow):
+        if isinstance(constraint, FollowConstraint):
             follows[constraint.joint] = dataclasses.replace(constraint, name="")
-        elif isinstance(constraint, Connect):
+        elif isinstance(constraint, ConnectConstraint):
             follows[constraint.name] = dataclasses.replace(
                 constraint, first_point=tuple(np.round(constraint.first_point, 9) + 0.0)
             )
@@ -189,9 +189,9 @@ def test_constraints_that_a_file_does_not_carry_are_listed(tmp_path):
     root, last = base.bodies[0].name, base.bodies[-1].name
     bodies = (*base.bodies[:-1], moved)
     point = frames.compose(frames.inverse(poses(World("", bodies))[root]), poses(World("", bodies))[last]).position
-    away = Connect("latch", root, last, (point[0] + 1.0, *point[1:]), (0.0, 0.0, 0.0))
+    away = ConnectConstraint("latch", root, last, (point[0] + 1.0, *point[1:]), (0.0, 0.0, 0.0))
     other = dataclasses.replace(worlds.tree(["hinge"], 2)[0], name="other", model="other")
-    follow = Follow("f", other.joint.name + "_2", moved.joint.name, 1.0)
+    follow = FollowConstraint("f", other.joint.name + "_2", moved.joint.name, 1.0)
     other = dataclasses.replace(other, joint=dataclasses.replace(other.joint, name=follow.joint))
     world = dataclasses.replace(base, bodies=(*bodies, other), constraints=(follow, away))
     plain = Sdf().plain(world)

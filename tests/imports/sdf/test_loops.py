@@ -15,7 +15,7 @@ from simspec.language.load import load
 from simspec.world import frames
 from simspec.world.constraints import Violation
 from simspec.world.kinematics import initial_state
-from simspec.world.types import Connect, Follow, Weld
+from simspec.world.types import ConnectConstraint, FollowConstraint, WeldConstraint
 from tests.imports.sdf.texts import imported, joint, link, lost, model
 
 FIXED = joint("fixed", name="hold", parent="world", child="base")
@@ -46,7 +46,9 @@ def world_of(text, folder):
 @pytest.mark.parametrize("kind", ["ball", "revolute", "fixed"])
 def test_a_link_that_is_the_child_of_two_joints_closes_a_loop(kind, tmp_path):
     world = world_of(four_bar(kind), tmp_path)
-    assert {type(constraint) for constraint in world.constraints} == {Weld if kind == "fixed" else Connect}
+    assert {type(constraint) for constraint in world.constraints} == {
+        WeldConstraint if kind == "fixed" else ConnectConstraint
+    }
     q, _ = initial_state(world)
     poses = Oracle(world).body_poses(q)
     violation = Violation(world.bodies, world.constraints)
@@ -67,7 +69,7 @@ def test_links_that_two_fixed_joints_hold_are_welded(tmp_path):
         model(arms + joint("fixed", "", "b", "crank", "rod") + joint("fixed", "", "c", "base", "rod")), tmp_path
     )
     (weld,) = world.constraints
-    assert isinstance(weld, Weld)
+    assert isinstance(weld, WeldConstraint)
     assert {weld.first, weld.second} == {"base", "rod"}
 
 
@@ -108,7 +110,7 @@ def test_a_joint_follows_another(tmp_path):
     )
     assert not lost(imported(text, tmp_path))
     (follow,) = world_of(text, tmp_path).constraints
-    assert follow == Follow("slide", "slide", "elbow", -2.0, 1.0)
+    assert follow == FollowConstraint("slide", "slide", "elbow", -2.0, 1.0)
     none = text.replace("-2", "0")
     assert "follows nothing" in str(lost(imported(none, tmp_path)))
     ball = text.replace('type="revolute"', 'type="ball"')

@@ -19,7 +19,7 @@ from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.report.page import playback
 from simspec.report.page.document import MOST_STUDIES, page
-from simspec.report.page.packing import Packed
+from simspec.report.page.packing import PackedNumbers
 from simspec.report.studies import StoredStudy, load_study
 from simspec.world import shapes
 from simspec.world.canonical import sha256
@@ -279,7 +279,7 @@ def test_hulls_of_meshes_are_packed_once_with_their_faces():
         dataclasses.replace(body, shapes=(Shape("hull", "mesh", size), Shape("ball", "sphere", (0.1,))))
         for body, size in zip(world.bodies[:3], (mesh, mesh, other), strict=True)
     )
-    packed = Packed()
+    packed = PackedNumbers()
     shown = playback._shapes(dataclasses.replace(world, bodies=bodies), packed)
     hulls = [shape["hull"] for shape in shown if shape["kind"] == "mesh"]
     assert hulls[0] == hulls[1] != hulls[2]

@@ -8,7 +8,7 @@ import gzip
 import numpy as np
 import pytest
 
-from simspec.report.page.packing import Packed, coded, decoded, resolution, turns
+from simspec.report.page.packing import PackedNumbers, coded, decoded, resolution, turns
 from simspec.world.rotations import unit
 
 
@@ -25,7 +25,7 @@ def joined(content: bytes) -> np.ndarray:
 def test_trajectories_come_back_code_for_code():
     # jumps from end to end: differences leave the range of 16 bits
     codes = np.array([[0, 1, 2, 2], [32767, -32767, 32767, 0], [-5, 300, -300, 32000]], dtype=np.int16)
-    packed = Packed()
+    packed = PackedNumbers()
     name = packed.series(codes)
     differences = joined(unpacked(packed.entries[name])).reshape(codes.shape)
     with np.errstate(over="ignore"):
@@ -35,7 +35,7 @@ def test_trajectories_come_back_code_for_code():
 def test_the_same_numbers_give_the_same_text():
     entries = []
     for _ in range(2):
-        packed = Packed()
+        packed = PackedNumbers()
         packed.floats(np.array([1.0, np.nan, np.inf]))
         entries.append(packed.entries)
     assert entries[0] == entries[1]
