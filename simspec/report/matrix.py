@@ -16,8 +16,8 @@ from simspec.engines.kit.installed import how_to_install
 from simspec.engines.kit.registry import engine_name, engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
-from simspec.proof.contact.probe import ProbeFigure, ProbeLaw
-from simspec.proof.contact.run import PROBES, widened
+from simspec.proof.contact.probe import ProbeFigure, ProbeLaw, widened
+from simspec.proof.contact.run import PROBES
 from simspec.proof.contact.scope import EFFECTS
 from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell, markdown_cell, markdown_rows, passed_cell
 from simspec.support.declarations import Absence, Level, Support, combine

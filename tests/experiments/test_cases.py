@@ -11,7 +11,7 @@ from simspec.errors import SpecError
 from simspec.experiments import cases
 from simspec.experiments.cases import case_of, rounding_lines, roundings, world_of
 from simspec.experiments.cost import Steps, costs
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.experiments.plan import plan_sweep
 from simspec.runner.run import Case
 from simspec.world.canonical import sha256
@@ -153,7 +153,7 @@ def test_the_steps_of_a_run_that_is_cut_short():
 def test_costs_are_medians_of_the_runs_of_the_spec():
     def row(name, steps, step_seconds, process_seconds, failed=None):
         about = ("", "", "", "", "", "", name, "first", "1.0", failed, 0.001, steps)
-        return Row(*about, step_seconds, None, process_seconds, 0.0, None, 0, "", 0, 0, 0, "{}")
+        return RunRow(*about, step_seconds, None, process_seconds, 0.0, None, 0, "", 0, 0, 0, "{}")
 
     rows = [
         row("fall", 100, 0.2, 1.2),

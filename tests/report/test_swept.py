@@ -9,7 +9,7 @@ from lxml import etree
 
 from simspec import cli
 from simspec.errors import EXIT_FAILED, EXIT_WRONG
-from simspec.experiments.index import Row
+from simspec.experiments.index import RunRow
 from simspec.report import tested
 from simspec.report.tested import Status
 
@@ -85,7 +85,9 @@ def test_of_very_many_runs_the_others_are_counted(monkeypatch):
 def test_an_entry_has_the_seconds_of_its_process():
     about = ("key", "", "", "", "", "", "fall", "first", "1.0")
     run = (0.001, 20, 0.5, 0.25, 2.5, 0.0, None, 0, "")
-    rows = [Row(*about, failed, *run, passed, 2, 0, "{}") for failed, passed in ((None, 2), (None, 1), ("it fell", 0))]
+    rows = [
+        RunRow(*about, failed, *run, passed, 2, 0, "{}") for failed, passed in ((None, 2), (None, 1), ("it fell", 0))
+    ]
     rows.append(dataclasses.replace(rows[0], process_seconds=None))
     (suite,) = tested.sweep_suites(outcome(), list(zip(map(cell, range(4)), rows, strict=True)), lambda path: None)
     assert [entry.status for entry in suite.entries] == [Status.PASSED, Status.FAILED, Status.ERROR, Status.PASSED]

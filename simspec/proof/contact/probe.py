@@ -14,13 +14,14 @@ projection of F onto the section of size μ N, and a body that slides freely fol
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
 
+from simspec.engines.kit.deviations import Deviation
 from simspec.world.reach import MaterialReach
 from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
@@ -331,3 +332,24 @@ def _slid(
     position, speed = np.array(places), np.array(speeds)
     position.flags.writeable = speed.flags.writeable = False
     return position, speed
+
+
+def widened(
+    figure: ProbeFigure,
+    law: ProbeLaw,
+    declared: Iterable[Deviation],
+    settings: Mapping[str, Any],
+    version: str | None = None,
+) -> ProbeFigure:
+    """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
+    sizes = [
+        ((deviation.size * abs(figure.expected) if deviation.relative else deviation.size), deviation)
+        for deviation in declared
+        if deviation.probe == figure.probe
+        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio, version)
+    ]
+    wider = [entry for entry in sizes if entry[0] > figure.tolerance]
+    if not wider or figure.passed:
+        return figure
+    tolerance, deviation = max(wider, key=lambda entry: entry[0])
+    return replace(figure, tolerance=tolerance, deviation=deviation.why, promised=figure.tolerance)

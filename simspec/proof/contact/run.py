@@ -10,7 +10,7 @@ import math
 import secrets
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,6 @@ from simspec.compiler import Compiled, compile_world, version_at_work, write_fol
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
@@ -31,7 +30,7 @@ from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
 from simspec.proof.contact import stacks as carried
-from simspec.proof.contact.probe import GRAVITY, NO_BELT, Probe, ProbeFigure, ProbeLaw
+from simspec.proof.contact.probe import GRAVITY, NO_BELT, Probe, ProbeFigure, ProbeLaw, widened
 from simspec.proof.contact.probe import wanted as figures_wanted
 from simspec.proof.contact.worlds import (
     FileLaw,
@@ -335,27 +334,6 @@ def deviating(
     """The figure with the tolerance that the engine's declared deviations give it under its settings in its release; a size
     has none."""
     return figure if law is None else widened(figure, law, engine.CONTACT_DEVIATIONS, settings, version)
-
-
-def widened(
-    figure: ProbeFigure,
-    law: ProbeLaw,
-    declared: Iterable[Deviation],
-    settings: Mapping[str, Any],
-    version: str | None = None,
-) -> ProbeFigure:
-    """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
-    sizes = [
-        ((deviation.size * abs(figure.expected) if deviation.relative else deviation.size), deviation)
-        for deviation in declared
-        if deviation.probe == figure.probe
-        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio, version)
-    ]
-    wider = [entry for entry in sizes if entry[0] > figure.tolerance]
-    if not wider or figure.passed:
-        return figure
-    tolerance, deviation = max(wider, key=lambda entry: entry[0])
-    return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why, promised=figure.tolerance)
 
 
 def contact_checks(figures: Sequence[ProbeFigure]) -> list[Check]:

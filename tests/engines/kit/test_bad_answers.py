@@ -31,7 +31,7 @@ from simspec.proof.verify import engine_checks, prepare
 from simspec.runner import execution as runner
 from simspec.runner.execution import run_all
 from simspec.runner.run import Case
-from simspec.world.actions import Controller
+from simspec.world.actions import JointController
 from tests import worlds
 from tests.installed import JOINTED
 
@@ -97,7 +97,7 @@ def answering(place: Path, answer: Path, more: str = "") -> str:
 def test_driven_joints_of_an_answer_are_those_of_the_world():
     bodies = worlds.tree(["hinge", "hinge", "hinge"], 1)
     first, second, free = (body.joint.name for body in bodies)
-    controller = Controller("pair", (first, second), kp=(1.0, 1.0), kd=(1.0, 1.0), effort_limits=(None, None))
+    controller = JointController("pair", (first, second), kp=(1.0, 1.0), kd=(1.0, 1.0), effort_limits=(None, None))
     world = dataclasses.replace(worlds.world(bodies), controllers=(controller,))
     arrays = {"control.target": np.zeros((1, 2)), "control.effort": np.zeros((1, 2))}
 
