@@ -88,7 +88,7 @@ def test_the_reader_of_meshes(project):
     program = f"""{PLANTED}
 from simspec.meshes import child
 def read(content, buffers):
-    raise child.RefusedError(problem_of({str(project)!r}, {str(project)!r}))
+    raise child.RefusedMeshError(problem_of({str(project)!r}, {str(project)!r}))
 child.READERS[".stl"] = read
 sys.argv[1:] = []
 child.main()
