@@ -20,7 +20,7 @@ class OdeDialect(LawDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
-    "hardness": "ODE's contacts have the common hardness alone, which has no numbers",
+    "hardness": "ODE's contacts have only the common hardness, which has no parameters",
     "free armature": "ODE has no armature of free bodies",
     "ball armature": "ODE has no armature of balls",
     **dict.fromkeys(GROUND, "simspec gives ODE no height fields"),
