@@ -31,21 +31,22 @@ UNSAID = {
     "Shape.rounding": "of engines, for a read-back",
     "Shape.surfaces": "of a read-back",
     **dict.fromkeys(
-        ("World.expectations", "World.record", "Record.every_steps", "Record.channels"), "not of the model"
+        ("World.expectations", "World.record", "RecordOptions.every_steps", "RecordOptions.channels"),
+        "not of the model",
     ),
     **dict.fromkeys(("World.forces", "World.motions"), "computed outside the engine"),
     **dict.fromkeys(
-        (f"Trajectory.{name}" for name in ("accelerations", "efforts", "interpolation", "velocities")),
+        (f"JointTrajectory.{name}" for name in ("accelerations", "efforts", "interpolation", "velocities")),
         "computed outside the engine",
     ),
     **dict.fromkeys(
         (
-            f"Controller.{name}"
+            f"JointController.{name}"
             for name in ("damping_ratio", "discretisation", "every_steps", "gravity_compensation", "natural_frequency")
         ),
         "of laws that are computed outside the engine",
     ),
-    **dict.fromkeys(("Connect.kind", "Follow.kind", "Weld.kind"), "given by the class"),
+    **dict.fromkeys(("ConnectConstraint.kind", "FollowConstraint.kind", "WeldConstraint.kind"), "given by the class"),
 }
 
 
