@@ -17,7 +17,7 @@ from simspec.outputs.targets import LARGEST_MARKER
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters
 from simspec.report.screen import say
-from simspec.report.study.pages import PUBLISHED_FILE, PageMark, filled, marks, study_tables, tables_text
+from simspec.report.study.pages import PUBLISHED_FILE, PageMark, filled, marks, parsed_tables, tables_text
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
@@ -94,11 +94,11 @@ def _text(path: Path) -> str:
 def _published(folder: Path) -> StudyTables:
     """The tables of a published study. Raises SpecError where there are none, or not those of its models."""
     models = read_models(folder)
-    stored, tables = tables_text(folder), study_tables(folder)
-    if stored is None or tables is None or hashlib.sha256(stored[1]).hexdigest() != models.study_sha256:
+    stored = tables_text(folder)
+    if stored is None or hashlib.sha256(stored[1]).hexdigest() != models.study_sha256:
         message = f"{folder / PUBLISHED_FILE}: was edited or is damaged: it is not the one that was published"
         raise SpecError([Problem(message, hint=f"simspec study {models.source} --publish {folder} writes it anew")])
-    return tables
+    return parsed_tables(*stored)
 
 
 def _older(options: PagesOptions, folder: Path, pythons: Interpreters) -> dict[str, str]:

@@ -124,7 +124,7 @@ HEAD = f"""# Support matrix
 | exact, by API | exact; simspec sets it through the engine's API, since the file cannot represent it |
 | on request | exact; simspec computes it outside the engine at each step if the spec requests it by `engines.NAME.outside` |
 | approximate | not exact; available only if the spec accepts it by `engines.NAME.accept` |
-| no | not supported by the engine or its format: an error that names the line of the spec |
+| no | not supported by the engine or its format (files only: or not implemented): an error that names the line of the spec |
 | not yet | supported by the engine, but not implemented in simspec: the same error, and a test fails once it works |
 | from V, before V | only in these versions of the engine: an error in others, except as stated in parentheses |
 """

@@ -276,7 +276,7 @@ LARGEST = 64 * 2**20
 def study_tables(folder: Path) -> StudyTables | None:
     """The tables that ``simspec study`` wrote into a folder; None where it wrote nothing there. Raises SpecError where it is
     damaged."""
-    return None if (text := tables_text(folder)) is None else _parsed(*text)
+    return None if (text := tables_text(folder)) is None else parsed_tables(*text)
 
 
 def tables_text(folder: Path) -> tuple[Path, bytes] | None:
@@ -294,7 +294,8 @@ def tables_text(folder: Path) -> tuple[Path, bytes] | None:
     return None
 
 
-def _parsed(path: Path, content: bytes) -> StudyTables:
+def parsed_tables(path: Path, content: bytes) -> StudyTables:
+    """The tables in the text of a file, which errors name. Raises SpecError where it is damaged or of another schema."""
     tables = read_as(StudyTables, content, str(path))
     if tables.schema_ != SCHEMA:
         hint = "simspec study STUDY writes it anew"
