@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import importlib.metadata
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,26 @@ NAME = "simspec-physics"
 @functools.cache
 def checkout() -> Mapping[str, Any]:
     """The table ``project`` of the pyproject.toml of this checkout; empty where simspec is installed otherwise."""
+    import tomllib  # only where it is needed: each process of an engine loads this module
+
     try:
         content = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     project: Mapping[str, Any] = content.get("project", {})
     return project if project.get("name") == NAME else {}
+
+
+def installed_version(name: str) -> str | None:
+    """The version of an installed distribution; None where it is not installed. Only the head of its metadata is read:
+    ``importlib.metadata`` parses all of them, with descriptions of a thousand lines, at every call."""
+    try:
+        distribution = importlib.metadata.distribution(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    head, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
+    version = next((line[9:].strip() for line in head.splitlines() if line.startswith("Version: ")), None)
+    return version or distribution.version
 
 
 @functools.cache

@@ -28,7 +28,7 @@ from simspec.experiments.store import Store
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
 from simspec.runner.run import Case
-from simspec.world.canonical import sha256, to_plain
+from simspec.world.canonical import derived, sha256, to_plain
 from simspec.world.types import RecordOptions, World
 
 if TYPE_CHECKING:
@@ -168,8 +168,15 @@ def model_of(plan: Plan, cell: Cell) -> CertifiedModel:
         files = files_hash(world, compile_world(world, [cell.engine])[cell.engine])
     except UnsupportedError:
         files = ""
-    alike = sha256(dataclasses.replace(world, name="", engines=()))
-    return CertifiedModel(cell.engine, cell.case, cell.overrides, alike, _settings(world, cell.engine), files, version)
+    return CertifiedModel(
+        cell.engine, cell.case, cell.overrides, _model_hash(world), _settings(world, cell.engine), files, version
+    )
+
+
+@derived
+def _model_hash(world: World) -> str:
+    """The hash of a world without its name and the options of engines, which all engines share."""
+    return sha256(dataclasses.replace(world, name="", engines=()))
 
 
 def files_hash(world: World, compiled: Compiled) -> str:

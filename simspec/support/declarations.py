@@ -304,10 +304,17 @@ def check_total(owner: str, table: Table) -> None:
         raise TypeError(f"{owner} must declare every feature: missing {missing}, unknown {unknown}")
 
 
-def combine(file: Table, engine: Table) -> dict[Feature, Support]:
+def combine(file: Table, engine: Table) -> Table:
     """The combined support of a dialect and an engine: for each feature the weaker declaration, in a world the weaker of the
-    refined ones, and where both are of one level the texts of both."""
-    return {feature: _combined(file[feature], engine[feature]) for feature in Feature}
+    refined ones, and where both are of one level the texts of both. Declarations do not change: the result is kept."""
+    key = id(file), id(engine)
+    if key not in _COMBINED:
+        _COMBINED[key] = file, engine, {feature: _combined(file[feature], engine[feature]) for feature in Feature}
+    return _COMBINED[key][-1]
+
+
+_COMBINED: dict[tuple[int, int], tuple[Table, Table, Table]] = {}
+"""By the identities of two tables: both, which therefore live on, and what they are together."""
 
 
 def _combined(file: Support, engine: Support) -> Support:

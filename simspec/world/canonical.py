@@ -68,11 +68,12 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, (str, int)):
         return value
     if isinstance(value, (tuple, list)):
-        if set(map(type, value)) == {float}:  # most values of a world: waypoints, vertices, matrices
+        kinds = set(map(type, value))
+        if kinds == {float}:  # most values of a world: waypoints, vertices, matrices
             return [number or 0.0 for number in value]
-        return [to_plain(item) for item in value]
+        return list(value) if kinds <= _WHOLE else [to_plain(item) for item in value]
     if isinstance(value, dict):
-        return {key: to_plain(item) for key, item in value.items()}
+        return {key: item if type(item) in _WHOLE else to_plain(item) for key, item in value.items()}
     plain = {name: to_plain(getattr(value, name)) for name in _field_names(kind)}
     for name, empty in _left_out(kind):
         if plain[name] == empty:

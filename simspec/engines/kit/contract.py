@@ -8,8 +8,6 @@ come from a difference in how something was computed.
 
 from __future__ import annotations
 
-import contextlib
-import importlib.metadata
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +17,7 @@ import numpy as np
 
 from simspec.contact.rules import Rules
 from simspec.control.reference import Servos
+from simspec.distribution import installed_version
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
 from simspec.engines.kit.capabilities import (
     COMMON,
@@ -255,8 +254,8 @@ class Engine(ProvenEngine):
     def version(cls) -> str | None:
         """The installed version; None when the engine is not installed. Does not import the engine."""
         for name in cls.distributions():
-            with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-                return importlib.metadata.version(name)
+            if (version := installed_version(name)) is not None:
+                return version
         return cls.NEEDS.version()
 
     @classmethod

@@ -5,7 +5,6 @@ A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/
 
 from __future__ import annotations
 
-import importlib.metadata
 import re
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
-from simspec.distribution import NAME
+from simspec.distribution import NAME, installed_version
 from simspec.distribution import requirements as simspec_requirements
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
@@ -205,7 +204,7 @@ def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None)
     absent, wrong = [], []
     for requirement in requirements(engine.EXTRA, environment) if engine.EXTRA else ():
         names = engine.distributions() if requirement.name == engine.DISTRIBUTION else (requirement.name,)
-        found = next((version for name in names if (version := _installed(name)) is not None), None)
+        found = next((version for name in names if (version := installed_version(name)) is not None), None)
         text = f"simspec-physics[{engine.EXTRA}] requires {requirement.name}{requirement.specifier}"
         if found is None:
             absent.append(f"{requirement.name} is not installed: {text}")
@@ -223,13 +222,6 @@ def _contains(requirement: Requirement, version: str) -> bool:
         return requirement.specifier.contains(version, prereleases=True)
     except InvalidVersion:
         return not requirement.specifier
-
-
-def _installed(name: str) -> str | None:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def requirements(extra: str, environment: Mapping[str, str] | None = None) -> Iterator[Requirement]:

@@ -281,8 +281,9 @@ def coupled(
 def _exact_without(rows: Sequence[Deviation], settings: Settings, how: str, short: str) -> Support:
     def exact(world: World) -> Refinement | None:
         ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
+        chosen = settings(world) if rows else {}
         counting = any(
-            row.counts_for(law, cone, timestep, settings(world), ratio) and _happens(row, law, reach(world, *pair))
+            row.counts_for(law, cone, timestep, chosen, ratio) and _happens(row, law, reach(world, *pair))
             for pair, law in meeting_laws(world).items()
             for row in rows
         )

@@ -183,14 +183,16 @@ def typed(kind: Any, value: Any) -> Any:
 
 def plain(value: Any) -> Any:
     """The inverse of :func:`typed`: a field whose default is None is left out where it is None."""
+    if isinstance(value, (str, int, float)) or value is None:
+        return to_plain(value)
+    if isinstance(value, (tuple, list)):
+        return to_plain(value) if set(map(type, value)) == {float} else [plain(item) for item in value]
     if dataclasses.is_dataclass(value):
         return {
-            _key_of(field): plain(item)
-            for field in dataclasses.fields(value)
-            if (item := getattr(value, field.name)) is not None or field.default is not None
+            key: plain(item)
+            for key, name, optional in _keys(type(value))
+            if (item := getattr(value, name)) is not None or not optional
         }
-    if isinstance(value, (tuple, list)):
-        return [plain(item) for item in value]
     if isinstance(value, Mapping):
         return {name: plain(item) for name, item in value.items()}
     return to_plain(value)
@@ -200,6 +202,12 @@ def _key_of(field: dataclasses.Field[Any]) -> str:
     """The key of a field in plain data: its name, or ``key`` of its metadata."""
     key: str = field.metadata.get("key", field.name)
     return key
+
+
+@functools.cache
+def _keys(kind: Any) -> tuple[tuple[str, str, bool], ...]:
+    """By field of a dataclass: its key, its name, and whether its default is None."""
+    return tuple((_key_of(field), field.name, field.default is None) for field in dataclasses.fields(kind))
 
 
 @functools.cache

@@ -6,7 +6,6 @@ import functools
 import hashlib
 import json
 import math
-import re
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
@@ -46,17 +45,29 @@ def finite_numbers(text: str, count: int | None = None) -> tuple[float, ...]:
     return values
 
 
-_NUMBER_LIST = re.compile(r'\[[^\[\]{}"]*\]')
+_on_one_line: Final = json.JSONEncoder(allow_nan=False, ensure_ascii=False).encode
+_STRUCTURED: Final = (dict, list, str)
 
 
 def json_text(content: Any) -> str:
-    """JSON as text: sorted keys, two spaces, short lists of numbers on one line, newline at the end."""
-    text = json.dumps(to_plain(content), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    return _NUMBER_LIST.sub(_joined_line, text) + "\n"
+    """JSON as text: sorted keys, two spaces, lists of numbers on one line, newline at the end. (``json`` itself writes indented
+    text in Python, and its lines on their own in C.) Raises ValueError where a number is not finite."""
+    return _indented(to_plain(content), "\n") + "\n"
 
 
-def _joined_line(numbers_found: re.Match[str]) -> str:
-    return "[" + ", ".join(numbers_found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
+def _indented(value: Any, line: str) -> str:
+    """Plain data as text; ``line``: the line break and the indentation of the closing bracket."""
+    inner = line + "  "
+    if isinstance(value, dict) and value:
+        items = [f"{_key(key)}: {_indented(item, inner)}" for key, item in sorted(value.items())]
+        return "{" + inner + ("," + inner).join(items) + line + "}"
+    if isinstance(value, list) and any(isinstance(item, _STRUCTURED) for item in value):
+        return "[" + inner + ("," + inner).join([_indented(item, inner) for item in value]) + line + "]"
+    return _on_one_line(value)
+
+
+def _key(key: Any) -> str:
+    return _on_one_line(key if isinstance(key, str) else _on_one_line(key))
 
 
 _ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&#34;", "'": "&#39;"})
