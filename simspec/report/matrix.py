@@ -145,7 +145,7 @@ def word(entry: Support) -> str:
     return ", ".join(part for part in (name, *bounds) if part)
 
 
-def support(engine: type[Engine]) -> dict[Feature, Support]:
+def support(engine: type[Engine]) -> Mapping[Feature, Support]:
     """The support of an engine together with the format that it reads."""
     return combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
 

@@ -190,7 +190,7 @@ def plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return {
             key: plain(item)
-            for key, name, optional in _keys(type(value))
+            for key, name, optional in _keys(type(value))  # type: ignore[arg-type]
             if (item := getattr(value, name)) is not None or not optional
         }
     if isinstance(value, Mapping):

@@ -45,7 +45,7 @@ def finite_numbers(text: str, count: int | None = None) -> tuple[float, ...]:
     return values
 
 
-_on_one_line: Final = json.JSONEncoder(allow_nan=False, ensure_ascii=False).encode
+_in_line: Final = json.JSONEncoder(allow_nan=False, ensure_ascii=False).encode
 _STRUCTURED: Final = (dict, list, str)
 
 
@@ -63,11 +63,11 @@ def _indented(value: Any, line: str) -> str:
         return "{" + inner + ("," + inner).join(items) + line + "}"
     if isinstance(value, list) and any(isinstance(item, _STRUCTURED) for item in value):
         return "[" + inner + ("," + inner).join([_indented(item, inner) for item in value]) + line + "]"
-    return _on_one_line(value)
+    return _in_line(value)
 
 
 def _key(key: Any) -> str:
-    return _on_one_line(key if isinstance(key, str) else _on_one_line(key))
+    return _in_line(key if isinstance(key, str) else _in_line(key))
 
 
 _ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&#34;", "'": "&#39;"})
