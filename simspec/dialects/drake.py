@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import FileAddition, Inert, table
+from simspec.dialects.kit.mutations import PASSIVE_BY_NAME, FileAddition, Inert, table
 from simspec.dialects.kit.world import WorldDialect
 from simspec.support import classes
 from simspec.support.declarations import Table
@@ -39,5 +39,8 @@ TABLE = table(
         FileAddition("settings", "true", "sleeping"),
         FileAddition("settings", "true", "hydroelastic_faces"),
     ),
-    (Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),),
+    (
+        *PASSIVE_BY_NAME,
+        Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
+    ),
 )

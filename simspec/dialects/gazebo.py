@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, FileAddition, Inert, table
+from simspec.dialects.kit.mutations import PASSIVE_BY_NAME, WORLD, FileAddition, Inert, table
 from simspec.dialects.kit.world import WorldDialect
 from simspec.support import classes
 from simspec.support.declarations import Table, exact
@@ -37,7 +37,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     "hardness": "DART's contacts have the common hardness alone, without parameters",
 }
 
-NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 
 TABLE = table(
     {"contact_solver": ("dantzig", "pgs")},
@@ -47,7 +46,7 @@ TABLE = table(
         FileAddition("settings", "0.01", "softness"),
     ),
     (
-        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        *PASSIVE_BY_NAME,
         Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
         Inert(
             "bodies.*.shapes.*.pose.position.*",

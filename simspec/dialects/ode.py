@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, table
+from simspec.dialects.kit.mutations import INERTIAL, PASSIVE_BY_NAME, SYMMETRIC, WORLD, FileAddition, Inert, table
 from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
 
@@ -30,8 +30,6 @@ DEFECTS: Mapping[str, Plant | str] = {
 
 BODILESS = "ODE has no body for what cannot move or has no mass"
 
-NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
-
 TABLE = table(
     {"solver": ("step", "quick-step")},
     (
@@ -42,7 +40,8 @@ TABLE = table(
         FileAddition("laws.*", "0.1", "adhesion"),
     ),
     (
-        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        Inert("laws.*", SYMMETRIC, ("swapped",), "sidecar.json"),
+        *PASSIVE_BY_NAME,
         Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
         *(Inert(site, BODILESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
     ),

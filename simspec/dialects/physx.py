@@ -9,7 +9,15 @@ from typing import Any, ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, in_single_precision, table
+from simspec.dialects.kit.mutations import (
+    INERTIAL,
+    PASSIVE_BY_NAME,
+    WORLD,
+    FileAddition,
+    Inert,
+    in_single_precision,
+    table,
+)
 from simspec.dialects.kit.sidecar import Sidecar, Target
 from simspec.dialects.kit.world import WorldDialect, WorldSidecar
 from simspec.formats.world import JsonWorld
@@ -89,7 +97,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
 }
 
-NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 MASSLESS = "PhysX's static actors have no mass"
 SPREAD = 1.0
 """PhysX sweeps contacts in the order in which it finds corners, and begins each step anew: a cube that lands flat leaves with
@@ -99,7 +106,7 @@ TABLE = table(
     {},
     (FileAddition("", "9.81", "strength"), FileAddition("settings", "true", "sleeping")),
     (
-        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        *PASSIVE_BY_NAME,
         *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
         *in_single_precision(SPREAD),
     ),

@@ -7,7 +7,16 @@ from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, FileAddition, Inert, in_single_precision, table
+from simspec.dialects.kit.mutations import (
+    INERTIAL,
+    PASSIVE_BY_NAME,
+    SYMMETRIC,
+    WORLD,
+    FileAddition,
+    Inert,
+    in_single_precision,
+    table,
+)
 from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
 
@@ -28,8 +37,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),
 }
 
-NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
-
 WEIGHTLESS = "simspec gives Rapier no mass properties of massless bodies"
 SPREAD = 0.1
 """Bodies that tumble on a floor then differ by up to 3.9e-2 after 0.6 s (measured)."""
@@ -43,7 +50,8 @@ TABLE = table(
         FileAddition("laws.*", "0.1", "adhesion"),
     ),
     (
-        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        Inert("laws.*", SYMMETRIC, ("swapped",), "sidecar.json"),
+        *PASSIVE_BY_NAME,
         *(Inert(site, WEIGHTLESS, ("moved",), WORLD) for site in INERTIAL[1:]),
         *in_single_precision(SPREAD),
     ),

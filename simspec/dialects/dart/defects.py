@@ -26,7 +26,7 @@ from simspec.dialects.kit.defects import (
     xml,
 )
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
+from simspec.dialects.kit.mutations import PASSIVE_BY_NAME, FileAddition, Inert, MutationTable
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
 from simspec.language.vocabulary import JOINT_KINDS
@@ -415,6 +415,7 @@ TABLE = MutationTable(
             "damping/text()", "overwritten while loading, by the value that realises the armature", ("moved",), "*.skel"
         ),
         Inert("joint/dof", "for a joint without coordinates", ("element added",), "*.skel"),
+        *PASSIVE_BY_NAME,
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),
         Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
         *(

@@ -220,6 +220,11 @@ ADDITIONS = (
 
 SEEN = "visual only"
 SYMMETRIC = "the order of elements that are found by name, or of the two names of a pair"
+PASSIVE_BY_NAME = tuple(
+    Inert(site, SYMMETRIC, ("swapped",), "sidecar.json")
+    for site in ("passive.gravity_scales.*", "passive.around.boxes.*")
+)
+"""Rows of an engine whose passive forces are simspec's: their entries name bodies and shapes."""
 INERT = (
     Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
     Inert("bodies.*.shapes.*.material", "a material of what touches nothing", ("word",), WORLD),

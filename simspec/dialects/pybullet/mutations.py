@@ -7,7 +7,7 @@ does not. See ``dialects/kit/mutations.py``.
 from __future__ import annotations
 
 from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
-from simspec.dialects.kit.mutations import FileAddition, Inert, MutationTable
+from simspec.dialects.kit.mutations import PASSIVE_BY_NAME, FileAddition, Inert, MutationTable
 from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
@@ -243,6 +243,7 @@ TABLE = MutationTable(
                 *("collision_filter.excluded.*.*", "sleepers.*", "springs.*", "armature.*"),
             )
         ),
+        *PASSIVE_BY_NAME,
         Inert("constraints.*", "the solver's order, which round-off shows", ("swapped",), "sidecar.json", within=1e-9),
         Inert(
             "collision_filter.classes.*.mask",
