@@ -421,13 +421,31 @@ def test_run_writes_results_that_can_be_compared_again(folder):
     assert again["bodies"][0]["position_largest"] == difference["bodies"][0]["position_largest"]
 
 
+VERDICT = ["model", "motion", "expectations", "speed", "next"]
+
+
 def test_the_tables_of_a_run(folder):
-    text = simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart").output
-    questions = ("Model: largest deviations", "Results", "Expectations", "Differences between engines")
+    text = simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "-v").output
+    questions = ("Model: largest deviations", "Results", "Expectations", "Differences between engines", "\nmodel  ")
     at = [text.index(question) for question in questions]
     assert at == sorted(at)
     assert "\x1b" not in text
     assert max(len(line) for line in text.splitlines()) <= 120
+
+
+def test_a_run_ends_with_a_verdict_of_at_most_twelve_lines(folder, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    words = ("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-repeats")
+    lines = simspec(*words).stdout.splitlines()
+    assert [line.split("  ")[0] for line in lines if line[0] != " "] == VERDICT
+    assert len(lines) <= 12
+    assert max(map(len, lines)) <= 80
+    assert not any(line.endswith(" ") for line in lines)
+    quiet = simspec(*words, "-q")
+    assert [line.split("  ")[0] for line in quiet.stdout.splitlines() if line[0] != " "] == VERDICT[:-2]
+    assert quiet.stderr == ""
+    assert [part["label"] for part in data(*words)["verdict"] if part["label"]] == VERDICT[:-1]
+    assert "exclude each other" in simspec(*words, "-q", "-v", code=2).stderr
 
 
 def test_an_expectation_that_fails_is_exit_1(folder):

@@ -37,11 +37,13 @@ from simspec.report.baseline import (
     read_baseline,
     show_comparison,
 )
+from simspec.report.differences import show_inconclusive
 from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.report.problems import show_not_taken, with_ways_out
-from simspec.report.screen import console, progress, say
-from simspec.report.studies import ends, show_run
+from simspec.report.screen import console, progress
+from simspec.report.studies import ends, show_failures, show_run
 from simspec.report.tested import skipped_suites, study_suites
+from simspec.report.verdict import VerdictPart, show_verdict, verdict, verdict_data
 from simspec.runner.run import Case, Run
 from simspec.runner.store import stored_runs
 from simspec.selection import NotTaken, Selection
@@ -202,6 +204,8 @@ def run(options: RunOptions) -> int:
     with reporting(options, options.spec):
         if options.all_engines and options.engine:
             raise SpecError([Problem("--all-engines and --engine exclude each other")])
+        if options.verbose and options.quiet:
+            raise SpecError([Problem("--verbose and --quiet exclude each other")])
         words = None if options.all_engines else options.chosen
         if not options.all_engines and not words:
             allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
@@ -235,7 +239,7 @@ def run_world(
         raise SpecError([Problem(message, found=", ".join(engines), allowed="two or more engines")])
     results = Results(world, folder, selection.not_taken)
     results.demand(engines, [loaded.file] if loaded is not None else [])
-    with progress(not options.as_json) as tell:
+    with progress(not (options.as_json or options.quiet)) as tell:
         result = study(
             world,
             engines,
@@ -257,32 +261,81 @@ def run_world(
         compared = None
         if options.baseline is not None or options.write_baseline is not None:
             compared = _with_baseline(options, before, result, selection, tell)
-    code = result.exit_code
-    if code == EXIT_OK and fails:
-        code = diff_code(result.diffs)
-    if code == EXIT_OK and compared is not None and compared.failed:
-        code = EXIT_FAILED
-    comparison = compared.comparison if compared is not None else None
+    done = Finished(options, result, folder, selection, compared, page, tuple(results.notes), tuple(show))
+    comparison = done.comparison
     warnings = loaded.warnings if loaded is not None else []
     suites = [*study_suites(result, locate, fails), *skipped_suites(world.name, selection.not_taken)]
     suites += [comparison_suite(world.name, comparison)] if comparison is not None else []
     lines = comparison_lines(comparison) if comparison is not None else ()
     reports_of(options).write(suites, study=result, warnings=warnings, baseline=lines, as_json=options.as_json)
     if options.as_json:
-        more: dict[str, Any] = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
-        more["page"] = page
-        more["baseline"] = compared.data() if compared is not None else None
-        more["not_run"] = selection.not_taken
-        more["ends"] = {name: ends(run, show) for name, run in result.runs.items()}
-        print_json({**study_data(result), **more})
-        return code
-    show_not_taken(selection, console())
-    show_run(result, folder, results.notes, show, fails)
-    if compared is not None:
-        compared.show(console())
-    if page is not None:
-        say(f"report: {page}")
-    return code
+        print_json({**done.data(), "warnings": warnings})
+    else:
+        done.show()
+    return done.code
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A study that was done and written: its ``folder``, page and ``notes`` on the folder, the comparison with a baseline, and
+    the bodies and joints to ``show``."""
+
+    options: RunOptions
+    study: Study
+    folder: Path
+    selection: Selection
+    compared: Compared | None
+    page: Path | None
+    notes: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @property
+    def comparison(self) -> BaselineComparison | None:
+        """The comparison with the baseline."""
+        return self.compared.comparison if self.compared is not None else None
+
+    @property
+    def code(self) -> int:
+        """The exit code of the command."""
+        code = self.study.exit_code
+        if code == EXIT_OK and self.options.fail_on_diff is not None:
+            code = diff_code(self.study.diffs)
+        return EXIT_FAILED if code == EXIT_OK and self.compared is not None and self.compared.failed else code
+
+    @property
+    def verdict(self) -> list[VerdictPart]:
+        """The verdict."""
+        return verdict(self.study, self.selection.not_taken, self.folder)
+
+    def data(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            **study_data(self.study),
+            "verdict": verdict_data(self.verdict),
+            "exit_code": self.code,
+            "folder": self.folder,
+            "notes": self.notes,
+            "page": self.page,
+            "baseline": self.compared.data() if self.compared is not None else None,
+            "not_run": self.selection.not_taken,
+            "ends": {name: ends(run, self.names) for name, run in self.study.runs.items()},
+        }
+
+    def show(self) -> None:
+        """Print the verdict; with ``--verbose`` every table before it."""
+        screen = console()
+        if self.options.verbose:
+            show_not_taken(self.selection, screen)
+            show_run(self.study, self.folder, self.names)
+        if self.compared is not None:
+            self.compared.show(screen)
+        show_verdict(self.verdict, screen, self.options.quiet)
+        notes = [f"note: {note}" for note in self.notes]
+        notes += [f"report: {self.page}"] if self.page is not None else []
+        for note in () if self.options.quiet else notes:
+            screen.print(note, soft_wrap=True)
+        show_failures(self.study)
+        show_inconclusive(self.study.diffs if self.options.fail_on_diff is not None else ())
 
 
 def _tolerance(options: RunOptions) -> float:

@@ -248,7 +248,7 @@ class VerifyOptions(Options):
     "run",
     "run:run",
     "spec all_engines engine keep_going out repeats no_verify tolerance fail_on_diff sets accept ROBOTS allow_outside "
-    f"strict python deadline report {REPORTS} baseline write_baseline timed_runs as_json",
+    f"strict python deadline report {REPORTS} baseline write_baseline timed_runs verbose quiet as_json",
 )
 class RunOptions(Options):
     """Compile, verify, run in several engines, and compare.
@@ -310,6 +310,10 @@ class RunOptions(Options):
             help="For a baseline: runs of each engine for its speed, one at a time; 0: none.",
         ),
     ] = 5
+    verbose: Annotated[
+        bool, Option("-v", "--verbose", help="Print every table before the verdict: proof, results, differences.")
+    ] = False
+    quiet: Annotated[bool, Option("-q", "--quiet", help="Print the verdict alone: no progress, no notes.")] = False
 
 
 @command(

@@ -276,6 +276,27 @@ def first_touches(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]
     return {name: touched[name] for name in names if name in touched}
 
 
+def first_contact(runs: Sequence[Run], name: str) -> tuple[str, str] | None:
+    """The bodies of the first contact of a body, or of its tree, that any run recorded: a body of the tree, and the other.
+    None where there is none."""
+    found: list[tuple[float, str, str]] = []
+    for run in runs:
+        if "contact.row" not in run.arrays:
+            continue
+        row, sides = run.arrays["contact.row"], run.arrays["contact.body"]
+        bodies = run.world.bodies
+        inside = np.array([body.model == bodies[run.index[name]].model for body in bodies])
+        for part in parts(len(row), CONTACT_BYTES, row, sides):
+            pairs = sides[part].astype(np.int64)
+            touching = inside[pairs].any(axis=1)
+            if touching.any():
+                at = int(touching.argmax())
+                own, other = pairs[at] if inside[pairs[at][0]] else pairs[at][::-1]
+                found.append((float(run.time[row[part][at]]), bodies[own].name, bodies[other].name))
+                break
+    return min(found)[1:] if found else None
+
+
 def _first_rows(run: Run) -> np.ndarray:
     """The first row with a contact of each body (bodies,); −1 where there is none."""
     row, body = run.arrays["contact.row"], run.arrays["contact.body"]

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.text import Text
 
 from simspec.engines.kit.capabilities import DOUBLE
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from simspec.proof.checks import Check
     from simspec.proof.complete import CompleteTest
     from simspec.proof.selftest import DefectOutcome, SelfTest
+    from simspec.report.console import Screen
 
 
 SHOWN_FAILURES = 12
@@ -175,12 +175,12 @@ def certificate_notes(certificate: Certificate) -> list[str]:
     return notes
 
 
-def show_certificate(certificate: Certificate, screen: Console) -> None:
+def show_certificate(certificate: Certificate, screen: Screen) -> None:
     """The tables of a certificate and its notes."""
     for part in certificate_tables(certificate):
         screen.print(part)
     for note in certificate_notes(certificate):
-        screen.print(Text(note, style="dim"), soft_wrap=True)
+        screen.note(note, "dim")
 
 
 def self_test_table(result: SelfTest) -> Table:
@@ -290,7 +290,7 @@ def complete_data(result: CompleteTest) -> dict[str, Any]:
     }
 
 
-def show_complete(result: CompleteTest, screen: Console) -> None:
+def show_complete(result: CompleteTest, screen: Screen) -> None:
     """Print the table, and what was missed and skipped."""
     screen.print(complete_table(result))
     for verdict in result.missed[:SHOWN]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
     from simspec.report.console import Screen
 
 PIPE_WIDTH = 120
-"""Columns where there is no terminal to ask."""
-NARROWEST, WIDEST = 80, 120
+"""Columns where neither a terminal nor COLUMNS says how many there are."""
+NARROWEST, WIDEST = 40, 120
 
 
 def say(line: str, error: bool = False) -> None:
@@ -25,14 +26,23 @@ def say(line: str, error: bool = False) -> None:
 
 
 def console(error: bool = False) -> Screen:
-    """The console for standard output (or standard error): rich detects the terminal, NO_COLOR and the pipe."""
+    """The console for standard output (or standard error): rich detects the terminal, NO_COLOR and the pipe; COLUMNS counts for
+    both."""
     from simspec.report.console import Screen
 
     stream = sys.stderr if error else sys.stdout
-    if not stream.isatty():
-        return Screen(file=stream, width=PIPE_WIDTH, no_color=True, force_terminal=False)
-    wanted = Screen(file=stream).width
-    return Screen(file=stream, width=min(max(wanted, NARROWEST), WIDEST))
+    terminal = stream.isatty()
+    given = os.environ.get("COLUMNS", "")
+    if given.isascii() and given.isdigit() and int(given) > 0:
+        wanted = int(given)
+    else:
+        wanted = Screen(file=stream).width if terminal else PIPE_WIDTH
+    width = min(max(wanted, NARROWEST), WIDEST)
+    return (
+        Screen(file=stream, width=width)
+        if terminal
+        else Screen(file=stream, width=width, no_color=True, force_terminal=False)
+    )
 
 
 # Progress: on a terminal as it goes, elsewhere a line now and then.

@@ -9,9 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.text import Text
-
 from simspec.comparison.floor import Floor, load_floor
 from simspec.comparison.runs import QUANTITIES, TOLERANCE, Diff, summary
 from simspec.comparison.runs import diff as compare_runs
@@ -22,8 +19,8 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
-from simspec.report import differences as report_differences
 from simspec.report.certificate import show_certificate
+from simspec.report.console import Screen
 from simspec.report.differences import differences, repeatability
 from simspec.report.plain import REPORT_FILE, REPORT_SCHEMA
 from simspec.report.screen import console
@@ -162,10 +159,10 @@ def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
     return rows
 
 
-def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
+def show_study(study: Study, screen: Screen, show: Sequence[str] = ()) -> None:
     """All tables of one study, in the order of the questions."""
     for line in together({name: run.unphysical for name, run in study.runs.items() if run.recorded}):
-        screen.print(Text(f"not physical: {line}", style="bold yellow"), soft_wrap=True)
+        screen.note(f"not physical: {line}", "bold yellow")
     if study.certificate is not None:
         show_certificate(study.certificate, screen)
     for shown in (
@@ -179,22 +176,23 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
             screen.print(shown)
     hints = [outcome.hint for outcomes in study.outcomes.values() for outcome in outcomes if outcome.hint]
     for hint in dict.fromkeys(hints):
-        screen.print(hint, soft_wrap=True)
+        screen.note(hint)
     for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
-        screen.print(f"note: {note}", soft_wrap=True)
+        screen.note(f"note: {note}")
 
 
 # Output of ``simspec run`` and ``simspec diff``.
 
 
-def show_run(study: Study, folder: Path, notes: Sequence[str], show: Sequence[str], demand_diff: bool) -> None:
-    """Print a study that was written to ``folder``. ``demand_diff``: whether its differences decide the exit code."""
+def show_run(study: Study, folder: Path, show: Sequence[str]) -> None:
+    """Print every table of a study that was written to ``folder``."""
     screen = console()
     show_study(study, screen, show)
-    for note in notes:
-        screen.print(f"note: {note}", soft_wrap=True, markup=False)
     screen.print(f"written: {folder}", soft_wrap=True)
-    report_differences.show_inconclusive(study.diffs if demand_diff else ())
+
+
+def show_failures(study: Study) -> None:
+    """Print on standard error, in full, why engines failed."""
     for name, run in study.runs.items():
         if run.failed is not None:
             console(error=True).print(f"{name} failed: {run.failed}", soft_wrap=True, style="bold red")

@@ -223,7 +223,7 @@ def test_engines_that_did_not_run_are_on_the_page_with_the_reason(tmp_path, monk
     assert html.unescape(not_run(folder)["rapier"]) == "Rapier has no <b>joints</b> (some.yaml:7:3)"
     assert "<b>joints" not in not_run(folder)["rapier"]
     assert html.unescape(not_run(folder)["physx"]) == "not installed: pip install 'simspec-physics[physx]'"
-    assert "Not run" in capsys.readouterr().out
+    assert "not run" in capsys.readouterr().out
     # a page that is made later of the folder says the same, as does one after a run of one engine more
     (folder / PAGE_FILE).unlink()
     assert call("report", folder) == EXIT_OK

@@ -1,0 +1,297 @@
+"""The verdict of a study in a few lines: whether the model is the same, the motions agree, and expectations are met."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.text import Text
+
+from simspec.comparison.clusters import Agreement, Cluster, Departure, agreement
+from simspec.comparison.runs import INCONCLUSIVE, OUT, Diff
+from simspec.engines.kit.capabilities import DOUBLE
+from simspec.errors import EngineRefusal, visible
+from simspec.report.certificate import level_title, strain
+from simspec.report.console import STYLES
+from simspec.report.table import BAD, DIM, GOOD, WARNING, length, listed, number
+from simspec.runner.expectations import Outcome
+from simspec.runner.unphysical import together
+from simspec.selection import NotTaken
+
+if TYPE_CHECKING:
+    from simspec.comparison.study import Study
+    from simspec.proof.certificate import Certificate, EngineProof
+
+LABEL = 14
+"""Columns of the labels."""
+MOST_LINES = 12
+"""Lines of a verdict on a terminal; longer parts are cut."""
+FEW = 3
+"""Features, checks or expectations that a line names; it counts the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictPart:
+    """One line of a verdict: a label, a sentence, and its tone. ``brief``: whether a short verdict contains it."""
+
+    label: str
+    text: str
+    tone: str = ""
+    brief: bool = True
+
+
+def verdict(study: Study, not_run: Mapping[str, NotTaken | str], folder: Path | None) -> list[VerdictPart]:
+    """The verdict of a study, in the order of the questions.
+
+    ``not_run``: requested engines that were left out, with the reason; ``folder``: the study's, for the commands that help.
+    """
+    found = agreement(study)
+    parts = [*_failed(study), *_unphysical(study), *_model(study.certificate), *_contact(study.certificate)]
+    parts += [*_motion(found, study), *_expectations(study.outcomes), *_speed(study)]
+    if words := _grouped(not_run):
+        parts.append(VerdictPart("not run", words, WARNING, brief=False))
+    return parts + (_next(found, folder) if folder is not None else [])
+
+
+def verdict_data(parts: Iterable[VerdictPart]) -> list[dict[str, Any]]:
+    """The verdict as plain data."""
+    return [{"label": part.label, "text": part.text} for part in parts if part.label != "next"]
+
+
+def show_verdict(parts: Sequence[VerdictPart], screen: Console, brief: bool = False) -> None:
+    """Print a verdict on at most :data:`MOST_LINES` lines."""
+    shown = [part for part in parts if part.brief or not brief]
+    for part, lines in zip(shown, fitted(shown, screen.width), strict=True):
+        for index, line in enumerate(lines):
+            label = (part.label if not index or part.label == "next" else "").ljust(LABEL)
+            label = label if not (part.label == "next" and index) else " " * LABEL
+            screen.print(Text(label, style="bold").append(Text(line, style=STYLES.get(part.tone, ""))), soft_wrap=True)
+
+
+def fitted(parts: Sequence[VerdictPart], width: int) -> list[list[str]]:
+    """The lines of each part, wrapped to ``width`` columns; the longest are cut until all are at most :data:`MOST_LINES`.
+    Commands are never cut nor wrapped."""
+    room = max(width - LABEL, 20)
+    whole = [
+        [visible(line) for line in part.text.split("\n")]
+        if part.label == "next"
+        else textwrap.wrap(visible(part.text), room, break_long_words=False, break_on_hyphens=False) or [""]
+        for part in parts
+    ]
+    while sum(map(len, whole)) > MOST_LINES:
+        cuttable = [index for index, part in enumerate(parts) if part.label != "next" and len(whole[index]) > 1]
+        if not cuttable:
+            break
+        longest = max(cuttable, key=lambda index: len(whole[index]))
+        whole[longest] = textwrap.wrap(
+            visible(parts[longest].text),
+            room,
+            max_lines=len(whole[longest]) - 1,
+            placeholder=" … (-v: all)",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    return whole
+
+
+def _failed(study: Study) -> list[VerdictPart]:
+    reasons = [(name, run.failed) for name, run in study.runs.items() if run.failed is not None]
+    return [
+        VerdictPart("failed", f"{name}: {(why.splitlines() or ['no reason given'])[0].removeprefix(f'{name}: ')}", BAD)
+        for name, why in reasons
+    ]
+
+
+def _unphysical(study: Study) -> list[VerdictPart]:
+    lines = together({name: run.unphysical for name, run in study.runs.items() if run.recorded})
+    return [VerdictPart("not physical", "; ".join(lines), BAD)] if lines else []
+
+
+# --- the model ---
+
+
+def _model(certificate: Certificate | None) -> list[VerdictPart]:
+    if certificate is None:
+        return [VerdictPart("model", "not proven to be the same: the proof was skipped", WARNING)]
+    proofs = certificate.engines
+    valid = {name: proof for name, proof in proofs.items() if proof.valid}
+    parts = []
+    if valid:
+        count = sum(check.count for proof in valid.values() for check in proof.checks)
+        singles = [name for name, proof in valid.items() if proof.precision != DOUBLE]
+        text = f"same in {listed(list(valid))} ({count:,} comparisons)"
+        text += f"; in single precision in {listed(singles)}" if singles else ""
+        parts.append(VerdictPart("model", text, GOOD))
+    if different := [_not_valid(name, proof) for name, proof in proofs.items() if not proof.passed]:
+        parts.append(VerdictPart("" if parts else "model", f"differs in {'; '.join(different)}", BAD))
+    if unproven := [name for name, proof in proofs.items() if proof.passed and proof.files_alone]:
+        text = f"not proven in {listed(unproven)}: the files alone were checked"
+        parts.append(VerdictPart("" if parts else "model", text, WARNING))
+    accepted = {name: list(proof.approximations) for name, proof in proofs.items() if proof.approximations}
+    if accepted:
+        text = "; ".join(f"{name}: {_few(features)}" for name, features in accepted.items())
+        parts.append(VerdictPart("accepted", text, WARNING))
+    return parts
+
+
+def _not_valid(name: str, proof: EngineProof) -> str:
+    failed = sorted((check for check in proof.checks if not check.passed), key=strain, reverse=True)
+    if not failed:
+        return f"{name}: nothing was compared"
+    worst = failed[0]
+    where = f" at {worst.where}" if worst.where else ""
+    deviation = "" if worst.worst is None else f" by {worst.worst:.2g} (tolerance {worst.tolerance:.2g})"
+    more = f" and {len(failed) - 1} more checks" if len(failed) > 1 else ""
+    return f"{name}: {level_title(worst.level, [worst])}, {worst.name}{deviation}{where}{more}"
+
+
+def _contact(certificate: Certificate | None) -> list[VerdictPart]:
+    measured = {name: proof for name, proof in certificate.engines.items() if proof.contact} if certificate else {}
+    if not measured:
+        return []
+    shares = {name: proof.declared for name, proof in measured.items()}
+    text = "measured"
+    cached, figures = (
+        sum(share.cached for share in shares.values()),
+        sum(share.figures for share in shares.values()),
+    )
+    text += f" ({figures:,} figures" + (f", {cached:,} of them earlier)" if cached else ")")
+    by = [f"{name}: {share.declared} of {share.figures}" for name, share in shares.items() if share.declared]
+    text += f"; by declared deviation in {', '.join(by)}" if by else ""
+    absent = [f"{name}: no {_few(share.effects)}" for name, share in shares.items() if share.absent]
+    text += f"; {'; '.join(absent)}" if absent else ""
+    passed = all(check.passed for proof in measured.values() for check in proof.level("L5"))
+    return [VerdictPart("contact law", text, (WARNING if by else GOOD) if passed else BAD)]
+
+
+# --- motions ---
+
+
+def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
+    if not found.clusters:
+        return []
+    first = found.clusters[0]
+    if len(study.diffs) == 0:
+        return [VerdictPart("motion", f"only {first.engines[0]} ran: nothing to compare with", DIM)]
+    parts = [VerdictPart("motion", _agreeing(first), GOOD)] if len(first.engines) > 1 else []
+    for departure in found.departures:
+        tone = BAD if departure.diff.verdict == OUT else WARNING
+        parts.append(VerdictPart("" if parts else "motion", _departing(departure), tone))
+        if len(departure.cluster.engines) > 1:
+            parts.append(VerdictPart("", _agreeing(departure.cluster), GOOD))
+    return parts
+
+
+def _agreeing(cluster: Cluster) -> str:
+    figures = length(cluster.position) if cluster.position else "0 m"
+    figures += f" and {cluster.angle:.2g} rad" if cluster.angle > cluster.position else ""
+    noise = f" (noise {length(cluster.noise)})" if cluster.noise else ""
+    until = f" until {cluster.until:.3g} s; then chaos ends the comparison" if cluster.horizon else ""
+    return f"{listed(cluster.engines)} agree within {figures}{noise}{until}"
+
+
+def _departing(departure: Departure) -> str:
+    diff, engines = departure.diff, listed(departure.cluster.engines)
+    verb = "differ" if len(departure.cluster.engines) > 1 else "differs"
+    body = diff.first_out
+    if diff.verdict == INCONCLUSIVE or body is None:
+        why = diff.not_compared or _hidden(diff)
+        return f"{engines} against {departure.reference}: inconclusive: {why}"
+    if "position" in body.exceeded:
+        worst = max(diff.bodies, key=lambda entry: entry.position_largest)
+        size = f"{length(worst.position_largest)} ({worst.body}, {worst.time_of_largest:.3g} s)"
+        bound = length(diff.tolerance)
+    else:
+        worst = max(diff.bodies, key=lambda entry: entry.angle_largest)
+        size = f"{worst.angle_largest:.3g} rad ({worst.body}, {worst.time_of_largest_angle:.3g} s)"
+        bound = f"{diff.angle_tolerance:g} rad"
+    cause = {"contact": "after contact", "free motion": "in free motion"}.get(body.cause, "")
+    if departure.contact:
+        cause = f"after {'–'.join(departure.contact)} contact"
+    text = f"{engines} {verb} from {departure.reference} by {size}, by more than {bound} from {body.first_out:.3g} s on"
+    return f"{text}, {cause}" if cause else text
+
+
+def _hidden(diff: Diff) -> str:
+    body = diff.inconclusive_body
+    noise = length(body.floor) if body is not None and body.floor else "noise"
+    return f"the engines' noise, {noise}, hides differences of the tolerance's size"
+
+
+# --- expectations and speed ---
+
+
+def _expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> list[VerdictPart]:
+    by_engine = {name: row for name, row in outcomes.items() if row}
+    if not by_engine:
+        return []
+    count = max(map(len, by_engine.values()))
+    missed: dict[int, list[str]] = {}
+    for name, row in by_engine.items():
+        for index, outcome in enumerate(row):
+            if not outcome.passed:
+                missed.setdefault(index, []).append(name)
+    if not missed:
+        return [VerdictPart("expectations", f"{count} of {count} met", GOOD)]
+    words = []
+    for index, names in list(missed.items())[:FEW]:
+        outcome = by_engine[names[0]][index]
+        figures = (
+            f"{number(outcome.measured, outcome.unit)}, bound {number(outcome.bound, outcome.unit)}"
+            if outcome.measured is not None
+            else outcome.detail or "not measured"
+        )
+        words.append(f"{outcome.kind} not met in {listed(names)} ({figures})")
+    more = f"; and {len(missed) - FEW} more" if len(missed) > FEW else ""
+    return [VerdictPart("expectations", f"{count - len(missed)} of {count} met; {'; '.join(words)}{more}", BAD)]
+
+
+def _speed(study: Study) -> list[VerdictPart]:
+    factors = {name: run.real_time_factor for name, run in study.runs.items()}
+    known = sorted(((value, name) for name, value in factors.items() if value), reverse=True)
+    if not known:
+        return []
+    best, first = known[0]
+    slower = [f"{name} {best / value:.2g}" for value, name in known[1:]]
+    text = f"{first} {best:.3g} × real time" + (f"; {', '.join(slower)} times slower" if slower else "")
+    return [VerdictPart("speed", text, brief=False)]
+
+
+# --- engines that did not run, and commands that help ---
+
+
+def _grouped(not_run: Mapping[str, NotTaken | str]) -> str:
+    groups: dict[str, list[str]] = {}
+    for name, why in not_run.items():
+        groups.setdefault(_short(why), []).append(name)
+    return "; ".join(f"{', '.join(names)}: {why}" for why, names in groups.items())
+
+
+def _short(why: NotTaken | str) -> str:
+    """The features that an engine refuses, or the beginning of the reason."""
+    if isinstance(why, NotTaken):
+        features = [problem.feature for problem in why.problems if isinstance(problem, EngineRefusal)]
+        if known := list(dict.fromkeys(feature for feature in features if feature)):
+            return _few(known) + (" (can be accepted)" if why.acceptable else "")
+    text = str(why).splitlines()[0]
+    return "not installed" if text.startswith("not installed") else textwrap.shorten(text, 90, placeholder=" …")
+
+
+def _few(names: Sequence[str]) -> str:
+    more = len(names) - FEW
+    return ", ".join(names[:FEW]) + (f" and {more} more" if more > 0 else "")
+
+
+def _next(found: Agreement, folder: Path) -> list[VerdictPart]:
+    commands = []
+    out = next((departure for departure in found.departures if departure.diff.verdict == OUT), None)
+    if out is not None:
+        commands.append((f"simspec explain {folder / out.reference} {folder / out.engine}", "why they differ"))
+    commands.append((f"simspec view {folder}", "see it"))
+    width = max(len(command) for command, _ in commands)
+    text = "\n".join(f"{command.ljust(width)}  ({why})" for command, why in commands)
+    return [VerdictPart("next", text, DIM, brief=False)]
