@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, compile_world
 from simspec.engines.kit.installed import left_out, not_installed
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options
 from simspec.support.features import Feature
@@ -52,6 +52,12 @@ class Selection:
     def lines(self) -> list[str]:
         """Every engine that is not taken, with the reason and the place in the spec."""
         return [f"{name}: {taken}" for name, taken in self.not_taken.items()]
+
+    def leave(self, reasons: Mapping[str, str]) -> Selection:
+        """This selection without some of its engines, each with the reason why it is left out."""
+        kept = tuple(name for name in self.engines if name not in reasons)
+        left = {name: NotTaken(reasons[name]) for name in self.engines if name in reasons}
+        return dataclasses.replace(self, engines=kept, not_taken={**self.not_taken, **left})
 
     def for_world(
         self, world: World, locate: Callable[[str], Location | None] = lambda path: None, least: int = 1
@@ -133,6 +139,17 @@ def available(pythons: Mapping[str, str]) -> Selection:
         else:
             not_taken[name] = NotTaken(not_installed(engine))
     return Selection(tuple(taken), False, not_taken, pythons=pythons)
+
+
+def compiling(labels: Iterable[str]) -> dict[str, str]:
+    """The engines of some that compile a program for each model, with the time that it may take, as the reason to leave them
+    out where nobody asks for them."""
+    seconds = {label: find_engine(label).COMPILING for label in labels}
+    return {
+        label: f"compiles for each model, for up to {time:.0f} s: --every-engine, or --engine {label}"
+        for label, time in seconds.items()
+        if time > 0.0
+    }
 
 
 def known() -> Selection:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import fcntl
 import os
 import random
@@ -114,6 +115,26 @@ def test_a_signal_at_work_leaves_no_process_and_no_folder(begin, place, name):
     assert ended.wait(60) == 3
     ended.communicate()
     assert left(place) == []
+
+
+def test_finished_engines_are_kept_and_named_when_the_user_interrupts(begin, place):
+    (place / "short.yaml").write_text(SPEC.replace("100000 s", "2 s"))
+    waits = place / "waits"
+    waits.write_text("#!/bin/sh\nexec sleep 1000\n")
+    waits.chmod(0o755)
+    engines = ("--engine", "mujoco", "--engine", f"dart={waits}")
+    driver = begin("run", "short.yaml", *engines, "--no-verify", "--no-repeats")
+    kept = place / "runs" / "long" / "mujoco"
+    assert until((kept / "provenance.json").exists)
+    driver.send_signal(signal.SIGINT)
+    _, error = driver.communicate(timeout=60)
+    assert driver.returncode == 130
+    assert error.splitlines()[-2:] == [
+        "kept in runs/long: mujoco; to compare them: simspec view runs/long",
+        "simspec: ended by SIGINT",
+    ]
+    shown = begin("report", "runs/long", "--json")
+    assert json.loads(shown.communicate(timeout=60)[0])["page"].endswith("report.html")
 
 
 @pytest.mark.parametrize("command", ["compile", "verify", "run"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from simspec import generated
 from simspec.commands.accept import is_writable
 from simspec.commands.diff import diff_code
 from simspec.commands.loading import OF_A_MODEL, LoadedSpec, load_spec, source_of
-from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.options import engine_names, engines_at_work, print_json
 from simspec.commands.reports import reporting, reports_of, write_page
 from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor, save_floor
@@ -25,6 +26,7 @@ from simspec.files import scratch_folder
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.targets import COMPILED, RUN, STUDY, demand, existing_name_problem, file_problem, folder_problem
 from simspec.outputs.writing import Artifacts, change_file, open_folder, remove_file, write_file
+from simspec.processes import Ended
 from simspec.report.baseline import (
     Baseline,
     BaselineComparison,
@@ -40,13 +42,13 @@ from simspec.report.baseline import (
 from simspec.report.differences import show_inconclusive
 from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.report.problems import show_not_taken, with_ways_out
-from simspec.report.screen import console, progress
+from simspec.report.screen import console, progress, say
 from simspec.report.studies import ends, show_failures, show_run
 from simspec.report.tested import skipped_suites, study_suites
 from simspec.report.verdict import VerdictPart, show_verdict, verdict, verdict_data
 from simspec.runner.run import Case, Run
 from simspec.runner.store import stored_runs
-from simspec.selection import NotTaken, Selection
+from simspec.selection import NotTaken, Selection, compiling
 from simspec.stored import Report, read_as
 from simspec.world.canonical import sha256
 from simspec.world.types import World
@@ -61,14 +63,18 @@ if TYPE_CHECKING:
 # before. Results of this world count; results of another world stay, and are named as such.
 
 COMPILED_FOLDER = "compiled"
+LEVELS_OF_QUICK = ("L0", "L1", "L2", "L3", "L4", "L6", "L7")
+"""Levels of the proof with ``--quick``: all but the measurement of contact."""
 
 
 class Results(Arrivals):
-    """The results of one study of ``world`` in ``folder``. ``notes``: remarks about earlier results in the folder."""
+    """The results of one study of ``world`` in ``folder``. ``notes``: remarks about earlier results in the folder;
+    ``finished``: the engines whose runs are stored."""
 
     def __init__(self, world: World, folder: Path, not_run: Mapping[str, NotTaken] | None = None):
         """``not_run``: the requested engines that were left out."""
         self.notes: list[str] = []
+        self.finished: list[str] = []
         self._not_run = {name: str(why) for name, why in (not_run or {}).items()}
         self._world = world
         self._hash = sha256(world)
@@ -118,6 +124,8 @@ class Results(Arrivals):
 
     def run(self, run: Run) -> None:
         run.save(self._folder / run.engine)
+        if run.failed is None:
+            self.finished.append(run.engine)
 
     def floor(self, floor: Floor) -> None:
         save_floor(floor, self._folder / floor.engine)
@@ -202,19 +210,39 @@ def _engine(diff: dict[str, Any], side: str) -> str:
 def run(options: RunOptions) -> int:
     """Study a spec in all engines, in those that are named or in the project's, and write the folder of results."""
     with reporting(options, options.spec):
-        if options.all_engines and options.engine:
-            raise SpecError([Problem("--all-engines and --engine exclude each other")])
         if options.verbose and options.quiet:
             raise SpecError([Problem("--verbose and --quiet exclude each other")])
-        words = None if options.all_engines else options.chosen
-        if not options.all_engines and not words:
-            allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
-            raise SpecError([Problem("no engines selected", allowed=allowed)])
         loaded = load_spec(options, options.spec, duration=OF_A_MODEL)
-        pythons = options.interpreters()
-        selection = engines_at_work(words, pythons, demand=False)
+        selection = _requested(options)
+        pythons = selection.pythons
         with with_ways_out(options.spec, selection.engines, loaded.world, pythons, is_writable(loaded.spec)):
             return run_world(options, loaded.world, selection, options.out / loaded.world.name, loaded)
+
+
+def _requested(options: RunOptions) -> Selection:
+    """The engines that the options name, or all; those that compile for a model last, and only where they are requested. Raises
+    SpecError, EngineError."""
+    every = options.all_engines or options.every_engine
+    if every and options.engine:
+        word = "--every-engine" if options.every_engine else "--all-engines"
+        raise SpecError([Problem(f"{word} and --engine exclude each other")])
+    words = None if every else options.chosen
+    if not every and not words:
+        allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
+        raise SpecError([Problem("no engines selected", allowed=allowed)])
+    selection = engines_at_work(words, options.interpreters(), demand=False)
+    slow = compiling(selection.engines)
+    if every and not options.every_engine:
+        selection = selection.leave(slow)
+    without = engine_names(options.without or [])
+    if absent := [name for name in without if name not in selection.engines and name not in selection.not_taken]:
+        raise SpecError([Problem(f"--without {absent[0]}: it is not selected", allowed=", ".join(selection.engines))])
+    left = [name for name in selection.engines if name not in without]
+    if not left:
+        raise SpecError([Problem("--without leaves no engine", found=", ".join(without))])
+    not_taken = {name: why for name, why in selection.not_taken.items() if name not in without}
+    engines = tuple(sorted(left, key=lambda name: name in slow))
+    return dataclasses.replace(selection, engines=engines, not_taken=not_taken)
 
 
 def run_world(
@@ -239,28 +267,34 @@ def run_world(
         raise SpecError([Problem(message, found=", ".join(engines), allowed="two or more engines")])
     results = Results(world, folder, selection.not_taken)
     results.demand(engines, [loaded.file] if loaded is not None else [])
-    with progress(not (options.as_json or options.quiet)) as tell:
-        result = study(
-            world,
-            engines,
-            compiled=selection.compiled,
-            arrivals=results,
-            prove=not options.no_verify,
-            repeats=options.repeats,
-            keep_going=options.keep_going,
-            tolerance=_tolerance(options),
-            pythons=selection.pythons,
-            deadline=options.deadline,
-            locate=locate,
-            source=source,
-            progress=tell,
-        )
-        tell("writing")
-        results.finish(result, keep_page=options.report)
-        page = write_page([folder], None) if options.report else None
-        compared = None
-        if options.baseline is not None or options.write_baseline is not None:
-            compared = _with_baseline(options, before, result, selection, tell)
+    try:
+        with progress(not (options.as_json or options.quiet)) as tell:
+            result = study(
+                world,
+                engines,
+                compiled=selection.compiled,
+                arrivals=results,
+                prove=not options.no_verify,
+                levels=LEVELS_OF_QUICK if options.quick else None,
+                repeats=options.repeats and not options.quick,
+                keep_going=options.keep_going,
+                tolerance=_tolerance(options),
+                pythons=selection.pythons,
+                deadline=options.deadline,
+                locate=locate,
+                source=source,
+                progress=tell,
+            )
+            tell("writing")
+            results.finish(result, keep_page=options.report)
+            page = write_page([folder], None) if options.report else None
+            compared = None
+            if options.baseline is not None or options.write_baseline is not None:
+                compared = _with_baseline(options, before, result, selection, tell)
+    except Ended:
+        if results.finished:
+            say(f"kept in {folder}: {', '.join(results.finished)}; to compare them: simspec view {folder}", error=True)
+        raise
     done = Finished(options, result, folder, selection, compared, page, tuple(results.notes), tuple(show))
     comparison = done.comparison
     warnings = loaded.warnings if loaded is not None else []
@@ -305,7 +339,9 @@ class Finished:
     @property
     def verdict(self) -> list[VerdictPart]:
         """The verdict."""
-        return verdict(self.study, self.selection.not_taken, self.folder)
+        return verdict(
+            self.study, self.selection.not_taken, self.folder, skipped="--quick" if self.options.quick else ""
+        )
 
     def data(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -378,8 +414,9 @@ def _read_baseline(options: RunOptions) -> Baseline | None:
     damaged, when the new one may not be written, or when no noise is measured."""
     if options.baseline is None and options.write_baseline is None:
         return None
-    if not options.repeats:
-        message = "a baseline requires each engine's own noise, which --no-repeats does not measure"
+    if not options.repeats or options.quick:
+        word = "--quick" if options.quick else "--no-repeats"
+        message = f"a baseline requires each engine's own noise, which {word} does not measure"
         raise SpecError([Problem(message, hint="leave one of the two out")])
     if options.write_baseline is not None:
         demand([file_problem(options.write_baseline, is_baseline)])

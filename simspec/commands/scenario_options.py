@@ -247,8 +247,9 @@ class VerifyOptions(Options):
 @command(
     "run",
     "run:run",
-    "spec all_engines engine keep_going out repeats no_verify tolerance fail_on_diff sets accept ROBOTS allow_outside "
-    f"strict python deadline report {REPORTS} baseline write_baseline timed_runs verbose quiet as_json",
+    "spec all_engines every_engine engine without keep_going out quick repeats no_verify tolerance fail_on_diff sets "
+    f"accept ROBOTS allow_outside strict python deadline report {REPORTS} baseline write_baseline timed_runs verbose "
+    "quiet as_json",
 )
 class RunOptions(Options):
     """Compile, verify, run in several engines, and compare.
@@ -268,10 +269,22 @@ class RunOptions(Options):
     all_engines: Annotated[
         bool, Option("--all-engines", help="Run in every installed engine that supports the spec, at least two.")
     ] = False
+    every_engine: Annotated[
+        bool,
+        Option(
+            "--every-engine", help="As --all-engines, with engines that compile for each model, which takes minutes."
+        ),
+    ] = False
+    without: Annotated[
+        list[str] | None, Option("--without", metavar="NAME", help="Leave out this engine. Repeatable.")
+    ] = None
     keep_going: Annotated[
         bool, Option("--keep-going", help="Continue without an engine that is missing or fails (exit code 3).")
     ] = False
     out: Annotated[Path, Option(metavar="DIR", help="Results are written to DIR/NAME.")] = Path("runs")
+    quick: Annotated[
+        bool, Option("--quick", help="Skip the measurement of contact and of noise; the verdict says so.")
+    ] = False
     repeats: Annotated[
         bool,
         Option("--repeats/--no-repeats", help="Repeat runs, also with a perturbed initial state, to measure noise."),

@@ -108,6 +108,7 @@ def study(
     compiled: Mapping[str, Compiled] | None = None,
     arrivals: Arrivals | None = None,
     prove: bool = True,
+    levels: Iterable[str] | None = None,
     repeats: bool = True,
     keep_going: bool = False,
     tolerance: float = TOLERANCE,
@@ -122,6 +123,7 @@ def study(
     compiled   what compiling ``world`` for these engines gave (default: compiled here)
     arrivals   receives artifacts, certificate, runs and floors as they come
     prove      whether to verify first
+    levels     levels of the proof (default: all)
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
     keep_going whether the others go on when an engine is missing or fails
     tolerance  position (m) and angle (rad) tolerance of the comparison
@@ -154,7 +156,7 @@ def study(
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:
-            certificate = _prove(world, compiled, artifacts, pythons, deadline, progress, warm)
+            certificate = _prove(world, compiled, artifacts, levels, pythons, deadline, progress, warm)
             arrivals.certificate(certificate)
         runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress, arrivals)
         again = _repeat(runs, artifacts, pythons, deadline, progress, warm) if repeats else {}
@@ -176,12 +178,13 @@ def _prove(
     world: World,
     compiled: Mapping[str, Compiled],
     artifacts: Mapping[str, Path],
+    levels: Iterable[str] | None,
     pythons: Mapping[str, str] | None,
     deadline: float,
     progress: Callable[..., None],
     warm: WarmProcesses,
 ) -> Certificate:
-    from simspec.proof.verify import verify
+    from simspec.proof.verify import LEVELS, verify
 
     progress("verifying")
     return verify(
@@ -189,6 +192,7 @@ def _prove(
         list(compiled),
         compiled=compiled,
         artifacts=artifacts,
+        levels=LEVELS if levels is None else levels,
         pythons=pythons or {},
         deadline=deadline,
         progress=progress,

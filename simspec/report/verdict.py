@@ -21,6 +21,7 @@ from simspec.report.table import BAD, DIM, GOOD, WARNING, length, listed, number
 from simspec.runner.expectations import Outcome
 from simspec.runner.unphysical import together
 from simspec.selection import NotTaken
+from simspec.world.contact_pairs import meeting_laws
 
 if TYPE_CHECKING:
     from simspec.comparison.study import Study
@@ -30,6 +31,8 @@ LABEL = 14
 """Columns of the labels."""
 MOST_LINES = 12
 """Lines of a verdict on a terminal; longer parts are cut."""
+NBSP = "\u00a0"
+"""A blank at which no line is broken."""
 FEW = 3
 """Features, checks or expectations that a line names; it counts the others."""
 
@@ -44,13 +47,16 @@ class VerdictPart:
     brief: bool = True
 
 
-def verdict(study: Study, not_run: Mapping[str, NotTaken | str], folder: Path | None) -> list[VerdictPart]:
+def verdict(
+    study: Study, not_run: Mapping[str, NotTaken | str], folder: Path | None, skipped: str = ""
+) -> list[VerdictPart]:
     """The verdict of a study, in the order of the questions.
 
-    ``not_run``: requested engines that were left out, with the reason; ``folder``: the study's, for the commands that help.
+    ``not_run``: requested engines that were left out, with the reason; ``folder``: the study's, for the commands that help;
+    ``skipped``: the option by which contact and noise were not measured.
     """
     found = agreement(study)
-    parts = [*_failed(study), *_unphysical(study), *_model(study.certificate), *_contact(study.certificate)]
+    parts = [*_failed(study), *_unphysical(study), *_model(study.certificate), *_contact(study, skipped)]
     parts += [*_motion(found, study), *_expectations(study.outcomes), *_speed(study)]
     if words := _grouped(not_run):
         parts.append(VerdictPart("not run", words, WARNING, brief=False))
@@ -59,7 +65,7 @@ def verdict(study: Study, not_run: Mapping[str, NotTaken | str], folder: Path | 
 
 def verdict_data(parts: Iterable[VerdictPart]) -> list[dict[str, Any]]:
     """The verdict as plain data."""
-    return [{"label": part.label, "text": part.text} for part in parts if part.label != "next"]
+    return [{"label": part.label, "text": part.text.replace(NBSP, " ")} for part in parts if part.label != "next"]
 
 
 def show_verdict(parts: Sequence[VerdictPart], screen: Console, brief: bool = False) -> None:
@@ -67,8 +73,8 @@ def show_verdict(parts: Sequence[VerdictPart], screen: Console, brief: bool = Fa
     shown = [part for part in parts if part.brief or not brief]
     for part, lines in zip(shown, fitted(shown, screen.width), strict=True):
         for index, line in enumerate(lines):
-            label = (part.label if not index or part.label == "next" else "").ljust(LABEL)
-            label = label if not (part.label == "next" and index) else " " * LABEL
+            label = ("" if index else part.label).ljust(LABEL)
+            line = line.replace(NBSP, " ")
             screen.print(Text(label, style="bold").append(Text(line, style=STYLES.get(part.tone, ""))), soft_wrap=True)
 
 
@@ -149,17 +155,20 @@ def _not_valid(name: str, proof: EngineProof) -> str:
     return f"{name}: {level_title(worst.level, [worst])}, {worst.name}{deviation}{where}{more}"
 
 
-def _contact(certificate: Certificate | None) -> list[VerdictPart]:
-    measured = {name: proof for name, proof in certificate.engines.items() if proof.contact} if certificate else {}
-    if not measured:
+def _contact(study: Study, skipped: str) -> list[VerdictPart]:
+    certificate = study.certificate
+    if certificate is None or not meeting_laws(study.world):
         return []
+    measured = {name: proof for name, proof in certificate.engines.items() if proof.contact}
+    if not measured:
+        return [VerdictPart("contact law", f"not measured{f' ({skipped})' if skipped else ''}", WARNING)]
     shares = {name: proof.declared for name, proof in measured.items()}
     text = "measured"
     cached, figures = (
         sum(share.cached for share in shares.values()),
         sum(share.figures for share in shares.values()),
     )
-    text += f" ({figures:,} figures" + (f", {cached:,} of them earlier)" if cached else ")")
+    text += f" ({figures:,} figures" + (f", {cached:,} of them from the cache)" if cached else ")")
     by = [f"{name}: {share.declared} of {share.figures}" for name, share in shares.items() if share.declared]
     text += f"; by declared deviation in {', '.join(by)}" if by else ""
     absent = [f"{name}: no {_few(share.effects)}" for name, share in shares.items() if share.absent]
@@ -187,9 +196,9 @@ def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
 
 
 def _agreeing(cluster: Cluster) -> str:
-    figures = length(cluster.position) if cluster.position else "0 m"
-    figures += f" and {cluster.angle:.2g} rad" if cluster.angle > cluster.position else ""
-    noise = f" (noise {length(cluster.noise)})" if cluster.noise else ""
+    figures = _size(cluster.position) if cluster.position else "0 m"
+    figures += f" and {cluster.angle:.2g}{NBSP}rad" if cluster.angle > cluster.position else ""
+    noise = " (noise not measured)" if cluster.noise is None else f" (noise {_size(cluster.noise)})"
     until = f" until {cluster.until:.3g} s; then chaos ends the comparison" if cluster.horizon else ""
     return f"{listed(cluster.engines)} agree within {figures}{noise}{until}"
 
@@ -203,22 +212,27 @@ def _departing(departure: Departure) -> str:
         return f"{engines} against {departure.reference}: inconclusive: {why}"
     if "position" in body.exceeded:
         worst = max(diff.bodies, key=lambda entry: entry.position_largest)
-        size = f"{length(worst.position_largest)} ({worst.body}, {worst.time_of_largest:.3g} s)"
-        bound = length(diff.tolerance)
+        size = f"{_size(worst.position_largest)} ({worst.body}, {worst.time_of_largest:.3g}{NBSP}s)"
+        bound = _size(diff.tolerance)
     else:
         worst = max(diff.bodies, key=lambda entry: entry.angle_largest)
-        size = f"{worst.angle_largest:.3g} rad ({worst.body}, {worst.time_of_largest_angle:.3g} s)"
+        size = f"{worst.angle_largest:.3g}{NBSP}rad ({worst.body}, {worst.time_of_largest_angle:.3g}{NBSP}s)"
         bound = f"{diff.angle_tolerance:g} rad"
     cause = {"contact": "after contact", "free motion": "in free motion"}.get(body.cause, "")
     if departure.contact:
         cause = f"after {'–'.join(departure.contact)} contact"
-    text = f"{engines} {verb} from {departure.reference} by {size}, by more than {bound} from {body.first_out:.3g} s on"
+    text = f"{engines} {verb} from {departure.reference} by {size}, by more than {bound} from {body.first_out:.3g}{NBSP}s on"
     return f"{text}, {cause}" if cause else text
+
+
+def _size(value: float) -> str:
+    """A length whose unit stays on the line of its number."""
+    return length(value).replace(" ", NBSP)
 
 
 def _hidden(diff: Diff) -> str:
     body = diff.inconclusive_body
-    noise = length(body.floor) if body is not None and body.floor else "noise"
+    noise = _size(body.floor) if body is not None and body.floor else "noise"
     return f"the engines' noise, {noise}, hides differences of the tolerance's size"
 
 

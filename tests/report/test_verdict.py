@@ -58,8 +58,8 @@ def by_label(study: Study, **not_run: NotTaken | str) -> dict[str, str]:
     texts: dict[str, str] = {}
     label = ""
     for part in verdict(study, not_run, FOLDER):
-        label = part.label or label
-        texts[label] = f"{texts[label]}; {part.text}" if label in texts else part.text
+        label, text = part.label or label, part.text.replace("\u00a0", " ")
+        texts[label] = f"{texts[label]}; {text}" if label in texts else text
     return texts
 
 
