@@ -7,6 +7,7 @@ import { Plots } from "./plots";
 import { Stage, VIEWS } from "./stage";
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10, 30];
+const EXAGGERATIONS = [1, 10, 100, 1000];
 const NO_WEBGL = "This browser has no WebGL: there is no playback. The plots and tables show all the same.";
 const TURN = Math.PI / 12;
 const ZOOM = 0.8;
@@ -123,7 +124,14 @@ export class Player {
       shown.push(checkbox("contact forces", true, (on) => { stage.showForces = on; stage.ask(); }));
     if (scene.ghost !== null)
       shown.push(checkbox("target of driven joints", true, (on) => { stage.showGhost = on; stage.ask(); }));
-    controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart] : []), ...shown));
+    const larger = document.createElement("select");
+    larger.setAttribute("aria-label", "differences drawn larger");
+    for (const factor of EXAGGERATIONS) larger.add(new Option(`differences × ${factor}`, String(factor), factor === 1, factor === 1));
+    larger.addEventListener("change", () => {
+      stage.exaggeration = Number(larger.value);
+      stage.ask();
+    });
+    controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart, larger] : []), ...shown));
     const views = Object.keys(VIEWS).map((name) => button(name, `camera: ${name}`, () => stage.look(name)));
     const moves = [
       button("⟲", "camera: turn left", () => stage.turn(-TURN)),

@@ -99,6 +99,22 @@ function paint(batch: Batch, single: string | null): void {
 const POSITION = new Vector3();
 const QUATERNION = new Quaternion();
 const MATRIX = new Matrix4();
+const FIRST_POSITION = new Vector3();
+const FIRST_QUATERNION = new Quaternion();
+const TURN = new Quaternion();
+const AXIS = new Vector3();
+
+/** Move POSITION and QUATERNION away from those of the first run, `factor` times as far as they are; a turn by half a turn at most. */
+function exaggerate(factor: number): void {
+  POSITION.sub(FIRST_POSITION).multiplyScalar(factor).add(FIRST_POSITION);
+  TURN.copy(FIRST_QUATERNION).conjugate().premultiply(QUATERNION);
+  if (TURN.w < 0) TURN.set(-TURN.x, -TURN.y, -TURN.z, -TURN.w);
+  const sine = Math.hypot(TURN.x, TURN.y, TURN.z);
+  if (sine === 0) return;
+  const angle = Math.min(Math.PI, 2 * factor * Math.atan2(sine, TURN.w));
+  TURN.setFromAxisAngle(AXIS.set(TURN.x, TURN.y, TURN.z).divideScalar(sine), angle);
+  QUATERNION.copy(FIRST_QUATERNION).premultiply(TURN);
+}
 
 function place(batch: Batch, pose: (body: number) => void): void {
   batch.shapes.forEach(({ shape, local }, index) => {
@@ -120,6 +136,8 @@ export class Stage {
   split = false;
   showForces = true;
   showGhost = true;
+  /** By how much the differences of the other runs from the first shown one are drawn larger than they are. */
+  exaggeration = 1;
   readonly shown: Set<number>;
   private readonly space = new Space();
   private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 2, 0.005, 500);
@@ -249,8 +267,13 @@ export class Stage {
   /** The position (m) that is shown of a body, in a run. */
   position(run: number, body: number): number[] | null {
     const actor = this.actors.find(({ data }) => data === this.scene.runs[run]);
+    const first = this.actors.find(({ data }) => this.shown.has(this.scene.runs.indexOf(data)));
     if (actor === undefined) return null;
     actor.poses.at(body, this.moment, POSITION, QUATERNION);
+    if (first !== undefined && actor !== first && this.exaggeration !== 1) {
+      first.poses.at(body, this.moment, FIRST_POSITION, FIRST_QUATERNION);
+      exaggerate(this.exaggeration);
+    }
     return POSITION.toArray();
   }
 
@@ -267,7 +290,7 @@ export class Stage {
   draw(): void {
     const on = this.actors.filter(({ data }) => this.shown.has(this.scene.runs.indexOf(data)));
     const alone = this.split || on.length === 1;
-    on.forEach((actor, order) => this.pose(actor, alone, order));
+    on.forEach((actor, order) => this.pose(actor, on[0], alone, order));
     if (this.ghost !== null) {
       const ghost = this.ghost;
       ghost.group.visible = this.showGhost;
@@ -297,7 +320,7 @@ export class Stage {
     });
   }
 
-  private pose(actor: Actor, alone: boolean, order: number): void {
+  private pose(actor: Actor, first: Actor, alone: boolean, order: number): void {
     for (const batch of actor.batches) {
       const material = batch.mesh.material as MeshLambertMaterial;
       material.transparent = !alone;
@@ -307,7 +330,12 @@ export class Stage {
       material.polygonOffsetFactor = -order;
       batch.mesh.renderOrder = order;
       paint(batch, alone ? null : colour(actor.data.colour));
-      place(batch, (body) => actor.poses.at(body, this.moment, POSITION, QUATERNION));
+      place(batch, (body) => {
+        actor.poses.at(body, this.moment, POSITION, QUATERNION);
+        if (actor === first || this.exaggeration === 1) return;
+        first.poses.at(body, this.moment, FIRST_POSITION, FIRST_QUATERNION);
+        exaggerate(this.exaggeration);
+      });
     }
     if (actor.forces !== null) {
       actor.forces.mesh.visible = this.showForces;

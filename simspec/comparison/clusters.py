@@ -48,7 +48,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class Agreement:
-    """All recorded runs of a study by agreement: ``clusters``, the largest first, and a departure for each but the first."""
+    """The compared runs of a study by agreement: ``clusters``, the largest first, and the departures of the others from it."""
 
     clusters: tuple[Cluster, ...]
     departures: tuple[Departure, ...]
@@ -72,15 +72,16 @@ def agreement(study: Study) -> Agreement:
         chosen = _largest(left, diffs)
         clusters.append(_cluster(chosen, diffs))
         left = [name for name in left if name not in chosen]
-    departures = tuple(_departure(clusters[0], cluster, diffs, study.runs) for cluster in clusters[1:] if diffs)
-    return Agreement(tuple(clusters), departures)
+    departures = [_departure(clusters[0], cluster, diffs, study.runs) for cluster in clusters[1:]]
+    return Agreement(tuple(clusters), tuple(departure for departure in departures if departure is not None))
 
 
 def _largest(names: Sequence[str], diffs: Mapping[tuple[str, str], Diff]) -> tuple[str, ...]:
     """The largest set of ``names`` whose pairs are all within tolerance. There are at most some twenty engines."""
     for size in range(len(names), 1, -1):
         for chosen in itertools.combinations(names, size):
-            if all(diffs[pair].verdict == WITHIN for pair in itertools.combinations(chosen, 2)):
+            compared = [diffs.get(pair) for pair in itertools.combinations(chosen, 2)]
+            if all(diff is not None and diff.verdict == WITHIN for diff in compared):
                 return chosen
     return (names[0],)
 
@@ -102,10 +103,12 @@ def _cluster(engines: tuple[str, ...], diffs: Mapping[tuple[str, str], Diff]) ->
 
 def _departure(
     first: Cluster, cluster: Cluster, diffs: Mapping[tuple[str, str], Diff], runs: Mapping[str, Run]
-) -> Departure:
+) -> Departure | None:
     """The comparison that stands for a cluster: of the pairs with the first one the one that is out of tolerance earliest,
-    else one that is inconclusive."""
+    else one that is inconclusive; None where no pair was compared."""
     pairs = list(_pairs(first.engines, cluster.engines, diffs))
+    if not pairs:
+        return None
     out = [(diff.first_out.first_out or 0.0, pair) for pair in pairs if (diff := diffs[pair]).first_out is not None]
     inconclusive = [pair for pair in pairs if diffs[pair].verdict == INCONCLUSIVE]
     pair = min(out)[1] if out else inconclusive[0] if inconclusive else pairs[0]
@@ -121,4 +124,4 @@ def _pairs(
     first: Iterable[str], second: Iterable[str], diffs: Mapping[tuple[str, str], Diff]
 ) -> Iterable[tuple[str, str]]:
     for a, b in itertools.product(first, second):
-        yield (a, b) if (a, b) in diffs else (b, a)
+        yield from (pair for pair in ((a, b), (b, a)) if pair in diffs)

@@ -6,11 +6,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import INCONCLUSIVE, QUANTITIES, SHOWN_BODIES, BodyDiff, Diff, out_words, summary
+from simspec.comparison.runs import (
+    INCONCLUSIVE,
+    OUT,
+    QUANTITIES,
+    SHOWN_BODIES,
+    WITHIN,
+    BodyDiff,
+    Diff,
+    out_words,
+    summary,
+)
 from simspec.comparison.worlds import Change
 from simspec.report.screen import console
 from simspec.report.table import (
     BAD,
+    DIM,
     GOOD,
     WARNING,
     Table,
@@ -72,6 +83,25 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     for why in dict.fromkeys(diff.not_compared for diff in diffs if diff.not_compared):
         pairs.note = f"{pairs.note}\n{why}" if pairs.note else why
     return pairs
+
+
+def matrix(diffs: Sequence[Diff]) -> Table | None:
+    """The largest difference in position of each pair of engines, as a matrix; None for fewer than two pairs."""
+    if len(diffs) < 2:
+        return None
+    names = list(dict.fromkeys(name for diff in diffs for name in (diff.first.split()[0], diff.second.split()[0])))
+    cells = {}
+    for diff in diffs:
+        tone = {WITHIN: GOOD, OUT: BAD}.get(diff.verdict, WARNING)
+        worst = diff.worst if has_figures(diff) else None
+        cell = TableCell(length(worst.position_largest) if worst is not None else "–", tone)
+        pair = diff.first.split()[0], diff.second.split()[0]
+        cells[pair] = cells[pair[::-1]] = cell
+    title = f"Largest difference in position  (tolerance {tolerances(diffs[0])})"
+    rows = Table(title, "", *names, right=range(1, len(names) + 1))
+    for name in names:
+        rows.add(name, *(cells.get((name, other), TableCell("", DIM)) for other in names))
+    return rows
 
 
 def tolerances(diff: Diff) -> str:

@@ -19,7 +19,7 @@ from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
-from simspec.report.page.document import verdict
+from simspec.report.page import document
 from simspec.report.plain import diff_data
 from simspec.report.screen import console
 from simspec.report.table import GOOD
@@ -31,6 +31,10 @@ from tests.runner.synthetic import column, free_body, run, world
 
 TWO = world(free_body("still"), free_body("mover"))
 Noise = Callable[[np.ndarray], np.ndarray]
+
+
+def verdict(study) -> list[document.Sentence]:
+    return [document.summary(study), *document.remarks(study)]
 
 
 def chaos(begin: float) -> Noise:

@@ -27,6 +27,8 @@ from simspec.report.page.playback import charts, is_drawn, scene_data
 from simspec.report.problems import not_run_table
 from simspec.report.studies import StoredStudy, expectations, final_table, results, shown_of
 from simspec.report.table import BAD, GOOD, PLAIN, WARNING, Table, html_data, length, listed, number
+from simspec.report.verdict import NBSP, VerdictPart
+from simspec.report.verdict import verdict as study_verdict
 from simspec.runner.run import Run
 from simspec.runner.unphysical import together
 from simspec.world.canonical import sha256
@@ -49,16 +51,44 @@ class Sentence:
 
     @property
     def mark(self) -> str:
-        return MARKS[self.tone]
+        return MARKS.get(self.tone, MARKS[PLAIN])
 
 
-def verdict(study: Study) -> list[Sentence]:
-    """The results of a study in sentences: a summary, then models, failures, differences, expectations, repeats, speed."""
+MOST_SENTENCES = 5
+"""Sentences of the verdict, above the playback."""
+RANK = {BAD: 0, WARNING: 1, GOOD: 2}
+"""Tones, the worst first."""
+
+
+def short_verdict(stored: StoredStudy) -> list[Sentence]:
+    """A summary, and the verdict of the command line in at most four further sentences."""
+    groups: dict[str, list[VerdictPart]] = {}
+    label = ""
+    for part in study_verdict(stored.study, {}, None):
+        label = part.label or label
+        groups.setdefault("model" if label in ("accepted", "contact law") else label, []).append(part)
+    sentences = [
+        Sentence(
+            min((part.tone for part in parts), key=lambda tone: RANK.get(tone, len(RANK))),
+            f"{name.capitalize()}: {'; '.join(_labelled(part, name) for part in parts)}.".replace(NBSP, " "),
+        )
+        for name, parts in groups.items()
+    ]
+    return [summary(stored.study), *sentences][:MOST_SENTENCES]
+
+
+def _labelled(part: VerdictPart, group: str) -> str:
+    return part.text if part.label in ("", group) else f"{part.label}: {part.text}"
+
+
+def remarks(study: Study) -> list[Sentence]:
+    """The results of a study in all sentences: models, failures, differences, expectations, repeats, speed."""
     makers = (_models, _failures, _differences, _expectations, _repeats, _speed)
-    return [_summary(study), *(sentence for sentences in makers for sentence in sentences(study))]
+    return [sentence for sentences in makers for sentence in sentences(study)]
 
 
-def _summary(study: Study) -> Sentence:
+def summary(study: Study) -> Sentence:
+    """The answer in one sentence: models, motions, expectations."""
     failed = [name for name, run in study.runs.items() if run.failed is not None]
     certificate, verdicts = study.certificate, {diff.verdict for diff in study.diffs}
     if certificate is not None and any(name in study.runs for name, _ in certificate.failures()):
@@ -287,6 +317,8 @@ class Section:
     caption: str
     charts: tuple[dict[str, Any], ...] = ()
     description: str | None = None
+    remarks: tuple[Sentence, ...] = ()
+    """Further sentences, below the playback."""
 
 
 def section(stored: StoredStudy, packed: PackedNumbers) -> Section:
@@ -303,13 +335,15 @@ def section(stored: StoredStudy, packed: PackedNumbers) -> Section:
     notes = [*stored.notes, *(note for diff in study.diffs for note in diff.notes)]
     return Section(
         name=visible(study.world.name),
-        verdict=tuple(verdict(study)),
+        verdict=tuple(short_verdict(stored)),
+        remarks=tuple(remarks(study)),
         notes=tuple(map(visible, dict.fromkeys(notes))),
         certificate=tuple(certificate_tables(certificate)) if certificate is not None else (),
         certificate_notes=tuple(map(visible, certificate_notes(certificate))) if certificate is not None else (),
         results=tuple(
             table
             for table in (
+                differences.matrix(study.diffs),
                 not_run_table(stored.left_out),
                 results(study.runs),
                 expectations(study.outcomes),
@@ -332,7 +366,10 @@ def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any]) -> str
         f"Drawn positions are rounded to {1e3 * frames.step:.2g} mm; every figure and plot is computed from the runs."
     ]
     if len(runs) > 1:
-        parts.append("Overlaid, what is at the same place has one mixed, greyish colour.")
+        parts.append(
+            "Overlaid, what is at the same place has one mixed, greyish colour; differences may be drawn larger than they are, "
+            "from the first engine shown."
+        )
     if frames.every > 1:
         parts.append(f"Plots and playback show every {frames.every}th record.")
     if not all(is_drawn(shape) for body in runs[0].world.bodies for shape in body.shapes):

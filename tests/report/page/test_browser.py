@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from simspec.report.page.document import page as page_of
@@ -67,7 +69,23 @@ def test_it_opens_without_a_word_and_fits(running, files, size, scheme):
         assert page.locator(".stage canvas").count() == 1
         assert page.locator(".uplot").count() == 5
         assert page.title() == TITLE
+        stage, verdict = (page.locator(name).first.bounding_box()["y"] for name in (".stage", ".verdict"))
+        assert (stage < verdict) == (size[0] < 600)  # a phone sees the playback first
+        assert stage < size[1] / 2
     assert not said
+
+
+def test_differences_can_be_drawn_larger(usual):
+    usual.locator("input.time").focus()
+    usual.keyboard.press("End")
+    first, third = (usual.evaluate(POSITION, [run, 2]) for run in (0, 2))
+    usual.select_option("select[aria-label='differences drawn larger']", "10")
+    drawn = usual.evaluate(POSITION, [2, 2])
+    assert usual.evaluate(POSITION, [0, 2]) == first
+    assert drawn == pytest.approx([a + 10 * (b - a) for a, b in zip(first, third, strict=True)], abs=1e-5)
+    assert math.dist(drawn, third) > 1.0
+    usual.select_option("select[aria-label='differences drawn larger']", "1")
+    assert usual.evaluate(POSITION, [2, 2]) == third
 
 
 def test_the_slider_moves_bodies_and_marks(usual):
@@ -150,7 +168,7 @@ def test_markup_in_names_is_text(running, files):
         text = page.locator("main").inner_text()
         for name in samples.HOSTILE_BODIES[1:]:
             assert name in text
-        page.locator(".verdict").hover()
+        page.locator(".verdict").first.hover()
         assert "owned" not in page.title()
     assert not said
 

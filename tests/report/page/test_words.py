@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 
 from simspec.errors import EngineError
-from simspec.report.page.document import verdict
+from simspec.report.page.document import MOST_SENTENCES, Sentence, remarks, short_verdict, summary
+from simspec.report.studies import StoredStudy
 from simspec.report.table import BAD, GOOD, WARNING, listed
 from simspec.runner.execution import failed_run
 from tests.report.page import samples
+
+
+def verdict(study) -> list[Sentence]:
+    return [summary(study), *remarks(study)]
 
 
 def said(study, start: str = "") -> list[str]:
@@ -106,3 +112,19 @@ def test_every_tone_has_a_mark_and_names_are_listed():
     assert [sentence.mark for sentence in verdict(samples.a_study())]
     assert {GOOD, WARNING, BAD} == {"good", "warning", "bad"}
     assert [listed(names) for names in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
+
+
+@pytest.mark.parametrize("valid", [True, False])
+@pytest.mark.parametrize("crashed", [True, False])
+def test_the_verdict_above_the_playback_has_at_most_five_sentences_without_repeats(valid, crashed):
+    study = samples.a_study(valid=valid)
+    if crashed:
+        failed = failed_run(study.world, "dart", EngineError("dart", "ended by signal 11"))
+        study = dataclasses.replace(study, runs={**study.runs, "dart": failed})
+    sentences = short_verdict(StoredStudy(study, Path("runs/sample"), ()))
+    texts = [sentence.text for sentence in sentences]
+    assert sentences[0] == summary(study)
+    assert len(texts) == len(set(texts)) <= MOST_SENTENCES
+    assert any(text.startswith("Motion: first and second agree") for text in texts)
+    assert crashed == any(text.startswith("Failed: dart: ended by signal 11") for text in texts)
+    assert not any("\u00a0" in text for text in texts)
