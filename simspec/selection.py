@@ -142,8 +142,8 @@ def available(pythons: Mapping[str, str]) -> Selection:
 
 
 def compiling(labels: Iterable[str]) -> dict[str, str]:
-    """The engines of some that compile a program for each model, with the time that it may take, as the reason to leave them
-    out where nobody asks for them."""
+    """The engines among ``labels`` that compile a program for each model, each with the reason to leave it out by default: the
+    time that this may take."""
     seconds = {label: find_engine(label).COMPILING for label in labels}
     return {
         label: f"compiles for each model, for up to {time:.0f} s: --every-engine, or --engine {label}"

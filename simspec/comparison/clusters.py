@@ -32,7 +32,7 @@ class Cluster:
 
 
 @dataclass(frozen=True)
-class Departure:
+class ClusterDeparture:
     """A cluster that does not agree with the first one.
 
     diff     comparison of a run of the first cluster, ``reference``, with a run of this one, ``engine``
@@ -51,7 +51,7 @@ class Agreement:
     """The compared runs of a study by agreement: ``clusters``, the largest first, and the departures of the others from it."""
 
     clusters: tuple[Cluster, ...]
-    departures: tuple[Departure, ...]
+    departures: tuple[ClusterDeparture, ...]
 
     @property
     def agrees(self) -> bool:
@@ -103,7 +103,7 @@ def _cluster(engines: tuple[str, ...], diffs: Mapping[tuple[str, str], Diff]) ->
 
 def _departure(
     first: Cluster, cluster: Cluster, diffs: Mapping[tuple[str, str], Diff], runs: Mapping[str, Run]
-) -> Departure | None:
+) -> ClusterDeparture | None:
     """The comparison that stands for a cluster: of the pairs with the first one the one that is out of tolerance earliest,
     else one that is inconclusive; None where no pair was compared."""
     pairs = list(_pairs(first.engines, cluster.engines, diffs))
@@ -117,7 +117,7 @@ def _departure(
     contact: tuple[str, str] | tuple[()] = ()
     if diff.verdict == OUT and (body := diff.first_out) is not None and body.cause == "contact":
         contact = first_contact([runs[name] for name in pair], body.body) or ()
-    return Departure(cluster, reference, engine, diff, contact)
+    return ClusterDeparture(cluster, reference, engine, diff, contact)
 
 
 def _pairs(

@@ -291,8 +291,8 @@ def first_contact(runs: Sequence[Run], name: str) -> tuple[str, str] | None:
             touching = inside[pairs].any(axis=1)
             if touching.any():
                 at = int(touching.argmax())
-                own, other = pairs[at] if inside[pairs[at][0]] else pairs[at][::-1]
-                found.append((float(run.time[row[part][at]]), bodies[own].name, bodies[other].name))
+                touching_body, other = pairs[at] if inside[pairs[at][0]] else pairs[at][::-1]
+                found.append((float(run.time[row[part][at]]), bodies[touching_body].name, bodies[other].name))
                 break
     return min(found)[1:] if found else None
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from simspec.comparison.clusters import Agreement, Cluster, Departure, agreement
+from simspec.comparison.clusters import Agreement, Cluster, ClusterDeparture, agreement
 from simspec.comparison.runs import INCONCLUSIVE, OUT, Diff
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import EngineRefusal, visible
@@ -203,7 +203,7 @@ def _agreeing(cluster: Cluster) -> str:
     return f"{listed(cluster.engines)} agree within {figures}{noise}{until}"
 
 
-def _departing(departure: Departure) -> str:
+def _departing(departure: ClusterDeparture) -> str:
     diff, engines = departure.diff, listed(departure.cluster.engines)
     verb = "differ" if len(departure.cluster.engines) > 1 else "differs"
     body = diff.first_out

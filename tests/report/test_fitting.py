@@ -29,7 +29,7 @@ def printed(table: Table, width: int) -> str:
 
 
 @given(TABLES, st.integers(60, 130))
-def test_every_column_has_room_and_is_in_one_part(table, width):
+def test_every_column_has_room_and_is_printed_once(table, width):
     parts = fit(table, width)
     assert all(part.columns[0] == 0 for part in parts)
     assert [index for part in parts for index in part.columns[1:]] == list(range(1, len(table.columns)))
@@ -50,7 +50,7 @@ def test_no_word_is_broken_and_no_line_is_too_long_or_ends_with_a_blank(table, w
                 assert cell in text
 
 
-def test_a_table_that_fits_is_one_table():
+def test_a_table_that_fits_is_not_split():
     table = Table("title", "engine", "value", right=(1,), rows=[("a", "1.0 m"), ("b", "")])
     assert len(fit(table, 80)) == 1
     assert "b" in printed(table, 80)

@@ -71,7 +71,7 @@ def check(name: str, worst: float, count: int = 10) -> Check:
     return Check("L1", name, count, 1e-9, worst, "mover")
 
 
-def test_engines_that_agree_are_one_cluster_whatever_their_order():
+def test_engines_that_agree_form_a_cluster_in_every_order():
     for order in itertools.permutations({"a": 0.0, "b": 1e-6, "c": 0.4, "d": 2e-6}.items()):
         found = agreement(study_of(dict(order)))
         assert set(found.clusters[0].engines) == {"a", "b", "d"}
@@ -98,7 +98,7 @@ def test_two_clusters_are_both_named():
     assert texts["next"].splitlines()[0].startswith("simspec explain runs/quad/a runs/quad/c  ")
 
 
-def test_the_exceeded_tolerance_is_the_one_that_is_named():
+def test_the_exceeded_tolerance_is_named():
     turned = world(free_body("mover"))
 
     def spun(angle):
