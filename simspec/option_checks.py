@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from simspec.control.reference import fed_forward
@@ -78,25 +78,25 @@ DEEP = 0.1
 edge deep on a cushion of 0.1 mm."""
 
 
-def deep_contact(spec: Spec, world: World) -> list[Problem]:
+def deep_contact(spec: Spec, world: World, names: Iterable[str] | None = None) -> list[Problem]:
     """Warnings of cushions and margins of engines that are large compared with the smallest shape, one for each setting and
-    value, with the engines that have it."""
+    value, with the engines that have it. ``names``: the engines that matter (default: all)."""
     least = thinnest(world)
     if least is None:
         return []
     depths: dict[tuple[str, float], list[str]] = {}
-    for name, engine in engines().items():
-        for setting, depth in depth_settings(engine, world).items():
+    for name in engines() if names is None else names:
+        for setting, depth in depth_settings(engines()[name], world).items():
             if depth > DEEP * least.inner:
                 depths.setdefault((setting, depth), []).append(name)
     path = f"bodies.{least.body}.shapes.{least.index}"
     problems = []
-    for (setting, depth), names in depths.items():
+    for (setting, depth), deep in depths.items():
         message = (
-            f"the contact of this shape is up to {depth:.3g} m deep in {', '.join(names)}, by the setting {setting}"
+            f"the contact of this shape is up to {depth:.3g} m deep in {', '.join(deep)}, by the setting {setting}"
         )
         allowed = f"up to {DEEP:.0%} of the inner radius of the shape, {least.inner:.3g} m"
-        where = ", ".join(f"engines.{name}.settings" for name in names)
+        where = ", ".join(f"engines.{name}.settings" for name in deep)
         hint = f"{setting}: {DEEP * least.inner:.2g} in {where}"
         problems.append(Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint))
     return problems

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from simspec.commands.options import Options, RobotFileOptions, engine_names, interpreters
+from simspec.commands.options import Options, RobotFileOptions, engine_names, interpreters, names_alone
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.files import find_spec
@@ -68,7 +68,11 @@ def load_spec(
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
-    found = [*spec.warnings(world), *pairs_without_effect(spec, world), *deep_contact(spec, world)] if warn else []
+    found = (
+        [*spec.warnings(world), *pairs_without_effect(spec, world), *deep_contact(spec, world, _named(options))]
+        if warn
+        else []
+    )
     if options.strict and found:
         raise SpecError(found)
     if found and not options.as_json:
@@ -76,6 +80,11 @@ def load_spec(
 
         show_warnings(found)
     return LoadedSpec(spec, world, found, sets, spec_file(name))
+
+
+def _named(options: Options) -> list[str] | None:
+    """The engines that ``--engine`` names, so that no other one is imported; None without it. Raises EngineError, SpecError."""
+    return names_alone(options.engine) if options.engine else None
 
 
 def accepted_sets(options: Options, name: str, sets: list[str] | None = None, starts: bool = True) -> list[str]:

@@ -148,8 +148,9 @@ def save_floor(floor: Floor, folder: Path) -> Path:
     import pyarrow as pa
     from pyarrow import parquet
 
-    def lists(values: np.ndarray) -> pa.Array:
-        return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+    def stored(values: np.ndarray) -> pa.Array:
+        flat = tables.numbers_array(values.ravel(), pa.float64())
+        return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
     facts = {"engine": floor.engine, "bitwise": floor.bitwise, "perturbation": floor.perturbation}
     facts |= {"run": _run_of(folder), "sha256": _digest(floor)}
@@ -160,8 +161,8 @@ def save_floor(floor: Floor, folder: Path) -> Path:
     def write(file: BinaryIO) -> None:
         with parquet.ParquetWriter(file, schema) as writer:
             for part in parts(rows, _row_bytes(bodies), *columns.values()):
-                block = [lists(values[part]) if name != "time" else values[part] for name, values in columns.items()]
-                writer.write_table(pa.Table.from_arrays([pa.array(column) for column in block], schema=schema))
+                block = [stored(values[part]) for values in columns.values()]
+                writer.write_table(pa.Table.from_arrays(block, schema=schema))
 
     return add_file(folder, RUN, FLOOR_FILE, write)
 

@@ -15,9 +15,6 @@ from xml.etree import ElementTree
 from simspec.comparison.runs import OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, EngineError, Location, Problem, SimspecError, SpecError, clipped, visible
-from simspec.experiments.index import RunRow
-from simspec.experiments.plan import Cell
-from simspec.experiments.sweep import SweepOutcome
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title, strain
 from simspec.report.differences import has_figures, tolerances
@@ -28,6 +25,9 @@ from simspec.selection import NotTaken
 from simspec.world.types import World
 
 if TYPE_CHECKING:
+    from simspec.experiments.index import RunRow
+    from simspec.experiments.plan import Cell
+    from simspec.experiments.sweep import SweepOutcome
     from simspec.proof.certificate import Certificate, EngineProof
 
 

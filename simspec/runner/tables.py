@@ -158,20 +158,50 @@ def _encodings(schema: pa.Schema) -> dict[str, list[str]]:
 def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World, labels: Labels) -> pa.Table:
     import pyarrow as pa
 
-    bodies = pa.array([body.name for body in world.bodies], pa.string())
-    sides = pa.array(side_names(world, labels) if "first_shape" in schema.names else [], pa.string())
+    bodies = _texts([body.name for body in world.bodies])
+    sides = _texts(side_names(world, labels) if "first_shape" in schema.names else [])
     filled = []
     for values, field in zip(columns, schema, strict=True):
         if pa.types.is_dictionary(field.type):
             names = sides if field.name.endswith("_shape") else bodies
-            filled.append(pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int32)), names))
+            filled.append(pa.DictionaryArray.from_arrays(numbers_array(values, pa.int32()), names))
         elif pa.types.is_fixed_size_list(field.type):
-            filled.append(pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1]))
+            filled.append(
+                pa.FixedSizeListArray.from_arrays(numbers_array(values.ravel(), pa.float64()), values.shape[1])
+            )
         elif pa.types.is_list(field.type):
-            filled.append(pa.array([[] for _ in range(len(values))], field.type))
+            filled.append(_no_numbers(len(values), field.type))
         else:
-            filled.append(pa.array(np.ascontiguousarray(values), field.type))
+            filled.append(numbers_array(values, field.type))
     return pa.Table.from_arrays(filled, schema=schema)
+
+
+# Arrays from buffers: ``pyarrow.array`` imports pandas where it is installed, which takes longer than the rest of a short run.
+
+
+def numbers_array(values: np.ndarray, kind: pa.DataType) -> pa.Array:
+    """Numbers (n,) of one type."""
+    import pyarrow as pa
+
+    stored = np.ascontiguousarray(values, kind.to_pandas_dtype())
+    return pa.Array.from_buffers(kind, len(stored), [None, pa.py_buffer(stored)])
+
+
+def _texts(texts: Sequence[str]) -> pa.Array:
+    """Texts (n,), in UTF-8."""
+    import pyarrow as pa
+
+    encoded = [text.encode() for text in texts]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.Array.from_buffers(pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))])
+
+
+def _no_numbers(count: int, kind: pa.DataType) -> pa.Array:
+    """``count`` lists without numbers."""
+    import pyarrow as pa
+
+    starts = numbers_array(np.zeros(count + 1), pa.int32())
+    return pa.ListArray.from_arrays(starts, numbers_array(np.zeros(0), pa.float64()), type=kind)
 
 
 def _parts(arrays: Mapping[str, np.ndarray], *names: str, more: int = 0) -> Iterator[list[np.ndarray]]:

@@ -267,10 +267,11 @@ def environments() -> dict[str, str]:
         return {}  # there is no such folder, or the user cannot read it: missing environments are reported by label
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_complete(place) is True}
     # an engine that is not installed here, and has its environment under the version that it names
-    for name, engine in engines().items():
-        label = EngineId(name, engine.SEPARATE_VERSION).label
-        if engine.SEPARATE_VERSION and label in found and engine.version() is None:
-            found[name] = found[label]
+    for label in list(found):
+        engine = engines()[parse(label).name]
+        separate = EngineId(engine.NAME, engine.SEPARATE_VERSION).label
+        if engine.SEPARATE_VERSION and label == separate and engine.version() is None:
+            found[engine.NAME] = found[label]
     return found
 
 
