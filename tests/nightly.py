@@ -53,6 +53,7 @@ CASES = {
     "commands/test_once.py::test_a_command_compiles_once_for_each_engine": 3,
     "engines/dart/test_engine.py::test_contact_free_motion": 4,
     "engines/pybullet/test_engine.py::test_contact_free_motion": 4,
+    "engines/test_engine_suite.py::test_shapes_of_a_body_have_separate_materials": 2,
     "engines/test_motion_scenarios.py::test_every_engine_keeps_the_closed_form": 2,
     "language/test_formatting.py::test_any_layout_leads_to_the_same": 5,
     "language/test_formatting.py::test_data_are_laid_out_as_files_are": 5,
@@ -65,6 +66,14 @@ CASES = {
     "test_endings.py::test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove": 3,
 }
 """Of these each commit runs one case in so many, the first among them."""
+DIAGONALS = {
+    "engines/kit/test_bad_answers.py::test_a_bad_answer_is_that_engine_s_failure": ("engine", "kind"),
+    "outputs/test_commands.py::test_a_target_that_is_not_simspecs_is_refused": ("command", "kind"),
+    "outputs/test_commands.py::test_foreign_files_at_the_target_are_not_overwritten": ("command", "kind"),
+    "test_bad_input.py::test_files_that_are_not_specs_are_refused_without_waiting": ("command", "target"),
+    "test_numerals.py::test_no_file_says_a_number_so": ("name", "text"),
+}
+"""Of these products of two parameters each commit runs as few cases as have every value of either."""
 WHOLE = (
     "attribution/test_planted.py::test_a_non_default_setting_is_named_and_the_remainder_is_examined",
     "attribution/test_planted.py::test_an_engine_begins_windows_with_the_contact_points_that_it_keeps",
@@ -101,14 +110,27 @@ def engines_of(item: pytest.Item, known: Iterable[str]) -> set[str]:
     return (words | {suite}) & set(known)
 
 
+def off_diagonals(items: Iterable[pytest.Item]) -> Iterator[pytest.Item]:
+    """The cases of ``DIAGONALS`` that are not needed for every value of either parameter."""
+    cases: dict[str, list[tuple[pytest.Item, int, int]]] = {}
+    for item in items:
+        if (name := name_of(item)) in DIAGONALS:
+            indices = item.callspec.indices
+            cases.setdefault(name, []).append((item, *(indices[parameter] for parameter in DIAGONALS[name])))
+    for several in cases.values():
+        fewer = 1 + min(max(row for _, row, _ in several), max(column for _, _, column in several))
+        yield from (item for item, row, column in several if (row + column) % fewer)
+
+
 def left_out(items: Iterable[pytest.Item], known: Iterable[str]) -> Iterator[pytest.Item]:
     """The tests that a commit does not run; ``known``: the names of all engines."""
-    known, seen = set(known), Counter[str]()
+    items, known, seen = list(items), set(known), Counter[str]()
+    between = set(map(id, off_diagonals(items)))
     for item in items:
         name = name_of(item)
         quick = ENGINES.get(name)
         other = quick is not None and (of := engines_of(item, known)) and not of & quick
         turn = seen[name] % CASES.get(name, 1)
         seen[name] += 1
-        if name in WHOLE or turn or other:
+        if name in WHOLE or turn or other or id(item) in between:
             yield item

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +11,9 @@ from tests import nightly
 
 
 @pytest.mark.parametrize(
-    "listed", [tuple(nightly.ENGINES), tuple(nightly.CASES), nightly.WHOLE], ids=["engines", "cases", "whole"]
+    "listed",
+    [tuple(nightly.ENGINES), tuple(nightly.CASES), tuple(nightly.DIAGONALS), nightly.WHOLE],
+    ids=["engines", "cases", "diagonals", "whole"],
 )
 def test_listed_tests_exist(listed):
     suites = "".join(
@@ -39,3 +42,15 @@ def test_each_commit_runs_quick_engines_the_first_case_and_what_is_not_listed():
     items += [case(whole, "mujoco"), case("test_nightly.py::test_other", "dart")]
     left = list(nightly.left_out(items, known))
     assert left == [items[2], items[6], *items[8 : 7 + nightly.CASES[some]], items[-2]]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(2, 3), (4, 4), (5, 2), (1, 3)])
+def test_diagonals_have_every_value_of_either_parameter(rows, columns):
+    name, parameters = next(iter(nightly.DIAGONALS.items()))
+    items = {pair: case(name, *pair) for pair in itertools.product(range(rows), range(columns))}
+    for pair, item in items.items():
+        item.callspec.indices = dict(zip(parameters, pair, strict=True))
+    left = list(nightly.left_out(items.values(), ()))
+    kept = [pair for pair, item in items.items() if item not in left]
+    assert len(kept) == max(rows, columns)
+    assert [set(values) for values in zip(*kept, strict=True)] == [set(range(rows)), set(range(columns))]

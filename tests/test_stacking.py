@@ -26,7 +26,7 @@ SPECS = ROOT / "specs"
 SUPPORTED = json.loads((ROOT / "generated" / "stack-cylinders" / "certificate.json").read_text())["engines"]
 """The engines that support the scenario."""
 ENGINES = [name for name in sorted(SUPPORTED) if name in INSTALLED]
-SLOW = {"ode": NIGHTLY}
+SLOW = {"gazebo": NIGHTLY, "ode": NIGHTLY}
 """Engines in which the first placement takes longer than in all others together: ODE solves for all contacts of the grasp at
 once. Every commit tests that grasp in it at the lift, and the robot's way with slippery fingers."""
 LIMIT = 0.01
