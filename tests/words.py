@@ -22,6 +22,10 @@ SENTENCE = re.compile(
     r"(?:^|(?<=[.!:;]\s)|(?<=\n\n))\s*([\"'(*]*)(" + "|".join(STARTS) + r")\b([^.!?\n]*(?:\n(?!\n)[^.!?\n]*)*)([.!?]?)",
     re.I,
 )
+COMMENT = re.compile(r"#.*")
+CLAUSE = re.compile(r"\b(?:" + "|".join(STARTS) + r")\b", re.I)
+"""Modules whose names are plain and whose comments have neither these nor avoided words are not split into tokens, which takes
+most of the time."""
 EXCEPT = {"apart": " from"}
 """Words that are plain before these."""
 
@@ -57,6 +61,10 @@ def in_name(name: str) -> tuple[str, ...]:
     return (*found, *(("what",) if words[:1] == ["test"] and words[1:2] and words[1] in ("what", "whatever") else ()))
 
 
+def _may_be_found(comment: str) -> bool:
+    return bool(_prose_pattern().search(comment) or CLAUSE.search(comment))
+
+
 def in_prose(text: str, line: int) -> Iterator[Finding]:
     """Avoided words, and sentences that begin with a clause, of a text that begins at ``line``."""
     for match in _prose_pattern().finditer(text):
@@ -72,19 +80,39 @@ def _around(text: str, match: re.Match[str]) -> str:
 
 def in_module(path: Path) -> list[Finding]:
     """Findings in names, comments, docstrings and texts of several words of a Python file."""
-    source = path.read_text(encoding="utf-8")
+    source, (names, texts) = path.read_text(encoding="utf-8"), _names_and_texts(parsed(path))
     found: list[Finding] = []
     before = ("", "")
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    suspect = any(map(in_name, names)) or any(map(_may_be_found, COMMENT.findall(source)))
+    for token in tokenize.generate_tokens(io.StringIO(source).readline) if suspect else ():
         of_library, before = before in (("np", "."), ("st", ".")), (before[1], token.string)
         if token.type == tokenize.NAME and not of_library:
             found += [Finding(token.start[0], word, token.string) for word in in_name(token.string)]
         elif token.type == tokenize.COMMENT:
             found += in_prose(token.string.lstrip("# "), token.start[0])
-    for node in ast.walk(parsed(path)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
-            found += in_prose(node.value, node.lineno)
+    for text in texts:
+        if " " in text.value.strip():
+            found += in_prose(text.value, text.lineno)
     return found
+
+
+def _names_and_texts(tree: ast.Module) -> tuple[set[str], list[ast.Constant]]:
+    """Every name of a module, and its constants that are texts."""
+    names: set[str] = set()
+    texts: list[ast.Constant] = []
+    left: list[object] = [tree]
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, str):
+                texts.append(node)
+        elif isinstance(node, ast.AST):
+            left += vars(node).values()
+        elif isinstance(node, list):
+            left += node
+        elif isinstance(node, str):
+            names.add(node)
+    return names, texts
 
 
 def in_page(path: Path) -> list[Finding]:
