@@ -56,8 +56,8 @@ gc.disable()  # until the tests begin: of what is collected, all stays
 
 
 def pytest_collection_finish() -> None:
-    """Collected and imported objects live as long as the process: garbage collection in tests skips them."""
-    gc.collect()
+    """Collected and imported objects live as long as the process: garbage collection in tests skips them. None is made before,
+    since it examines all of them for the little that is not in use."""
     gc.freeze()
     gc.enable()
 

@@ -6,6 +6,7 @@ Single cases of a test carry the marks ``NIGHTLY``. The lists below are of tests
 
 from __future__ import annotations
 
+import functools
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -98,7 +99,12 @@ def nightly(test):
 def name_of(item: pytest.Item) -> str:
     """The file of a test, relative to ``tests``, and its function."""
     function = getattr(item, "originalname", None) or item.name
-    return f"{item.path.relative_to(ROOT).as_posix()}::{function}"
+    return f"{_file(item.path)}::{function}"
+
+
+@functools.cache
+def _file(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
 
 
 def engines_of(item: pytest.Item, known: Iterable[str]) -> set[str]:

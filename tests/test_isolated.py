@@ -14,7 +14,7 @@ import pytest
 
 from simspec import processes
 from simspec.engines.kit.registry import engines
-from tests.modules import MODULES, name_of
+from tests.modules import MODULES, name_of, parsed
 
 FORMS = {"isolated", "with_search_path"}
 STARTS = {
@@ -65,9 +65,13 @@ def is_form(node: ast.expr | None, tree: ast.AST) -> bool:
     return bool(values) and all(is_form(value, tree) for value in values if not isinstance(value, ast.Name))
 
 
-def wrong(path: str, text: str) -> list[str]:
+def first_words(node: ast.List | ast.Tuple) -> set[str]:
+    """The first three constants of a list."""
+    return set([str(element.value) for element in node.elts if isinstance(element, ast.Constant)][:3])
+
+
+def wrong(path: str, tree: ast.Module) -> list[str]:
     """Lines of a module that start an interpreter in another way."""
-    tree = ast.parse(text)
     found = []
     for call in starts(tree):
         if path not in OTHERS and not is_form(call.args[0] if call.args else None, tree):
@@ -79,8 +83,7 @@ def wrong(path: str, text: str) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and node.attr == "executable" and path not in EXECUTABLE:
             found.append(f"{path}:{node.lineno}: sys.executable")
-        words = [element.value for element in getattr(node, "elts", []) if isinstance(element, ast.Constant)]
-        has_options = isinstance(node, ast.List | ast.Tuple) and bool(OPTIONS & set(map(str, words[:3])))
+        has_options = isinstance(node, ast.List | ast.Tuple) and bool(OPTIONS & first_words(node))
         if has_options and path not in ("processes.py", "engines/kit/compiled.py"):
             found.append(f"{path}:{node.lineno}: words of an interpreter")
         if isinstance(node, ast.ImportFrom) and node.module in OWNERS and STARTS & {name.name for name in node.names}:
@@ -89,7 +92,7 @@ def wrong(path: str, text: str) -> list[str]:
 
 
 def test_every_interpreter_is_started_in_either_isolated_form():
-    assert not [line for path in MODULES for line in wrong(name_of(path), path.read_text(encoding="utf-8"))]
+    assert not [line for path in MODULES for line in wrong(name_of(path), parsed(path))]
 
 
 @pytest.mark.parametrize(
@@ -105,12 +108,12 @@ def test_every_interpreter_is_started_in_either_isolated_form():
     ],
 )
 def test_another_form_is_seen(text):
-    assert wrong("some.py", text)
+    assert wrong("some.py", ast.parse(text))
 
 
 def test_the_forms_are_seen_as_such():
     text = "words = isolated('-m', 'pip')\nsubprocess.run(words, cwd='/')\nsubprocess.Popen(with_search_path(a), cwd=b)"
-    assert not wrong("some.py", text)
+    assert not wrong("some.py", ast.parse(text))
 
 
 @pytest.mark.parametrize(

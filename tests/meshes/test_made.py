@@ -295,6 +295,8 @@ def test_a_mesh_is_made_once(tmp_path, folder, monkeypatch):
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "renamed", "nothing", "another"])
 def test_a_damaged_entry_is_made_anew(tmp_path, folder, monkeypatch, damage):
+    """The surface is that of the file, without the process that reads it."""
+    monkeypatch.setattr(loading, "read_surfaces", lambda files: [MeshSurface(*l_profile()) for _ in files])
     path = tmp_path / "l.stl"
     path.write_bytes(stl(*l_profile()))
     first = load([(path, HULL)], 4096)
