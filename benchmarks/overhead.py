@@ -216,8 +216,7 @@ def every_engine(given: argparse.Namespace) -> int:
     # these need more than the interpreters of some engines have
     import simspec
     from simspec.compiler import compile_world, write_folder
-    from simspec.engines.kit.installed import version_of
-    from simspec.engines.kit.registry import engines
+    from simspec.engines.kit.registry import engines, version_of
     from simspec.project import load_project
     from simspec.testing.worlds import accepting
 

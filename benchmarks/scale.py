@@ -29,11 +29,11 @@ from distributed import Client
 
 from simspec.experiments.cases import case_of
 from simspec.experiments.certify import LocalSupplies
-from simspec.experiments.executors.dask import BATCH_BYTES, BATCH_SECONDS, LARGEST_BATCH, WINDOW
-from simspec.experiments.executors.local import Task
-from simspec.experiments.executors.remote import batch_parcel, do_batch, results_of, wanted_versions
+from simspec.experiments.dask import BATCH_BYTES, BATCH_SECONDS, LARGEST_BATCH, WINDOW
+from simspec.experiments.executors import Task
 from simspec.experiments.index import RunRow, row_of
 from simspec.experiments.plan import Plan, plan_sweep
+from simspec.experiments.remote import batch_parcel, do_batch, results_of, wanted_versions
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import cell_data, stored_key
 from simspec.experiments.timing import versions_of

@@ -22,7 +22,7 @@ import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, start
 from simspec.engines.kit.warm import WarmProcesses
-from simspec.experiments.executors.local import LocalExecutor
+from simspec.experiments.executors import LocalExecutor
 from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import sweep

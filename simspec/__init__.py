@@ -65,7 +65,7 @@ __all__ = sorted(_HOME)  # noqa: PLE0605 (a list all the same; a literal would b
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from simspec.distribution import simspec_version
+        from simspec.plugins import simspec_version
 
         return simspec_version()
     home = _HOME.get(name)

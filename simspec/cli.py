@@ -52,7 +52,7 @@ def report_error(error: SimspecError, as_json: bool) -> int:
     """Print an error; its exit code."""
     exit_if_signalled()
     if as_json:
-        from simspec.report.plain import error_data, text
+        from simspec.report.screen import error_data, text
 
         sys.stdout.write(text(error_data(error)))
     else:
@@ -132,7 +132,7 @@ def _main(arguments: list[str]) -> int:
         write_file(Path(__file__).with_name("help.txt"), help_text(), lambda old: b"simspec" in old[:100])
         return EXIT_OK
     if arguments == ["--version"]:
-        from simspec.distribution import simspec_version
+        from simspec.plugins import simspec_version
 
         print(f"simspec {simspec_version()}")
         return EXIT_OK

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.contact.plan import (
+from simspec.contact import (
     MOST_SPLIT_MATERIALS,
     ContactPlan,
     contact_plan,
@@ -19,9 +19,11 @@ from simspec.contact.plan import (
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import Target
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import version_in
-from simspec.engines.kit.registry import engine_name, engine_version, find_engine, format_of
-from simspec.engines.kit.settings import pair_settings, written_settings
+from simspec.engines.kit.registry import engine_name, engine_version, find_engine, format_of, version_in
+from simspec.engines.kit.settings import (
+    pair_settings,
+    written_settings,
+)
 from simspec.errors import EngineRefusal, Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options, nowhere
 from simspec.outputs.writing import Artifacts

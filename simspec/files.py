@@ -1,11 +1,14 @@
 """Files: reading those of others in bounded memory, temporary folders that do not outlive their process, folders shipped with
-simspec."""
+simspec, and arrays mapped from a file. numpy is imported with the first such array: small commands start without it.
+"""
 
 from __future__ import annotations
 
 import fcntl
 import functools
 import json
+import math
+import mmap
 import os
 import secrets
 import shutil
@@ -14,9 +17,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from simspec.errors import Problem, SpecError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # Reading files that another program wrote, or that are untrusted: regular files only, no links, no more than is allowed.
 
@@ -304,3 +310,82 @@ def find_spec(name: str) -> Path:
             )
         ]
     )
+
+
+# Arrays that are larger than memory should be: mapped from a file, and looked at block by block.
+
+RECORDED_BYTES = 16 * 2**30
+"""Most bytes that a run may record: 10 million rows of seven free bodies. More would fill a disk before it is noticed."""
+BLOCK_BYTES = 8_000_000
+"""Of one block of rows."""
+MAPPED_BYTES = 4_000_000
+"""Arrays larger than this stay on disk, mapped. A study of three engines with repeats holds some hundred arrays."""
+
+
+def block_rows(row_bytes: int) -> int:
+    """Rows of one block."""
+    return max(1, BLOCK_BYTES // max(1, row_bytes))
+
+
+def blocks(rows: int, row_bytes: int, first: int = 0) -> Iterator[slice]:
+    """Slices of the rows from ``first`` on that are together all ``rows`` rows, each of about ``BLOCK_BYTES``; one, empty, of
+    no rows."""
+    count = block_rows(row_bytes)
+    for start in range(first, max(rows, first + 1), count):
+        yield slice(start, max(start, min(start + count, rows)))
+
+
+def parts(rows: int, row_bytes: int, *arrays: np.ndarray, first: int = 0) -> Iterator[slice]:
+    """The same; after each, the memory is given back that looking at ``arrays`` took."""
+    for part in blocks(rows, row_bytes, first):
+        try:
+            yield part
+        finally:
+            for array in arrays:
+                release(array)
+
+
+def release(array: np.ndarray) -> None:
+    """Give the memory back that looking at a mapped array took (it is read again when it is looked at again); nothing
+    for other arrays."""
+    import numpy as np
+
+    base: object = array
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        base.madvise(mmap.MADV_DONTNEED)
+
+
+def all_finite(array: np.ndarray) -> bool:
+    """Whether every number is finite, whatever the array's size."""
+    import numpy as np
+
+    return all(np.isfinite(array[part]).all() for part in parts(len(array), array[:1].nbytes, array))
+
+
+def zeros(shape: tuple[int, ...], kind: type = float) -> np.ndarray:
+    """A new array of zeros. A large one is in a temporary file that has no name: its room on disk is given back with the
+    array, or when the process ends. Raises OSError where there is no room."""
+    import numpy as np
+
+    size = np.dtype(kind).itemsize * math.prod(shape)
+    if size <= MAPPED_BYTES:
+        return np.zeros(shape, kind)
+    with scratch_folder("array") as folder, open(folder / "rows.bin", "xb+") as file:
+        try:
+            _reserve(file, size)
+        except OSError as error:
+            raise OSError(error.errno or 0, error.strerror or str(error), tempfile.gettempdir()) from error
+        return np.memmap(file, kind, "r+", shape=shape).view(np.ndarray)
+
+
+def _reserve(file: BinaryIO, size: int) -> None:
+    """Give a new file its size, with room on disk: where that is missing, writing to a mapped file ends the process."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file.fileno(), 0, size)
+        return
+    empty = bytes(min(size, BLOCK_BYTES))
+    for part in blocks(size, 1):
+        file.write(empty[: part.stop - part.start])
+    file.flush()

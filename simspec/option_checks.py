@@ -10,10 +10,16 @@ from typing import TYPE_CHECKING
 
 from simspec.control.reference import fed_forward
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.engines.kit.settings import Value, check_bounds, check_pair_settings, check_settings, depth_settings
+from simspec.engines.kit.settings import (
+    Value,
+    check_bounds,
+    check_pair_settings,
+    check_settings,
+    depth_settings,
+)
 from simspec.errors import Location, Problem
-from simspec.language.engine_options import EngineOptions as SpecOptions
-from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
+from simspec.language.contact import EngineOptions as SpecOptions
+from simspec.language.contact import SettingsAtTimestep, merged_pairs
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, thinnest
 from simspec.world.types import Pair, World

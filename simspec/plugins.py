@@ -1,19 +1,77 @@
-"""Plug-ins: engines, dialects, formats and importers that packages provide by entry points.
-
-simspec's plug-ins come the same way, and are trusted to be usable: they are listed by their entry points, and imported when
-they are looked up. Plug-ins of other packages are imported and checked before they are listed; a broken one is reported by
-``simspec engines`` and ignored otherwise. Code of other packages may raise anything when it is imported.
-"""
+"""Plug-ins that packages provide by entry points, the distribution that contains simspec, and methods imported when used."""
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.metadata
 from collections.abc import Callable, ItemsView, Iterator, Mapping, ValuesView
 from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import MethodType
 from typing import Any, Generic, TypeVar
 
-from simspec.distribution import checkout
+# The distribution. A checkout that is used without an installation, or with one of an earlier commit, is described by its
+# pyproject.toml.
+
+NAME = "simspec-physics"
+"""simspec itself is another project's name on the public index."""
+
+
+@functools.cache
+def checkout() -> Mapping[str, Any]:
+    """The table ``project`` of the pyproject.toml of this checkout; empty where simspec is installed otherwise."""
+    import tomllib  # only where it is needed: each process of an engine loads this module
+
+    try:
+        content = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    project: Mapping[str, Any] = content.get("project", {})
+    return project if project.get("name") == NAME else {}
+
+
+def installed_version(name: str) -> str | None:
+    """The version of an installed distribution; None where it is not installed. Only the head of its metadata is read:
+    ``importlib.metadata`` parses all of them, with descriptions of a thousand lines, at every call."""
+    try:
+        distribution = importlib.metadata.distribution(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    head, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
+    version = next((line[9:].strip() for line in head.splitlines() if line.startswith("Version: ")), None)
+    return version or distribution.version
+
+
+@functools.cache
+def simspec_version() -> str:
+    """The version of simspec; reading it takes 10 ms. Raises PackageNotFoundError."""
+    try:
+        return importlib.metadata.version(NAME)
+    except importlib.metadata.PackageNotFoundError:
+        if checkout():
+            return str(checkout()["version"])
+        raise
+
+
+def requirements() -> tuple[str, ...]:
+    """The requirements of simspec, those of its extras marked as such. Raises PackageNotFoundError."""
+    try:
+        return tuple(importlib.metadata.requires(NAME) or ())
+    except importlib.metadata.PackageNotFoundError:
+        if not checkout():
+            raise
+    lines = list(checkout().get("dependencies", ()))
+    for extra, listed in checkout().get("optional-dependencies", {}).items():
+        for line in listed:
+            name, _, marker = line.partition(";")
+            lines.append(f'{name.strip()}; {f"{marker.strip()} and " if marker else ""}extra == "{extra}"')
+    return tuple(lines)
+
+
+# Plug-ins: engines, dialects, formats and importers. simspec's are trusted to be usable: they are listed by their entry points,
+# and imported when they are looked up. Those of other packages are imported and checked before they are listed; a broken one is
+# reported by ``simspec engines`` and ignored otherwise. Code of other packages may raise anything when it is imported.
 
 SIMSPEC = "simspec"
 Plugin = TypeVar("Plugin")
@@ -105,3 +163,15 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
 def _distribution(point: EntryPoint) -> str:
     found = getattr(point, "dist", None)
     return str(found.name) if found is not None else ""
+
+
+class Method:
+    """A method of an early part of simspec whose function is in a later part, imported when it is used: no circle of imports.
+    ``home``: its module and name; it takes the object first."""
+
+    def __init__(self, home: str):
+        self._module, _, self._name = home.partition(":")
+
+    def __get__(self, instance: object, owner: type | None = None) -> Callable[..., Any]:
+        function: Callable[..., Any] = getattr(importlib.import_module(self._module), self._name)
+        return function if instance is None else MethodType(function, instance)

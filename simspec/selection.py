@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, compile_world
-from simspec.engines.kit.installed import left_out, not_installed
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine, left_out, not_installed
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options
 from simspec.support.features import Feature

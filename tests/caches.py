@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.outputs.cache import cache_folder
+from simspec.outputs.files import cache_folder
 
 COMPILED = "compiled"
 

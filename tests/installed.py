@@ -17,10 +17,9 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 
-from simspec.distribution import NAME
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import not_installed
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engines, not_installed
+from simspec.plugins import NAME
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 

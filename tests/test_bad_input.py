@@ -66,7 +66,7 @@ BAD = {
 
 SERVER = """
 import json, os, resource, sys
-import simspec.__main__, simspec.cli, simspec.commands.check, simspec.commands.compile, simspec.commands.files
+import simspec.__main__, simspec.cli, simspec.commands.compile, simspec.commands.compile, simspec.commands.files
 import rich.table, ruamel.yaml, simspec.dynamics.oracle, simspec.language.load, simspec.resolve.scenario
 from simspec.engines.kit.registry import engines
 from simspec.language.foreign import importers

@@ -396,7 +396,7 @@ def test_no_home_and_no_name(monkeypatch):
     """A user without a home folder and without an entry in the system's list: nothing is kept, and nothing else happens."""
     import pwd
 
-    from simspec.proof.contact import cache
+    from simspec.proof.contact import scope as cache
 
     def no_user(uid):
         raise KeyError(uid)

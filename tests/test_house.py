@@ -95,8 +95,8 @@ NAMED_ELSEWHERE = {
         for part in ("urdf", "URDF", "Urdf", "mjcf", "MJCF", '"mujoco"', "usd", "Usd", "USD")
     },
     ("formats/mjcf", "<mujoco>"): "the same, in a message",
-    ("engines/dart/foreign.py", '"mujoco"'): "the root element of a language that it reads",
-    ("engines/drake/foreign.py", '"mujoco"'): "the same",
+    ("engines/dart/readback.py", '"mujoco"'): "the root element of a language that it reads",
+    ("engines/drake/readback.py", '"mujoco"'): "the same",
     ("engines/pybullet/foreign.py", '"mujoco"'): "the same",
     **{("engines/kit/hulls", part): "the library that these are a class of geoms for" for part in ("ode", "ODE")},
     ("dialects/dart", "ode"): "a collision detector of that engine's",
@@ -109,7 +109,7 @@ NAMED_ELSEWHERE = {
     ("imports/files.py", "IGN_GAZEBO_RESOURCE_PATH"): "a variable of the environment that names folders of models",
     ("imports/files.py", "GAZEBO_MODEL_PATH"): "the same",
     ("imports/files.py", "SDF_PATH"): "the same",
-    ("dialects/pybullet/mutations.py", "gazebo"): "an element of the language",
+    ("dialects/pybullet/defects.py", "gazebo"): "an element of the language",
     **{("imports/urdf", part): "the same" for part in ("gazebo", "Gazebo", "GAZEBO")},
     ("dialects/gazebo.py", "DART"): "the library that is that engine's own engine",
     **{
@@ -177,9 +177,8 @@ OF_A_DISK = {
 COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
 WRITERS = {
     "outputs": "the one part that writes what a user named",
-    "files.py": "temporary folders of simspec's own",
+    "files.py": "temporary folders of simspec's own, and large arrays in temporary files that have no name",
     "engines/kit/compiled.py": "a compiler's words, into the folder in the cache in which it works",
-    "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/kit/messages.py": "in an engine's process: its progress, into the temporary folder of the process",
     "engines/mjx/programs.py": "in an engine's process: a program, where `outputs` has it in the cache be made",
     "engines/kit/keeper.py": "resources used by the engine's process, into its temporary folder",
@@ -192,7 +191,6 @@ WRITERS = {
     "engines/gzsim/simulation.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/mujoco/model_compiler.py": "its answer, into the pipe to the caller",
     "meshes/child.py": "in the process that reads meshes: answers, through a pipe",
-    "mapped.py": "large arrays, in temporary files that have no name",
 }
 
 
@@ -435,7 +433,7 @@ def test_only_the_outputs_package_writes_files():
     assert not offences(writes, others)
 
 
-SAYERS = {"report/screen.py", "cli.py", "engines/kit/installed.py"}
+SAYERS = {"report/screen.py", "cli.py", "engines/kit/registry.py"}
 """Modules that print: the one that escapes what is not seen or does more than be seen, the version, and a child's script."""
 
 
@@ -450,7 +448,7 @@ def prints(tree: ast.AST) -> list[int]:
     return [call.lineno for call in calls if isinstance(call, ast.Name) and call.id == "print"]
 
 
-TEMPORARY = {"files.py", "mapped.py", "processes.py"}
+TEMPORARY = {"files.py", "processes.py"}
 """Modules that may make temporary files themselves: files left by a killed process must have a marker for the next process,
 or no name."""
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simspec import files, mapped
+from simspec import files
+from simspec import files as mapped
 
 
 @given(st.integers(0, 50), st.integers(0, 60), st.integers(1, 200), st.integers(1, 500))

@@ -16,7 +16,7 @@ from simspec.formats.kit.text import finite_numbers
 from simspec.formats.wbt import reading as wbt
 from simspec.language.document import scalar
 from simspec.language.load import Spec, load
-from simspec.language.units import UnitError, parse
+from simspec.language.quantities import UnitError, parse
 from simspec.meshes.load import read_grid
 from simspec.meshes.reading import MeshError, open_mesh
 from simspec.numerals import NumeralError, number, numbers, whole
@@ -264,7 +264,7 @@ ALLOWED = {
     "imports/xacro/importer.py": "of ASCII digits, which the line before checks; or a line that the process gives",
     "imports/sdf/values.py": "of ASCII digits that a pattern matched",
     "language/document.py": "a match of _INT or _FLOAT",
-    "language/units.py": "a match of _TERM or _QUANTITY",
+    "language/quantities.py": "a match of _TERM or _QUANTITY",
     "language/locate.py": "of ASCII digits, checked next to it; or of an index that simspec made",
     "imports/mjcf/contact.py": "of arrays of the compiled model",
     "imports/sdf/shapes.py": "bits in any base of ASCII digits, checked next to it",

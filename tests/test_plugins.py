@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.kit import contract as dialects_base
 from simspec.engines.kit import registry as base
 from simspec.engines.kit.capabilities import Capability

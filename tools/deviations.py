@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import Any
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.deviations import COLUMNS as KEYS
-from simspec.engines.kit.deviations import LIMITS
+from simspec.engines.kit.capabilities import COLUMNS as KEYS
+from simspec.engines.kit.capabilities import LIMITS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.refinements import SLIDING
 from simspec.engines.kit.registry import find_engine

@@ -12,13 +12,13 @@ import sys
 from pathlib import Path
 
 from simspec.commands.study import PAGE_FILE, find_study, page, published_files
-from simspec.experiments.published import MODELS_FILE, read_models
+from simspec.experiments.after_sweep import MODELS_FILE, read_models
 from simspec.experiments.store import Store
-from simspec.language.study_specs import load_study_file
+from simspec.language.load import load_study_file
 from simspec.outputs.targets import STUDY
 from simspec.outputs.writing import write_folder
 from simspec.report.page.document import page as html
-from simspec.report.plain import PAGE_FILE as HTML_FILE
+from simspec.report.screen import PAGE_FILE as HTML_FILE
 from simspec.report.study.pages import TABLES_FILE, stored_table, study_parts, tables_text
 from simspec.report.study.sentences import said_of
 from simspec.stored import StudyTables, read_as

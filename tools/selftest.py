@@ -18,8 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.kit.installed import version_of
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine, version_of
 from simspec.project import load_project
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.report.certificate import COLUMNS, inert_reasons

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from simspec.analysis.distributions import Pair, demand_contacts, durations, pair_numbers
 from simspec.comparison.common import CONTACT_BYTES, common_sides, named_pair
 from simspec.errors import Problem, SpecError
-from simspec.mapped import parts
+from simspec.files import parts
 from simspec.runner import metrics
 from simspec.runner.metrics import Penetration, deepest_penetration
 from simspec.runner.run import Run
+from simspec.world.constraints import JointSums
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import layout_of
-from simspec.world.passive_forces import JointSums
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, World
 

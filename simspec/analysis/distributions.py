@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simspec.comparison.common import CONTACT_BYTES, Sides, body_size, common_rows, common_sides, named_pair, sides_of
 from simspec.errors import Problem, SpecError
-from simspec.mapped import parts
+from simspec.files import parts
 from simspec.runner import metrics
 from simspec.runner.run import Run
 

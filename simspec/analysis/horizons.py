@@ -19,7 +19,7 @@ from simspec.comparison.common import Common, moving_in_common
 from simspec.comparison.floor import DECADE, FLOOR_FACTOR, STATES, Floor, deviations, horizon, measure_floor, same_bits
 from simspec.comparison.runs import TOLERANCE
 from simspec.errors import Problem, SpecError
-from simspec.mapped import parts
+from simspec.files import parts
 from simspec.runner.run import Run
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World

@@ -13,16 +13,15 @@ from simspec.analysis.speed import find_figure
 from simspec.attribution.configuration import Configuration, ModelProof, model_lines, proof_of, prove
 from simspec.attribution.sides import explain as explain_sides
 from simspec.attribution.sides import side_of_run
+from simspec.commands.engines import installed_version
 from simspec.commands.experiment_options import BisectOptions, ExplainOptions
-from simspec.commands.install import installed_version
 from simspec.commands.loading import OF_A_MODEL, accepted_sets, load_spec
 from simspec.commands.options import demand_installed, demand_trusted, engine_names, interpreters, print_json
 from simspec.commands.reports import SWEEP_FOLDER
 from simspec.compiler import compile_world
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import in_order, released_versions, same_version
-from simspec.engines.kit.installed import too_old
-from simspec.engines.kit.registry import MARK, EngineId, find_engine, parse
+from simspec.engines.kit.registry import MARK, EngineId, find_engine, parse, too_old
 from simspec.errors import EXIT_FAILED, EXIT_OK, EngineError, Location, Problem, SpecError, UnsupportedError
 from simspec.experiments.bisect import Versions, search
 from simspec.experiments.store import Store

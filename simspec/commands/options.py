@@ -357,6 +357,6 @@ def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
 
 def print_json(value: Any) -> None:
     """Print the answer of a command as one JSON object."""
-    from simspec.report.plain import text
+    from simspec.report.screen import text
 
     sys.stdout.write(text(value))

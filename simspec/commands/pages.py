@@ -10,8 +10,8 @@ from simspec.commands.experiment_options import PagesOptions
 from simspec.commands.options import print_json
 from simspec.commands.study import absent_engines, find_study, plan_of
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.experiments.published import older_sweeps, read_models, sweep_models
-from simspec.language.study_specs import load_study_file
+from simspec.experiments.after_sweep import older_sweeps, read_models, sweep_models
+from simspec.language.load import load_study_file
 from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import LARGEST_MARKER
 from simspec.outputs.writing import write_file

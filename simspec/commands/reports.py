@@ -1,5 +1,5 @@
 """Reports: ``simspec report``, ``simspec view``, and files for CI systems: a test report, annotations of the spec's lines, a
-summary of the job."""
+summary of the job. ``simspec diff``: how two stored runs, or two specs, differ."""
 
 from __future__ import annotations
 
@@ -14,15 +14,25 @@ from typing import TYPE_CHECKING
 
 from simspec.commands.experiment_options import ReportOptions, ViewOptions
 from simspec.commands.options import Options, print_json
-from simspec.errors import EXIT_OK, Problem, SimspecError, SpecError
+from simspec.commands.scenario_options import DiffOptions
+from simspec.comparison.floor import load_floor
+from simspec.comparison.runs import Diff
+from simspec.comparison.runs import diff as compare
+from simspec.comparison.worlds import diff_worlds
+from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs.files import append_text, file_size
 from simspec.outputs.targets import RUN, STUDY, demand, file_problem
 from simspec.outputs.writing import change_file, write_file
-from simspec.report.screen import say
+from simspec.report import differences
+from simspec.report.differences import show_diff
+from simspec.report.screen import console, diff_data, plain, say
+from simspec.runner.store import load_run
+from simspec.world.types import World
 
 if TYPE_CHECKING:
     from simspec.comparison.study import Study
     from simspec.report.tested import TestedSuite
+
 
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 """Variable of the environment of a step of GitHub Actions: the file that the job's summary is added to."""
@@ -130,7 +140,7 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     """
     from simspec.experiments.store import Store
     from simspec.report.page.document import Part, is_page, page
-    from simspec.report.plain import PAGE_FILE
+    from simspec.report.screen import PAGE_FILE
     from simspec.report.studies import load_study
     from simspec.report.study.pages import study_parts, study_tables
     from simspec.runner.store import is_run
@@ -183,3 +193,50 @@ def no_display(environment: Mapping[str, str], platform: str) -> str | None:
     if platform in ("darwin", "win32") or any(environment.get(name) for name in (*DISPLAYS, "BROWSER")):
         return None
     return "there is no display"
+
+
+# --- diff -------------------------------------------------------------------------------------------------------------------
+
+
+def diff(options: DiffOptions) -> int:
+    """Compare the runs in two folders, or two specs."""
+    a, b = Path(options.a), Path(options.b)
+    if a.is_dir() and b.is_dir():
+        options.robot_files.check_effect()
+        return diff_runs(a, b, options.tolerance, options.as_json)
+    if a.is_dir() or b.is_dir():
+        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
+
+    from simspec.commands.loading import load_spec
+
+    loaded = [load_spec(options, name, check_effect=False, warn=False) for name in (options.a, options.b)]
+    options.robot_files.check_effect(*(entry.spec for entry in loaded))
+    return diff_specs(loaded[0].world, loaded[1].world, options.as_json)
+
+
+def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
+    """Compare two saved runs."""
+    floors = [floor for folder in (a, b) if (floor := load_floor(folder)) is not None]
+    difference = compare(load_run(a), load_run(b), tolerance=tolerance, floor=floors)
+    if as_json:
+        print_json(diff_data(difference))
+    else:
+        show_diff(difference)
+    return diff_code([difference])
+
+
+def diff_specs(a: World, b: World, as_json: bool) -> int:
+    """Show the changes between two worlds."""
+    changes = diff_worlds(a, b)
+    if as_json:
+        print_json({"changes": plain(changes)})
+    elif changes:
+        console().print(differences.changes(changes))
+    else:
+        say("no differences")
+    return EXIT_FAILED if changes else EXIT_OK
+
+
+def diff_code(diffs: Sequence[Diff]) -> int:
+    """The exit code of comparisons: 0 only where all are within tolerance. An inconclusive comparison has not passed."""
+    return EXIT_OK if diffs and all(diff.within for diff in diffs) else EXIT_FAILED

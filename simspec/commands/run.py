@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from simspec import generated
-from simspec.commands.accept import is_writable
-from simspec.commands.diff import diff_code
+from simspec.commands.check import is_writable
 from simspec.commands.loading import OF_A_MODEL, LoadedSpec, load_spec, source_of
 from simspec.commands.options import engine_names, engines_at_work, print_json
-from simspec.commands.reports import reporting, reports_of, write_page
+from simspec.commands.reports import diff_code, reporting, reports_of, write_page
 from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.study import Arrivals, Study, study
@@ -40,9 +39,18 @@ from simspec.report.baseline import (
     show_comparison,
 )
 from simspec.report.differences import show_inconclusive
-from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.report.problems import show_not_taken, with_ways_out
-from simspec.report.screen import console, progress, say
+from simspec.report.screen import (
+    NOT_RUN,
+    PAGE_FILE,
+    REPORT_FILE,
+    REPORT_SCHEMA,
+    console,
+    progress,
+    say,
+    study_data,
+    text,
+)
 from simspec.report.studies import ends, show_failures, show_run
 from simspec.report.tested import skipped_suites, study_suites
 from simspec.report.verdict import VerdictPart, show_verdict, verdict, verdict_data

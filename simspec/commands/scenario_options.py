@@ -85,7 +85,7 @@ class ImportFileOptions(Options):
     ] = False
 
 
-@command("export", "export:export", "specs format_name out profile check sets ROBOTS allow_outside strict as_json")
+@command("export", "compile:export", "specs format_name out profile check sets ROBOTS allow_outside strict as_json")
 class ExportOptions(Options):
     """Write specs as plain files for other tools, and list what the files do not carry.
 
@@ -115,7 +115,7 @@ class ExportOptions(Options):
     check: CheckFolder = False
 
 
-@command("accept", "accept:accept", "spec engine ROBOTS allow_outside as_json")
+@command("accept", "check:accept", "spec engine ROBOTS allow_outside as_json")
 class AcceptOptions(Options):
     """Add the `accept` and `outside` entries that engines need to a spec, each with its reason as a comment.
 
@@ -331,7 +331,7 @@ class RunOptions(Options):
 
 @command(
     "audit",
-    "audit:audit",
+    "verify:audit",
     f"files engine pair details no_verify ROBOTS html allow_outside python deadline {REPORTS} as_json",
 )
 class AuditOptions(Options):
@@ -357,7 +357,7 @@ class AuditOptions(Options):
     deadline: Annotated[float, Option(metavar="SECONDS", min=0.1, help="Deadline of one engine for one file.")] = 60.0
 
 
-@command("diff", "diff:diff", "a b tolerance ROBOTS allow_outside as_json")
+@command("diff", "reports:diff", "a b tolerance ROBOTS allow_outside as_json")
 class DiffOptions(Options):
     """Compare two runs or two resolved specs. Exit code 1 if they differ, or if the engines' noise makes that inconclusive.
 

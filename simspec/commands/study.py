@@ -19,24 +19,23 @@ from simspec.commands.reports import SWEEP_FOLDER
 from simspec.commands.sweep import RUNS, stored_index, warn_of_disturbances
 from simspec.comparison.study import missing_engines
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SimspecError, SpecError
+from simspec.experiments.after_sweep import MODELS_FILE, MOST_MODELS, outdated_runs, second_passes, sweep_models
+from simspec.experiments.after_sweep import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.cases import rounding_lines
-from simspec.experiments.cost import costs, estimate, proof_seconds, proofs_left
-from simspec.experiments.first_gap import second_passes
+from simspec.experiments.index import costs, estimate, proof_seconds, proofs_left
 from simspec.experiments.plan import Plan, plan_sweep
-from simspec.experiments.published import MODELS_FILE, MOST_MODELS, outdated_runs, sweep_models
-from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import SweepOutcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.timing import versions_of
 from simspec.files import resource_folder
-from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_file
+from simspec.language.load import StudySource, SweepOfStudy, load_study_file
 from simspec.outputs.targets import STORE, STUDY, demand, folder_problem
 from simspec.outputs.writing import change_file, open_folder, write_folder
 from simspec.report.experiments import proof_words
 from simspec.report.page.document import page as html
-from simspec.report.plain import PAGE_FILE as HTML_FILE
 from simspec.report.problems import show_error
+from simspec.report.screen import PAGE_FILE as HTML_FILE
 from simspec.report.screen import console, duration, progress, say
 from simspec.report.study.pages import PUBLISHED_FILE, SCHEMA, TABLES_FILE, study_parts
 from simspec.report.study.runs import Done, StudyExplanation, StudyTable

@@ -12,9 +12,8 @@ from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import SWEEP_FOLDER, Reports, reporting, reports_of
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.experiments.cases import rounded_data, rounding_sets
-from simspec.experiments.cost import costs, estimate, proof_seconds, proofs_left
-from simspec.experiments.executors.dask import DaskExecutor, demand_address
-from simspec.experiments.index import Index, refresh
+from simspec.experiments.dask import DaskExecutor, demand_address
+from simspec.experiments.index import Index, costs, estimate, proof_seconds, proofs_left, refresh
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import SweepOutcome, local_executor, side_by_side

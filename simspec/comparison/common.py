@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from simspec.comparison.floor import DEVIATION_BYTES, Floor
 from simspec.errors import Problem, SpecError
+from simspec.files import block_rows, parts, release, zeros
 from simspec.language.vocabulary import TREE_JOINTS
-from simspec.mapped import block_rows, parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.labels import SEPARATOR, labels_of, shapes_of, side_names
 from simspec.runner.run import Run

@@ -20,7 +20,7 @@ import numpy as np
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, SpecError
-from simspec.mapped import parts, release, zeros
+from simspec.files import parts, release, zeros
 from simspec.outputs.files import open_regular
 from simspec.outputs.targets import RUN
 from simspec.outputs.writing import add_file

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 from simspec.comparison.floor import Floor, measure_floor, perturbation_of
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
-from simspec.engines.kit.installed import not_installed
 from simspec.engines.kit.process import DEADLINE, at_work
-from simspec.engines.kit.registry import find_engine, other_version
+from simspec.engines.kit.registry import find_engine, not_installed, other_version
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.files import scratch_folder

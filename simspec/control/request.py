@@ -16,9 +16,9 @@ from simspec.control.reference import Piecewise, Reference, positions, reference
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.actions import Fluid, Force, InertiaBox, JointTrajectory, KinematicMotion
 from simspec.world.canonical import from_plain, to_plain
+from simspec.world.constraints import Drag
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
-from simspec.world.passive_forces import Drag
 from simspec.world.rotations import conjugate, cross, exponential, logarithm, matrices, multiply, rotate
 from simspec.world.types import Body, Contact, RecordOptions, World
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import OracleTree
 from simspec.world.actions import JointController
+from simspec.world.constraints import JointSums
 from simspec.world.kinematics import initial_state, layout, sprung_trees, within
-from simspec.world.passive_forces import JointSums
 from simspec.world.types import Body, World
 
 POSTURES = 20

@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from simspec.dynamics.oracle_tree import OracleTree
+from simspec.files import blocks
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
-from simspec.mapped import blocks
 from simspec.world.actions import Force, JointSum
 from simspec.world.kinematics import constrained_trees, initial_state, layout_of, members, trees, within
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, FollowConstraint, World

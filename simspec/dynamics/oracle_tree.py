@@ -12,10 +12,9 @@ import numpy as np
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.actions import Fluid
-from simspec.world.constraints import Violation, impulse
+from simspec.world.constraints import JointSums, Violation, impulse
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of, within
-from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, FollowConstraint, Pose, WeldConstraint, World
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from simspec.dynamics.oracle import model_key, random_states
 from simspec.dynamics.oracle_tree import OracleTree
 from simspec.language.vocabulary import QUATERNION_JOINTS
+from simspec.world.constraints import JointSums
 from simspec.world.kinematics import initial_state, layout_of, sprung_trees, trees, within
-from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import matrices
 from simspec.world.types import Body, Physics, World
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from simspec.errors import Problem, SpecError
 from simspec.experiments.plan import Cell, Plan, digest
+from simspec.language.contact import WHOLE
 from simspec.language.document import Key, listed, mapping
-from simspec.language.engine_options import WHOLE
 from simspec.language.expectations import TIMES
 from simspec.language.load import Spec
 from simspec.language.models import MOST_STEPS, Physics

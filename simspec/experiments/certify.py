@@ -17,16 +17,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.compiler import Compiled, compile_world
-from simspec.distribution import simspec_version
 from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import SpecError, UnsupportedError
 from simspec.experiments.cases import case_of
-from simspec.experiments.executors.local import Task
+from simspec.experiments.executors import Task
 from simspec.experiments.plan import Cell, Plan, digest
 from simspec.experiments.store import Store
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
+from simspec.plugins import simspec_version
 from simspec.runner.run import Case
 from simspec.world.canonical import derived, sha256, to_plain
 from simspec.world.types import RecordOptions, World
@@ -94,12 +94,12 @@ class LocalSupplies:
             self._kept[task.world, task.engine].users -= 1
 
     def case(self, task: Task) -> Case:
-        """As of :class:`simspec.experiments.executors.local.Supplies`."""
+        """As of :class:`simspec.experiments.executors.Supplies`."""
         with self._lock:
             return Case(self._kept[task.world, task.engine].world, task.engine, perturb=task.perturb, seed=task.seed)
 
     def folder(self, task: Task) -> Path:
-        """As of :class:`simspec.experiments.executors.local.Supplies`."""
+        """As of :class:`simspec.experiments.executors.Supplies`."""
         with self._lock:
             return self._kept[task.world, task.engine].folder
 

@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from simspec.comparison.runs import summary
-from simspec.distribution import simspec_version
 from simspec.errors import Problem, SpecError
 from simspec.outputs.collection import Collection, open_collection
 from simspec.outputs.files import open_regular, read_bytes, read_gzip
 from simspec.outputs.targets import STORE, read_marker
 from simspec.outputs.writing import put
+from simspec.plugins import simspec_version
 from simspec.runner.expectations import evaluate
 from simspec.runner.labels import labels_of
 from simspec.runner.run import SCHEMA as RUN_SCHEMA

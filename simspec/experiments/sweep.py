@@ -22,9 +22,8 @@ from simspec.errors import (
 )
 from simspec.experiments.cases import case_of, rounded_data, roundings
 from simspec.experiments.certify import Certifier, LocalSupplies
-from simspec.experiments.cost import USUAL, Steps, costs
-from simspec.experiments.executors.local import Executor, LocalExecutor, Supplies, Task, packed
-from simspec.experiments.index import Index, RunRow, refresh, row_of
+from simspec.experiments.executors import Executor, LocalExecutor, Supplies, Task, packed
+from simspec.experiments.index import USUAL, Index, RunRow, Steps, costs, refresh, row_of
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.store import Store, TaskResult
 from simspec.experiments.timing import timed_tasks

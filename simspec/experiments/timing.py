@@ -19,11 +19,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from simspec.distribution import simspec_version
-from simspec.engines.kit.installed import instances
 from simspec.engines.kit.process import DEADLINE
+from simspec.engines.kit.registry import instances
 from simspec.errors import EngineError
-from simspec.experiments.executors.local import DoRun, Task
+from simspec.experiments.executors import DoRun, Task
+from simspec.plugins import simspec_version
 from simspec.runner.execution import failed_run, start_case
 from simspec.runner.run import Case, Run
 

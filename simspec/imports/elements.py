@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 
 from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
-from simspec.formats.kit.xml_elements import XmlElement, XmlError, parse_xml
+from simspec.formats.kit.text import XmlElement, XmlError, parse_xml
 from simspec.language.foreign import Account, Fate, LossSeverity
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
+from simspec.language.arrays import JointNames, NamePattern, too_many
 from simspec.language.document import mapping
-from simspec.language.joint_names import JointNames, NamePattern, too_many
 from simspec.language.joints import JointQuantity
 from simspec.language.quantities import Number, Vector
 from simspec.language.shapes import QUAT, RPY, Angles, NameOf, Point, Pose, Quaternion, Rotated

@@ -7,8 +7,7 @@ from typing import Any
 
 from simspec.errors import Problem
 from simspec.language import trees
-from simspec.language.document import INVALID, Document, Key, listed, mapping
-from simspec.language.joint_names import (
+from simspec.language.arrays import (
     CLASH_HINT,
     chosen,
     clash_words,
@@ -18,12 +17,13 @@ from simspec.language.joint_names import (
     is_name_or_pattern,
     too_many,
 )
+from simspec.language.document import INVALID, Document, Key, listed, mapping
 from simspec.language.joints import beyond_limits, read_position, read_velocity
 from simspec.language.models import Body
+from simspec.language.quantities import article
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, fault_problem, near, required
 from simspec.language.trees import Bodies
-from simspec.language.units import article
 from simspec.language.vocabulary import JOINT_KINDS
 
 DEFAULT_GROUP = "default"

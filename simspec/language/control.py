@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import Field
 
+from simspec.language.arrays import PATTERN, JointNames, NamePattern, read_pattern, too_many
 from simspec.language.document import listed
-from simspec.language.joint_names import PATTERN, JointNames, NamePattern, read_pattern, too_many
 from simspec.language.joints import JointQuantity
-from simspec.language.quantities import Number, Reader, Vector
+from simspec.language.quantities import Number, Reader, Vector, article
 from simspec.language.shapes import NameOf
 from simspec.language.strict import (
     ABSENT,
@@ -25,7 +25,6 @@ from simspec.language.strict import (
     replace_loc,
     show,
 )
-from simspec.language.units import article
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS
 from simspec.language.words import Flag, Word
 

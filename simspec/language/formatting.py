@@ -18,7 +18,7 @@ from simspec.language import problems
 from simspec.language.document import Document, build, events, read_text, scalar
 from simspec.language.models import File
 from simspec.language.strict import Strict
-from simspec.language.study import FiguresFile, StudyFile
+from simspec.language.sweep import FiguresFile, StudyFile
 
 WIDTH = 120
 """Columns that a line may have; a list or mapping that does not fit is written over several lines."""

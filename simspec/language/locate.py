@@ -8,9 +8,9 @@ from typing import Any
 
 from simspec.errors import Location
 from simspec.language import trees
+from simspec.language.arrays import initial_entries, matches
+from simspec.language.contact import PairSettings
 from simspec.language.document import Document, Key, listed, mapping
-from simspec.language.engine_options import PairSettings
-from simspec.language.joint_names import initial_entries, matches
 from simspec.language.sources import Source
 
 _ELEMENT = re.compile(r"(.+)_\d+")

@@ -13,15 +13,13 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, create_model
 
 from simspec.language.actions import MOST_FORCES, Force, Grasp, Motion, Trajectory
-from simspec.language.arrays import Array, Frame, State
+from simspec.language.arrays import Array, Frame, NamePattern, State
 from simspec.language.constraints import Constraint
-from simspec.language.contact import Contact
+from simspec.language.contact import WHOLE, Contact, EngineOptions
 from simspec.language.control import MOST_CONTROLLERS, Actuator, Controller
 from simspec.language.document import listed, mapping
-from simspec.language.engine_options import WHOLE, EngineOptions
 from simspec.language.expectations import Expectation
 from simspec.language.foreign import Import
-from simspec.language.joint_names import NamePattern
 from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import Inertia, LinearVelocity, NameOf, Point, Pose, Shape, Switch, Velocity

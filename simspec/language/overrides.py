@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language import problems as walk
+from simspec.language.contact import EngineOptions, SettingsAtTimestep
 from simspec.language.control import PerJoint
 from simspec.language.document import Document, Key, Mark, parse
-from simspec.language.engine_options import EngineOptions, SettingsAtTimestep
-from simspec.language.hints import hint_for_key
 from simspec.language.models import File
 from simspec.language.quantities import Reader, Vector
 from simspec.language.strict import Faults, fault_problem, near, show
 from simspec.language.sweep import Sweep
 from simspec.language.sweep_values import Distribution, same
+from simspec.language.words import hint_for_key
 
 FILE = "--set"
 """The file in the location of an override's value; the line is the override's number."""

@@ -13,10 +13,10 @@ from pydantic.fields import FieldInfo
 
 from simspec.errors import Problem
 from simspec.language.document import Document
-from simspec.language.hints import hint_for_key
 from simspec.language.models import File
 from simspec.language.quantities import Reader
 from simspec.language.strict import FAULT, REPORTED, Strict, near, show
+from simspec.language.words import hint_for_key
 
 
 class Free:

@@ -11,15 +11,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from simspec.language import problems
+from simspec.language.arrays import NamePattern
 from simspec.language.contact import Contact
 from simspec.language.expectations import KINDS, Expectation
-from simspec.language.joint_names import NamePattern
 from simspec.language.joints import Joint
 from simspec.language.models import File
 from simspec.language.quantities import Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
-from simspec.language.study import FiguresFile, StudyFile
+from simspec.language.sweep import FiguresFile, StudyFile
 from simspec.language.sweep_values import Range
 from simspec.language.vocabulary import COMBINATIONS, SCALAR_JOINTS
 from simspec.language.words import Name

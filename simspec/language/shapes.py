@@ -10,9 +10,8 @@ from pydantic import BaseModel, Field, create_model
 
 from simspec.language.document import Key, listed, mapping
 from simspec.language.moments import impossible, principal_moments
-from simspec.language.quantities import Number, Reader, UnitQuaternion, Vector, Whole
+from simspec.language.quantities import Number, Reader, UnitQuaternion, Vector, Whole, parse
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, read_each, show
-from simspec.language.units import parse
 from simspec.language.vocabulary import SHAPE_KINDS, STATIC_SHAPES
 from simspec.language.words import FileName, Flag, Name, Word
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 from pydantic import Field, ValidationError, create_model
 
 from simspec.errors import UNSEEN_CHARACTERS
-from simspec.language import units
+from simspec.language import quantities
 from simspec.language.document import INVALID
 from simspec.language.quantities import Number, Reader, Vector, Whole
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, read_each, show
@@ -148,8 +148,8 @@ def amount_of(value: Any) -> Amount:
     """The amount of a number, or of a text of a number with a unit. Raises Faults."""
     if isinstance(value, str):
         try:
-            number, unit = units.split(value)
-        except units.UnitError as error:
+            number, unit = quantities.split(value)
+        except quantities.UnitError as error:
             raise fault(str(error), error.found, error.allowed, error.hint) from None
         return Amount(number, False, unit)
     read = Number().read(value)

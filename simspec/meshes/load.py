@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from simspec import numerals
 from simspec.errors import SpecError
 from simspec.files import NotReadableError, parse_json, read_bytes
+from simspec.language.quantities import LARGEST as UnitsLARGEST
 from simspec.language.shapes import FEWEST, MOST_HEIGHTS
-from simspec.language.units import LARGEST as UnitsLARGEST
 from simspec.meshes.hulls import Enclosed, enclosed, merged, reduced
 from simspec.meshes.reading import MeshError, MeshFile, MeshSurface, open_mesh, read_surfaces
 from simspec.outputs.collection import Entries

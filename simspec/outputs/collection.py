@@ -23,8 +23,7 @@ from typing import Final
 
 from simspec.errors import Problem, SpecError
 from simspec.files import kind as kind_of
-from simspec.outputs.cache import cache_folder, written_by_others
-from simspec.outputs.files import read_bytes
+from simspec.outputs.files import cache_folder, read_bytes, written_by_others
 from simspec.outputs.staging import locked, sync_folder
 from simspec.outputs.targets import check_folder, check_names
 from simspec.outputs.writing import Content, named_errors, put, sync, update_folder, write_file

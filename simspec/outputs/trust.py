@@ -21,8 +21,7 @@ from typing import Final
 from pydantic import Field
 
 from simspec.errors import Problem, SpecError
-from simspec.outputs.cache import data_folder, written_by_others
-from simspec.outputs.files import read_bytes
+from simspec.outputs.files import data_folder, read_bytes, written_by_others
 from simspec.outputs.staging import locked
 from simspec.outputs.writing import write_file
 from simspec.stored import Stored, read_as

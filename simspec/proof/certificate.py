@@ -9,9 +9,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from simspec.distribution import simspec_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError, html_table
+from simspec.plugins import simspec_version
 from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.scope import DeclaredShare, declared, unmeasured

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules, combined
+from simspec.contact import Rules, combined, contact_plan
 from simspec.control.reference import natives
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS

@@ -30,9 +30,8 @@ from simspec.dialects.kit.mutating import Together, mutations
 from simspec.dialects.kit.mutations import KINDS, SAME_MOTION, Inert, Mutation, MutationTable
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import version_of
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.registry import find_engine, version_of
 from simspec.errors import EngineError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.checks import Check

@@ -11,10 +11,10 @@ from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from simspec.distribution import simspec_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engine_name, engines
+from simspec.plugins import simspec_version
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE

@@ -15,8 +15,8 @@ from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import PRECISIONS, Check, Demand, Demands, Precision, Tally
 from simspec.world.canonical import derived
+from simspec.world.constraints import JointSums
 from simspec.world.kinematics import frictional_coordinates, initial_state, layout_of
-from simspec.world.passive_forces import JointSums
 from simspec.world.types import FollowConstraint, World
 
 Floats = NDArray[np.float64]

@@ -214,7 +214,7 @@ class _EngineBench:
 
 # The same questions about many changed folders of files, in one process of an engine.
 #
-# The process works on each separately (``engines/kit/attempts.py``): one that crashes is refused, and the next one follows.
+# The process works on each separately (``engines/kit/worker.py``): one that crashes is refused, and the next one follows.
 
 Answers = Sequence[Answer] | EngineError
 """One for each operation, or the error of a process that ended over one plant alone."""

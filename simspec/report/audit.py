@@ -10,9 +10,8 @@ from simspec.audit import AuditFinding, EngineAudit, FileAudit, FindingGroup, Fi
 from simspec.audit.audit import PairAudit
 from simspec.errors import clipped, visible
 from simspec.report.page.document import Section, Sentence
-from simspec.report.plain import plain
 from simspec.report.problems import plausibility_data, plausibility_lines
-from simspec.report.screen import console
+from simspec.report.screen import console, plain
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
 from simspec.report.tested import Status, TestedEntry, TestedSuite
 

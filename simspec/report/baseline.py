@@ -18,10 +18,10 @@ from simspec.analysis.speed import alike_size, half_width
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
-from simspec.distribution import simspec_version
 from simspec.errors import Problem, SpecError
 from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
+from simspec.plugins import simspec_version
 from simspec.report.table import Table, markdown_rows
 from simspec.report.tested import Status, TestedEntry, TestedSuite, words
 from simspec.runner.metrics import moving_bodies

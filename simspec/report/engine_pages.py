@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from simspec.compiler import WORLD_FILE, needed_decisions
+from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.installed import how_to_install
-from simspec.engines.kit.registry import engines, format_of
+from simspec.engines.kit.registry import engines, format_of, how_to_install
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.files import read_bytes

@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from simspec.experiments.bisect import Bisection, Reading
 from simspec.experiments.cases import rounded_data, rounding_lines, roundings
-from simspec.experiments.cost import Estimate, ProofsLeft
-from simspec.experiments.index import RunRow
+from simspec.experiments.index import Estimate, ProofsLeft, RunRow
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.sweep import SweepOutcome
 from simspec.report.screen import console, duration

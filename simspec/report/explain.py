@@ -15,8 +15,7 @@ from simspec.attribution.explanation import Explanation, percent, ranged, verdic
 from simspec.attribution.measure import RUN, Swap, acting, useful
 from simspec.attribution.windows import ALL, CLASSES
 from simspec.compiler import Compiled, write_folder
-from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import ContactPlan, Rules, contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
@@ -24,8 +23,7 @@ from simspec.engines.kit.settings import Value, idle_settings, pair_settings, re
 from simspec.files import scratch_folder
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.report.matrix import WORDS
-from simspec.report.plain import plain
-from simspec.report.screen import console
+from simspec.report.screen import console, plain
 from simspec.report.study.runs import Done, StudyTable, finite
 from simspec.report.table import DIM, Table, TableCell
 from simspec.world.actions import JointController

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit import capabilities
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.installed import how_to_install
-from simspec.engines.kit.registry import engine_name, engines, format_of
+from simspec.engines.kit.registry import engine_name, engines, format_of, how_to_install
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
 from simspec.proof.contact.probe import ProbeFigure, ProbeLaw, widened
@@ -25,7 +23,7 @@ from simspec.support.features import MEANING, Feature
 from simspec.world.types import Hardness, PairContact
 
 if TYPE_CHECKING:
-    from simspec.engines.kit.installed import EngineInstance
+    from simspec.engines.kit.registry import EngineInstance
 
 
 # Effects of contact that are absent in an engine: a declared deviation is so wide that an engine without the effect would pass

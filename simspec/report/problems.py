@@ -13,8 +13,7 @@ from simspec.engines.kit.registry import engine_name
 from simspec.errors import MOST_PROBLEMS, EngineRefusal, Location, Problem, SimspecError, SpecError, UnsupportedError
 from simspec.language.foreign import AccountGroup, Repair, kind_of
 from simspec.plausibility.findings import RULES, Grade, Plausibility, PlausibilityFinding
-from simspec.report.plain import plain
-from simspec.report.screen import console
+from simspec.report.screen import console, plain
 from simspec.report.table import Table
 from simspec.support.declarations import Level
 from simspec.world.types import World

@@ -22,8 +22,7 @@ from simspec.proof.certificate import Certificate
 from simspec.report.certificate import show_certificate
 from simspec.report.console import Screen
 from simspec.report.differences import differences, repeatability
-from simspec.report.plain import REPORT_FILE, REPORT_SCHEMA
-from simspec.report.screen import console
+from simspec.report.screen import REPORT_FILE, REPORT_SCHEMA, console
 from simspec.report.table import BAD, Table, TableCell, length, number, passed_cell, shortened
 from simspec.runner.expectations import Outcome, evaluate
 from simspec.runner.run import Run

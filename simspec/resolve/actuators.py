@@ -14,16 +14,15 @@ import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.actions import BY_JOINT, Grasp
+from simspec.language.arrays import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.control import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Details, Key
-from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.models import whole_steps
-from simspec.language.quantities import Number
+from simspec.language.quantities import LARGEST, Number, article
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
 from simspec.language.trees import Bodies, chosen_state, model_of, placed, states
-from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.bodies import Places, places_of
 from simspec.resolve.shapes import elements

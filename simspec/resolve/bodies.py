@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.arrays import Frame as SpecFrame
-from simspec.language.arrays import State
+from simspec.language.arrays import State, initial_entries
 from simspec.language.document import Key
-from simspec.language.joint_names import initial_entries
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Use
 from simspec.language.sources import Source

@@ -19,10 +19,10 @@ from simspec.language.constraints import Sum as SpecSum
 from simspec.language.constraints import Weld as SpecWeld
 from simspec.language.document import Details, Key
 from simspec.language.joints import nearest, within
+from simspec.language.quantities import article
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.trees import model_of, placed
-from simspec.language.units import article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.bodies import Expansion, places_of
 from simspec.resolve.shapes import elements, pose

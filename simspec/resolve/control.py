@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simspec.control.law import needs_dynamics
 from simspec.errors import Problem
+from simspec.language.arrays import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.control import PER_JOINT
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Key
-from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.models import whole_steps
+from simspec.language.quantities import LARGEST, article
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
-from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.actuators import ActuatorsDraft
 from simspec.world.actions import JointController

@@ -15,12 +15,12 @@ import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.actions import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED, Step, ToolPlace
+from simspec.language.arrays import chosen
 from simspec.language.document import Details, Key
-from simspec.language.joint_names import chosen
+from simspec.language.quantities import article
 from simspec.language.shapes import Pose as SpecPose
 from simspec.language.sources import Source
 from simspec.language.strict import near, required
-from simspec.language.units import article
 from simspec.resolve.actuators import ResolvedGrasp
 from simspec.resolve.bodies import places_of
 from simspec.world import frames

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.files import RECORDED_BYTES
 from simspec.language.actions import Motion as SpecMotion
+from simspec.language.contact import EngineOptions as SpecOptions
 from simspec.language.document import Details, Key
-from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.expectations import BODIES, KINDS, TIMES, ExpectationKind
 from simspec.language.models import Physics as SpecPhysics
 from simspec.language.models import Record as SpecRecord
@@ -21,7 +22,6 @@ from simspec.language.models import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.mapped import RECORDED_BYTES
 from simspec.resolve.bodies import places_of
 from simspec.resolve.shapes import orientation
 from simspec.world import frames

@@ -18,7 +18,7 @@ from simspec.errors import SpecError
 from simspec.files import read_bytes
 from simspec.language.actions import MOST_NUMBERS, MOST_POINTS
 from simspec.language.document import LARGEST_FILE, read_text
-from simspec.language.units import LARGEST
+from simspec.language.quantities import LARGEST
 
 LARGEST_NPZ = 64_000_000
 """Bytes of the file, and of all its arrays together once unpacked: eight for each of the most numbers, in four arrays, and

@@ -10,8 +10,8 @@ import numpy as np
 
 from simspec.errors import MOST_PROBLEMS, Problem
 from simspec.language.actions import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
+from simspec.language.arrays import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.document import Details, Key
-from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.resolve.actuators import ResolvedGrasp, grasps
@@ -120,7 +120,7 @@ Entries = Mapping[str, str]
 
 class _Entries:
     """Of every quantity of every point the entry that each joint has its value from. A pattern means driven joints; a name is
-    taken as it is, and has precedence (:func:`simspec.language.joint_names.entry_of`)."""
+    taken as it is, and has precedence (:func:`simspec.language.arrays.entry_of`)."""
 
     def __init__(self, points: Sequence[TrajectoryPoint], world: World):
         self.driven = _driven(world)

@@ -12,10 +12,10 @@ from simspec.errors import Location, Problem
 from simspec.language import problems as walk
 from simspec.language import trees
 from simspec.language.actions import TrajectoryPoint
+from simspec.language.arrays import initial_meant, matches
 from simspec.language.beginning import AT_LIMITS, LimitStart, listed
 from simspec.language.document import Key
 from simspec.language.foreign import of_physics, problems
-from simspec.language.joint_names import initial_meant, matches
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.locate import locate
 from simspec.language.models import File

@@ -12,20 +12,18 @@ from typing import Any
 from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.distribution import simspec_version
 from simspec.engines.kit import process
-from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
-from simspec.engines.kit.registry import engine_name, find_engine
+from simspec.engines.kit.registry import engine_name, find_engine, version_in
+from simspec.engines.kit.request import Operation
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Problem, SpecError
-from simspec.files import scratch_folder
-from simspec.mapped import RECORDED_BYTES, parts, zeros
+from simspec.files import RECORDED_BYTES, parts, scratch_folder, zeros
 from simspec.outputs.writing import Artifacts
+from simspec.plugins import simspec_version
 from simspec.runner.labels import GROUPS, contact_sides
 from simspec.runner.run import SCHEMA, Case, Run
 from simspec.world.canonical import sha256, to_plain

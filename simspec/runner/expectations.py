@@ -17,11 +17,11 @@ import numpy as np
 
 from simspec.dynamics.oracle import angles_of
 from simspec.engines.kit.registry import engine_name, engines
-from simspec.mapped import parts, release, zeros
+from simspec.files import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
+from simspec.world.constraints import beyond_limits
 from simspec.world.kinematics import initial_state, layout_of
-from simspec.world.passive_forces import beyond_limits
 from simspec.world.rotations import matrices
 from simspec.world.types import World
 

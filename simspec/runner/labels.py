@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.mapped import parts, zeros
+from simspec.files import parts, zeros
 from simspec.world.types import World
 
 SEPARATOR = "|"

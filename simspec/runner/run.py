@@ -18,7 +18,7 @@ from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import Problem, SpecError, html_table
 from simspec.language.strict import near
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.methods import Method
+from simspec.plugins import Method
 from simspec.world.canonical import canonical_json, derived, to_plain
 from simspec.world.kinematics import Coordinates, coordinates, initial_state, layout_of
 from simspec.world.types import RecordOptions, World

@@ -18,7 +18,7 @@ import numpy as np
 
 from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import Problem, SpecError
-from simspec.mapped import RECORDED_BYTES, block_rows, parts, release, zeros
+from simspec.files import RECORDED_BYTES, block_rows, parts, release, zeros
 from simspec.runner.labels import Labels, side_names
 from simspec.world.kinematics import Coordinates, coordinates
 from simspec.world.types import World

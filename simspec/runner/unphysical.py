@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.mapped import parts
+from simspec.files import parts
 from simspec.runner import metrics
-from simspec.runner.passed import fallen, passed
+from simspec.runner.metrics import fallen, passed
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps

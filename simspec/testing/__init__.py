@@ -22,7 +22,7 @@ SUITES = {
     "ModelSuite": "simspec.testing.model_suite",
     "ContactSuite": "simspec.testing.contact_suite",
     "ControlSuite": "simspec.testing.control_suite",
-    "ForcesSuite": "simspec.testing.forces_suite",
+    "ForcesSuite": "simspec.testing.control_suite",
     "SleepingSuite": "simspec.testing.suite",
     "SelfTestSuite": "simspec.testing.suite",
 }

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simspec.contact.rules import combine as combined
+from simspec.contact import combine as combined
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit.arrays import CONTACT_FIELDS, SECONDS
 from simspec.engines.kit.process import Answer, Operation
@@ -30,6 +30,7 @@ from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.bench import (
     DIRECT,
+    NEEDING,
     Bench,
     Suite,
     failures,
@@ -38,7 +39,6 @@ from simspec.testing.bench import (
     state_error,
     touching_operation,
 )
-from simspec.testing.needing import NEEDING
 from simspec.world.kinematics import initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Surface, World

@@ -14,8 +14,7 @@ from simspec.proof.selftest import SelfTest, self_test
 from simspec.testing import worlds
 from simspec.testing.bench import Bench, Suite, driven
 from simspec.testing.contact_suite import ContactSuite
-from simspec.testing.control_suite import ControlSuite
-from simspec.testing.forces_suite import ForcesSuite
+from simspec.testing.control_suite import ControlSuite, ForcesSuite
 from simspec.testing.model_suite import ModelSuite
 from simspec.world.actions import Force, JointTrajectory
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Physics, Pose, Shape, World

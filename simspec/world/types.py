@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
-from simspec.methods import Method
+from simspec.plugins import Method
 from simspec.world.actions import Fluid, Force, InertiaBox, JointController, JointSum, JointTrajectory, KinematicMotion
 
 Pair = tuple[str, str]
@@ -97,7 +97,7 @@ class Shape:
     """A collision and/or visual shape, with its pose in the body frame.
 
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
-    that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
+    that the engine has for this shape, one entry for each copy of it (see ``contact.py``), in the order of
     their layers, and ``material`` is "", or the material's name where what is read says it. ``margin`` (m): contact has the gap
     between two surfaces less both margins, so
     that the shape is felt that far from its surface. ``surface_velocity``: linear (m/s), then angular (rad/s), in the shape's
@@ -436,7 +436,7 @@ class ReadBack:
     """The named frames, sorted by name; None: it receives none."""
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
     laws: tuple[PairContact, ...] = field(default=(), metadata=LEFT_OUT)
-    """The laws of materials, of an engine that holds a table of them (``contact/rules.py``)."""
+    """The laws of materials, of an engine that holds a table of them (``contact.py``)."""
     made_of: str = field(default="", metadata=LEFT_OUT)
     """A hash of all that its numbers follow from, but the states it is put into, of an engine that can say so: where it is the
     same, every number is, to the last bit. It is compared with nothing; the complete self-test looks at it."""

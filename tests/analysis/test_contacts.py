@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec import mapped
+from simspec import files
 from simspec.analysis.conservation import penetration
 from simspec.analysis.distributions import compare_contacts, total_jaccard, touches
 from simspec.comparison.common import Common, common_sides, first_difference
@@ -30,7 +30,7 @@ def touching(*contacts, **facts):
 def blocks(request, monkeypatch):
     """Long recordings are gone through block by block: the same comes out."""
     if request.param == "in blocks":
-        monkeypatch.setattr(mapped, "BLOCK_BYTES", 400)
+        monkeypatch.setattr(files, "BLOCK_BYTES", 400)
 
 
 @pytest.mark.usefixtures("blocks")

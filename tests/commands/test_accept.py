@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
-from simspec.commands.accept import edited
+from simspec.commands.check import edited
 from simspec.compiler import compile_world
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import engines, find_engine

@@ -13,7 +13,7 @@ from simspec.commands.options import interpreters
 from simspec.engines.kit.environments import making, requirement
 from simspec.engines.kit.registry import find_engine, parse
 from simspec.errors import EngineError
-from simspec.outputs import cache
+from simspec.outputs import files
 from simspec.project import NotTrustedError
 from tests.files import program
 
@@ -101,7 +101,7 @@ def test_a_version_that_differs_from_the_label_is_reported(made, capsys, tmp_pat
 def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
     place = made / "mujoco@3.17"
     place.mkdir(parents=True)
-    (place / cache.BEGUN).write_text(made_by_others)
+    (place / files.BEGUN).write_text(made_by_others)
     (place / "mine").write_text("")
     program(place / "bin" / "python", "#!/bin/sh\n")
     assert interpreters(None) == {}
@@ -125,8 +125,8 @@ def test_an_engine_in_conflict_with_others_gets_a_separate_environment_that_its_
 
 def test_an_environment_of_another_user_is_not_started(made, capsys, monkeypatch):
     answer(capsys, "install", "mujoco@3.17", "--yes")
-    monkeypatch.setattr(cache.os, "geteuid", lambda: os.getuid() + 1)
-    monkeypatch.setattr(cache.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5]))
+    monkeypatch.setattr(files.os, "geteuid", lambda: os.getuid() + 1)
+    monkeypatch.setattr(files.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5]))
     assert interpreters(None) == {}
 
 

@@ -178,7 +178,7 @@ def test_edited_results_and_runs_of_earlier_models_are_refused(folder):
     assert "was edited or is damaged" in run("pages", "docs/results.md", code=2).stderr
 
     # a store whose index leads to runs of another model, as that of changed code does
-    from simspec.experiments import published
+    from simspec.experiments import after_sweep as published
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(published, "stored_key", lambda *words: "0" * 64)

@@ -18,7 +18,7 @@ from simspec.commands.scenario_options import RunOptions
 from simspec.errors import EXIT_OK, EXIT_WRONG, Location
 from simspec.outputs.targets import read_marker
 from simspec.report.page.document import is_page
-from simspec.report.plain import PAGE_FILE
+from simspec.report.screen import PAGE_FILE
 from simspec.selection import NotTaken, named
 from tests.report.page import samples
 

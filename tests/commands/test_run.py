@@ -7,7 +7,7 @@ import pytest
 
 from simspec import cli
 from simspec.commands import run as run_command
-from simspec.commands.diff import diff_code
+from simspec.commands.reports import diff_code
 from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import diff

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec import mapped
+from simspec import files
 from simspec.comparison.common import first_touches
 from simspec.comparison.floor import load_floor, measure_floor, save_floor
 from simspec.comparison.runs import diff, summary
@@ -116,15 +116,15 @@ def test_blocks_of_any_size_give_the_same_result(tmp_path_factory, seed, rows, n
     folder = tmp_path_factory.mktemp("long")
     expected = all_of_it(seed, rows, noise, tolerance, folder / "one")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mapped, "BLOCK_BYTES", block)
-        patch.setattr(mapped, "MAPPED_BYTES", 500)
+        patch.setattr(files, "BLOCK_BYTES", block)
+        patch.setattr(files, "MAPPED_BYTES", 500)
         assert_same(all_of_it(seed, rows, noise, tolerance, folder / "many"), expected)
 
 
 def on_disk(entry: Run) -> Run:
     arrays = {}
     for name, values in entry.arrays.items():
-        arrays[name] = mapped.zeros(values.shape, values.dtype.type)
+        arrays[name] = files.zeros(values.shape, values.dtype.type)
         arrays[name][...] = values
     return dataclasses.replace(entry, arrays=arrays)
 
@@ -132,8 +132,8 @@ def on_disk(entry: Run) -> Run:
 def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
     """Of 30,000 rows, a column of one number each has 240 kB, and all poses 5 MB."""
     rows = 30_000
-    monkeypatch.setattr(mapped, "BLOCK_BYTES", 150_000)
-    monkeypatch.setattr(mapped, "MAPPED_BYTES", 20_000)
+    monkeypatch.setattr(files, "BLOCK_BYTES", 150_000)
+    monkeypatch.setattr(files, "MAPPED_BYTES", 20_000)
     a = on_disk(made(1, rows))
     b = on_disk(made(1, rows, 1e-9, engine="second"))
     repeats = [on_disk(made(1, rows)), on_disk(made(1, rows, 1e-9, perturb=1e-15))]
@@ -185,7 +185,7 @@ def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, first, 
     if coarse:  # every second row alone is of a common time
         b = dataclasses.replace(b, arrays={**b.arrays, "time": b.time + 0.02 * (np.arange(len(b.time)) % 2)})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mapped, "BLOCK_BYTES", block)
+        patch.setattr(files, "BLOCK_BYTES", block)
         found = diff(a, b)
         touched = first_touches((a, b), NAMES)
     pairs = pairs_by_row(a), pairs_by_row(b)

@@ -13,7 +13,7 @@ from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff, summary
 from simspec.errors import SpecError
 from simspec.report.console import Screen
 from simspec.report.differences import differences
-from simspec.report.plain import diff_data
+from simspec.report.screen import diff_data
 from simspec.world import frames
 from simspec.world.types import Body, Joint
 from tests.runner.synthetic import column, free_body, run, world

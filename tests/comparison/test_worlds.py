@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.attribution.differences import differences
-from simspec.commands.diff import diff_specs
+from simspec.commands.reports import diff_specs
 from simspec.comparison.worlds import diff_worlds, leaves
 from simspec.language.load import load
 from simspec.world.actions import JointTrajectory

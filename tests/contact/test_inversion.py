@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.rules import Rules, _cross, _harmonic, _mean, combined
+from simspec.contact import Rules, _cross, _harmonic, _mean, combined
 from simspec.world.types import Surface
 
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan, pair_needs, parts
-from simspec.contact.rules import Rules, combine, invert
+from simspec.contact import MOST_SPLIT_MATERIALS, Rules, combine, contact_plan, invert, pair_needs, parts
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.engines.kit.installed import not_installed
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engines, not_installed
 from simspec.testing import ContactSuite, ControlSuite, ForcesSuite, ModelSuite, SleepingSuite
 from tests.installed import INSTALLED, each
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.pybullet.contact import LINK_MARGIN
+from simspec.dialects.pybullet.sidecar import LINK_MARGIN
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError

@@ -10,8 +10,7 @@ import simspec
 from simspec.errors import SpecError
 from simspec.experiments import cases
 from simspec.experiments.cases import case_of, rounding_lines, roundings, world_of
-from simspec.experiments.cost import Steps, costs
-from simspec.experiments.index import RunRow
+from simspec.experiments.index import RunRow, Steps, costs
 from simspec.experiments.plan import plan_sweep
 from simspec.runner.run import Case
 from simspec.world.canonical import sha256

@@ -8,7 +8,7 @@ from simspec.compiler import compile_world
 from simspec.errors import UnsupportedError
 from simspec.experiments.cases import world_of
 from simspec.experiments.plan import plan_sweep
-from simspec.language.study_specs import load_study_file
+from simspec.language.load import load_study_file
 from simspec.report.study.pages import marks
 
 ROOT = Path(__file__).parents[2]

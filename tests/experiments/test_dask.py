@@ -9,11 +9,11 @@ import threading
 import pytest
 
 from simspec.errors import SpecError
-from simspec.experiments.executors import dask as module
-from simspec.experiments.executors.dask import MOST_LOSSES, DaskExecutor
-from simspec.experiments.executors.local import ExecutorError, LocalExecutor, Task
-from simspec.experiments.executors.remote import do_batch
+from simspec.experiments import dask as module
+from simspec.experiments.dask import MOST_LOSSES, DaskExecutor
+from simspec.experiments.executors import ExecutorError, LocalExecutor, Task
 from simspec.experiments.plan import plan_sweep
+from simspec.experiments.remote import do_batch
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import sweep
 from simspec.experiments.timing import versions_of
@@ -195,7 +195,7 @@ class Done:
 
 
 def tasks_of(parcel) -> list[Task]:
-    from simspec.experiments.executors.remote import Parcel, task_from
+    from simspec.experiments.remote import Parcel, task_from
 
     return [task_from(data) for data in Parcel.unpack(parcel).facts["tasks"]]
 
@@ -245,7 +245,7 @@ def test_an_error_on_a_worker_ends_the_sweep_and_is_not_stored(monkeypatch, tmp_
 
     with pytest.raises(ExecutorError, match=r"a worker of tcp://host:1 failed: OSError.*No space left"):
         on_scheduler(monkeypatch, Scheduler(full), tmp_path / "store")
-    monkeypatch.setattr("simspec.experiments.executors.remote._versions_here", lambda label: {"simspec": "0.0"})
+    monkeypatch.setattr("simspec.experiments.remote._versions_here", lambda label: {"simspec": "0.0"})
     with pytest.raises(ExecutorError, match=r"mujoco: simspec is 0\.0 here, and .* where the sweep was started"):
         on_scheduler(monkeypatch, Scheduler(), tmp_path / "store")
     assert results(Store.open(tmp_path / "store")) == {}
@@ -266,7 +266,7 @@ def test_workers_that_stay_away_are_waited_for_in_bounded_time(monkeypatch, tmp_
 
 def test_engines_of_a_worker_that_is_being_ended_are_no_result(monkeypatch, tmp_path):
     from simspec.errors import EngineError
-    from simspec.experiments.executors import remote
+    from simspec.experiments import remote
 
     class Ending:
         status = type("Status", (), {"name": "closing"})

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
+from simspec.experiments.after_sweep import older_sweeps
 from simspec.experiments.cases import case_of
 from simspec.experiments.plan import plan_sweep
-from simspec.experiments.published import older_sweeps
 from simspec.language.load import Spec, load
 from simspec.stored import StudyModels
 from tests.experiments.swept import SWEEP, VERSIONS, data

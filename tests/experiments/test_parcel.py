@@ -10,8 +10,8 @@ import zlib
 
 import pytest
 
-from simspec.experiments.executors import remote
-from simspec.experiments.executors.remote import LENGTH, MARK, Parcel, ParcelError, result_data, result_from
+from simspec.experiments import remote
+from simspec.experiments.remote import LENGTH, MARK, Parcel, ParcelError, result_data, result_from
 from simspec.experiments.store import result_of
 from tests.runner.synthetic import free_body, run, world
 

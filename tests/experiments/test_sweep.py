@@ -11,7 +11,7 @@ import pytest
 from simspec.commands.study import exit_code as study_code
 from simspec.errors import EngineError, SpecError
 from simspec.experiments import sweep as module
-from simspec.experiments.executors.local import LocalExecutor
+from simspec.experiments.executors import LocalExecutor
 from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store, place_of
 from simspec.experiments.sweep import MOST_DEATHS, SweepOutcome, sweep

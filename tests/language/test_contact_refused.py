@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.contact.plan import MOST_SPLIT_MATERIALS
+from simspec.contact import MOST_SPLIT_MATERIALS
 from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.language.load import load

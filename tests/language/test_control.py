@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
+from simspec.language.arrays import MOST_PATTERNS, matches
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.formatting import format_text
-from simspec.language.joint_names import MOST_PATTERNS, matches
 from simspec.language.load import Spec, load
 from simspec.language.models import Body, File
 from simspec.language.reference import json_schema

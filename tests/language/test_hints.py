@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.hints import entries, hint_for_key, hint_for_word, hints
 from simspec.language.load import Spec
 from simspec.language.reference import json_schema
+from simspec.language.words import entries, hint_for_key, hint_for_word, hints
 
 SCHEMA = json_schema()
 MODELS = {**SCHEMA["definitions"], "File": SCHEMA}

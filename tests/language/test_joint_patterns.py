@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
-from simspec.language.joint_names import MOST_PATTERNS, entry_of, matches
+from simspec.language.arrays import MOST_PATTERNS, entry_of, matches
 from simspec.language.load import Spec
 
 INERTIA = {"mass": 1, "inertia": {"principal": [0.1, 0.1, 0.1]}}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.study_specs import load_study_file
+from simspec.language.load import load_study_file
 
 ROOT = Path(__file__).parents[2]
 SPEC = """\

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simspec.language import units
-from simspec.language.units import DIMENSIONS, LARGEST, UnitError, parse, unit_names
+from simspec.language import quantities
+from simspec.language.quantities import DIMENSIONS, LARGEST, UnitError, parse, unit_names
 
 
 @pytest.mark.parametrize(
@@ -120,19 +120,19 @@ def test_units_are_those_of_pint():
     registry = pint.UnitRegistry(None, non_int_type=Fraction)
     registry.load_definitions(definitions)
     prefixes = ["", *re.findall(r"\b([A-Za-z]+)-", "\n".join(definitions))]
-    assert set(prefixes) == set(units._PREFIXES)
+    assert set(prefixes) == set(quantities._PREFIXES)
     words = {f"{prefix}{name}{end}" for prefix, name, end in product(prefixes, unit_names(), ("", "s", "ss"))}
     words |= {f"{prefix}{letter}" for prefix, letter in product(prefixes, "abcdefghijklmnopqrstuvwxyz_sS")} - {""}
     for word in sorted({*words, "dimensionless", "per", "sq", "pi", "e", "nan", "inf", "True", "yocto", "delta_m"}):
         if word == "dimensionless":  # pint's own name
-            assert units._unit(word) == (1, (0, 0, 0, 0))
+            assert quantities._unit(word) == (1, (0, 0, 0, 0))
         elif word in registry._units:
-            assert units._unit(word) == _of_pint(registry, "", word)
+            assert quantities._unit(word) == _of_pint(registry, "", word)
         elif not (found := registry.parse_unit_name(word)):
             with pytest.raises(ValueError, match=f"^{word}$"):
-                units._unit(word)
+                quantities._unit(word)
         else:
-            assert units._unit(word) == _of_pint(registry, *found[0][:2]), word
+            assert quantities._unit(word) == _of_pint(registry, *found[0][:2]), word
 
 
 def _of_pint(registry, prefix, name):

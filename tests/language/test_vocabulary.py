@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from simspec.contact.rules import Rules, combined
+from simspec.contact import Rules, combined
 from simspec.language import vocabulary
 from simspec.resolve.contact import RULES
 from simspec.support.features import Feature

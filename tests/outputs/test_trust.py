@@ -10,7 +10,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.outputs import trust
-from simspec.outputs.cache import built, cache_folder, data_folder, written_by_others
+from simspec.outputs.files import built, cache_folder, data_folder, written_by_others
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ import math
 
 import pytest
 
-from simspec.contact.plan import contact_plan, surfaces
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan, surfaces
 from simspec.proof.checks import inventory_checks, value_difference
 from simspec.proof.comparator import compare
 from simspec.world import frames

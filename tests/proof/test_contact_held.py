@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.contact.plan import contact_plan
+from simspec.contact import contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.registry import find_engine

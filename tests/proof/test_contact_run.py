@@ -14,13 +14,13 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.defects import NAMES
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.process import Reply
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.outputs.writing import Artifacts
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.contact import cache, run, size, stacks
+from simspec.proof.contact import run, scope, size, stacks
 from simspec.proof.contact.probe import ProbeFigure, ProbeLaw
 from simspec.proof.selftest import defects_of
 from simspec.proof.selftest_worlds import WORLDS
@@ -373,7 +373,7 @@ def test_changes_that_affect_a_figure_are_measured_again(change, tmp_path, few_p
     if change == "version":
         monkeypatch.setattr(find_engine(engine), "version", classmethod(lambda kind: "0.0"))
     if change == "code":
-        monkeypatch.setattr(cache, "code_digest", lambda: "other code")
+        monkeypatch.setattr(scope, "code_digest", lambda: "other code")
     measured(other, engine, files(other, engine, tmp_path / "other"))
     assert started == [1, 1]
 
@@ -391,7 +391,7 @@ DAMAGE = {
     "not a number": lambda entry: edited(entry, figures=[entry["figures"][0] | {"measured": float("nan")}]),
     "another entry's": lambda entry: edited(entry, key="0" * 64),
     "another version": lambda entry: edited(entry, simspec_cache=2),
-    "no figures": lambda entry: edited(entry, figures=[], sha256=cache._content([])),
+    "no figures": lambda entry: edited(entry, figures=[], sha256=scope._content([])),
     "deep": lambda entry: '{"simspec_cache": ' + "[" * 100_000,
 }
 
@@ -403,7 +403,7 @@ def test_a_damaged_entry_is_measured_again(damage, tmp_path, few_probes, monkeyp
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
-    (entry,) = cache.ENTRIES.folder().iterdir()
+    (entry,) = scope.ENTRIES.folder().iterdir()
     entry.write_text(DAMAGE[damage](json.loads(entry.read_text())))
     assert measured(world, engine, place) == first
     assert started == [1, 1]
@@ -418,7 +418,7 @@ def test_files_that_are_no_cache_entries_are_unchanged(text, tmp_path, few_probe
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
-    (entry,) = cache.ENTRIES.folder().iterdir()
+    (entry,) = scope.ENTRIES.folder().iterdir()
     entry.write_text(text)
     assert measured(world, engine, place) == first
     assert started == [1, 1]
@@ -427,16 +427,16 @@ def test_files_that_are_no_cache_entries_are_unchanged(text, tmp_path, few_probe
 
 def test_the_key_is_of_all_code_and_of_the_processor(monkeypatch):
     engine = find_engine(installed(ENGINES[0]))
-    name = cache.key(engine, "x")
+    name = scope.key(engine, "x")
     for change in ("code_digest", "environment"):
         with monkeypatch.context() as patched:
-            patched.setattr(cache, change, lambda: "other")
-            assert cache.key(engine, "x") != name
+            patched.setattr(scope, change, lambda: "other")
+            assert scope.key(engine, "x") != name
     with monkeypatch.context() as patched:
-        patched.setattr(cache, "engine_digest", lambda engine: "other code")
-        assert cache.key(engine, "x") != name
-    assert cache.key(engine, "x") == name
-    environment = cache.environment()
+        patched.setattr(scope, "engine_digest", lambda engine: "other code")
+        assert scope.key(engine, "x") != name
+    assert scope.key(engine, "x") == name
+    environment = scope.environment()
     assert set(environment) == {"simspec", "numpy", "python", "platform", "processor"}
 
 
@@ -460,7 +460,7 @@ def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tm
     artifacts = files(world, ENGINES[0], tmp_path / "files")
     (figure,) = measured(world, installed(ENGINES[0]), artifacts)
     monkeypatch.setattr(run, "_sampled", sampled)
-    monkeypatch.setattr(cache, "read", lambda name: [dataclasses.replace(figure, **edit)])
+    monkeypatch.setattr(scope, "read", lambda name: [dataclasses.replace(figure, **edit)])
     (differs,) = [entry for entry in measured(world, ENGINES[0], artifacts) if not entry.passed]
     assert "the cache has" in differs.case
     assert "--no-cache" in differs.case
@@ -469,9 +469,9 @@ def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tm
 def test_of_parts_that_are_as_far_off_any_may_be_the_worst():
     cached = ProbeFigure("stop", "ice, ice", "24 directions", "distance", "m", 0.08, 0.08001, 0.001, worst="75°")
     other = dataclasses.replace(cached, expected=0.06, measured=0.05999, tolerance=0.0008, worst="315°")
-    assert cache.differing([cached], [other]) == []
-    assert cache.differing([cached], [dataclasses.replace(other, measured=0.0602)])
-    assert cache.differing([cached], [dataclasses.replace(other, worst=cached.worst)])
+    assert scope.differing([cached], [other]) == []
+    assert scope.differing([cached], [dataclasses.replace(other, measured=0.0602)])
+    assert scope.differing([cached], [dataclasses.replace(other, worst=cached.worst)])
 
 
 def test_a_cache_that_others_may_write_is_not_used(tmp_path, few_probes, monkeypatch):
@@ -500,10 +500,10 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, m
 
 
 def test_entries_are_in_the_users_cache_folder(monkeypatch, tmp_path):
-    assert cache.ENTRIES.folder() == tmp_path / "cache" / "simspec" / "contact"
+    assert scope.ENTRIES.folder() == tmp_path / "cache" / "simspec" / "contact"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache.ENTRIES.folder() == tmp_path / "home" / ".cache" / "simspec" / "contact"
+    assert scope.ENTRIES.folder() == tmp_path / "home" / ".cache" / "simspec" / "contact"
 
 
 # --- engines that fail --------------------------------------------------------------------------------------------
@@ -539,7 +539,7 @@ def test_a_crash_is_the_figure_of_the_probe_that_crashes(tmp_path, few_probes, m
     assert "SIGSEGV" in bad.case
     assert "SIGSEGV" in run.contact_checks(found)[0].detail
     # figures of a crash are not kept
-    assert len(list(cache.ENTRIES.folder().iterdir())) == 2
+    assert len(list(scope.ENTRIES.folder().iterdir())) == 2
 
 
 def test_after_the_deadline_nothing_is_tried_again(tmp_path, few_probes, monkeypatch):

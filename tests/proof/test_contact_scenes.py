@@ -11,7 +11,7 @@ import pytest
 import simspec
 from simspec.errors import UnsupportedError
 from simspec.language.formatting import format_text
-from simspec.language.study_specs import load_study_file
+from simspec.language.load import load_study_file
 from simspec.runner.expectations import evaluate
 from simspec.support.features import Feature
 from simspec.world.canonical import sha256

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, SINGLE
 from simspec.engines.kit.contract import Engine

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simspec.commands import run as run_command
-from simspec.commands.diff import diff_code, diff_runs
+from simspec.commands.reports import diff_code, diff_runs
 from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
@@ -20,8 +20,7 @@ from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
 from simspec.report.page import document
-from simspec.report.plain import diff_data
-from simspec.report.screen import console
+from simspec.report.screen import console, diff_data
 from simspec.report.table import GOOD
 from simspec.report.tested import junit, study_suites, summary
 from simspec.runner.run import Run

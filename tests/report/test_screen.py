@@ -9,9 +9,8 @@ import pytest
 
 from simspec.errors import EngineError, Location, Problem, SpecError, visible
 from simspec.report.console import Screen
-from simspec.report.plain import error_data, text
 from simspec.report.problems import show_error
-from simspec.report.screen import say
+from simspec.report.screen import error_data, say, text
 from simspec.report.table import BAD, Table, TableCell
 
 FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec-physics[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from simspec.analysis.validity import KINDS
 from simspec.cli import app
 from simspec.errors import SpecError
-from simspec.language.study_specs import load_study_file
+from simspec.language.load import load_study_file
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.report.study.validity import certified_tables, words

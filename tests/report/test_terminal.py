@@ -23,10 +23,9 @@ from simspec.report import differences, matrix
 from simspec.report.certificate import PART_WORDS, level_title, self_test_table, show_certificate
 from simspec.report.console import Screen
 from simspec.report.matrix import engine_tables
-from simspec.report.plain import error_data, plain, study_data
-from simspec.report.plain import text as json_text
 from simspec.report.problems import show_error
-from simspec.report.screen import progress
+from simspec.report.screen import error_data, plain, progress, study_data
+from simspec.report.screen import text as json_text
 from simspec.report.studies import show_study
 from simspec.report.table import length
 from simspec.runner.execution import failed_run

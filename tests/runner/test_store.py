@@ -437,7 +437,7 @@ def test_a_table_that_would_fill_memory_is_not_unpacked(tmp_path, monkeypatch):
 def test_tables_are_written_block_by_block(tmp_path, monkeypatch):
     entry = noisy()
     entry.save(tmp_path / "whole")
-    monkeypatch.setattr("simspec.mapped.BLOCK_BYTES", 500)
+    monkeypatch.setattr("simspec.files.BLOCK_BYTES", 500)
     entry.save(tmp_path / "blocks")
     assert pq.ParquetFile(tmp_path / "blocks" / BODIES).num_row_groups > 3
     for name in ("states", "bodies", "energy", "contacts"):

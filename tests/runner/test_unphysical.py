@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.comparison.runs import diff
-from simspec.report.plain import run_data
+from simspec.report.screen import run_data
 from simspec.runner.run import Run
 from simspec.runner.unphysical import ENERGY, GONE, PASSED, SINKS, together
 from simspec.world.actions import JointController

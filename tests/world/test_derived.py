@@ -8,8 +8,7 @@ import weakref
 
 import pytest
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.world import canonical
 from simspec.world import canonical as derived
 from simspec.world.canonical import sha256

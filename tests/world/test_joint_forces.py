@@ -9,7 +9,7 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.world import frames
-from simspec.world.passive_forces import JointForces
+from simspec.world.constraints import JointForces
 from simspec.world.types import Body, Inertial, Joint, Pose, World
 
 DAMPED = {

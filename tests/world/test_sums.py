@@ -20,8 +20,8 @@ from simspec.proof.selftest_worlds import sum_limits as limited
 from simspec.runner import metrics
 from simspec.world.actions import JointSum
 from simspec.world.canonical import canonical_json, from_plain
+from simspec.world.constraints import JointSums
 from simspec.world.kinematics import constrained_trees, initial_state
-from simspec.world.passive_forces import JointSums
 from simspec.world.types import World
 
 LINK = {"mass": 1, "inertia": {"principal": [0.01, 0.01, 0.01]}, "centre_of_mass": [0, 0, -0.2]}

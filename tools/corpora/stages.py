@@ -18,7 +18,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.language.foreign import Fate, Imported, ImportOptions, LossSeverity, importers, is_foreign
 from simspec.language.load import load
-from simspec.report.plain import plain
+from simspec.report.screen import plain
 
 MOST = 20
 """Problems and losses of a file that are kept, of each kind."""

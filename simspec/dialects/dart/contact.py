@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.errors import Problem
 from simspec.support.declarations import acceptance

@@ -11,12 +11,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.dialects.dart.contact import TINY_FRICTION, DartNode, DartNodePlan, class_name, detector_of, problems
 from simspec.dialects.dart.sidecar import DartShapeCopy, DartShapeEntry, DartSidecar, NodeFilter, WeldedNode
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import JointValue, springs_of
-from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
+from simspec.dialects.kit.sidecar import JointValue, Sidecar, Target, common_fields, known, springs_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.skel import format

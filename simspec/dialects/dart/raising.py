@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 from simspec.dialects.dart.contact import check_filter
 from simspec.dialects.dart.sidecar import DartShapeEntry, DartSidecar
-from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
+from simspec.dialects.kit.sidecar import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.formats.kit.contract import restore_frames
-from simspec.formats.kit.xml_elements import XmlElement
+from simspec.formats.kit.text import XmlElement
 from simspec.formats.skel import reading as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from simspec.dialects.kit.joints import JointSpring, JointValue, OfBody, check_of_bodies
-from simspec.dialects.kit.sidecar import Sidecar
+from simspec.dialects.kit.sidecar import JointSpring, JointValue, OfBody, Sidecar, check_of_bodies
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 
 

@@ -1,7 +1,7 @@
 """A world and its contact plan as ``world.json``, for engines that are built by calls of their API.
 
-The dialect of such an engine is a subclass of :class:`WorldDialect`. Its ``defects.py`` begins from
-``world_defects.DEFECTS``, its table of mutations is ``world_mutations.table`` with the words of the engine's settings.
+The dialect of such an engine is a subclass of :class:`WorldDialect`, if it has fields of its own with a subclass of
+:class:`WorldSidecar`; its defects and mutations begin from the tables of ``world_defects.py``.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.control.reference import natives
 from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.joints import fluid_of, with_passive
-from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
+from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, fluid_of, known, with_passive
 from simspec.formats import world as tree
 from simspec.formats.kit.contract import recentre_free_roots, restore_frames
 from simspec.formats.kit.forms import check_distinct, check_known
@@ -37,10 +36,6 @@ from simspec.world.types import (
     Vector3,
     World,
 )
-
-# The sidecar of a ``world.json``: the fields of every sidecar; the file itself carries the rest.
-#
-# A dialect with fields of its own has a subclass of it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +79,6 @@ class WorldDialect(Dialect, abstract=True):
         return Lowered(document, self.SIDECAR(**fields, **self.fields(world, target, document)))
 
     def raise_(self, document: tree.JsonWorld, sidecar: Any) -> ReadBack:
-        """See ``dialects/kit/world_model.py``."""
-
         return world_model(document, sidecar)
 
 
@@ -192,13 +185,9 @@ def _shape(shape: Shape, plan: ContactPlan) -> tree.JsonShape:
 
 
 def _copy(layer: int, numbers: Surface) -> tree.ShapeCopy:
-    """A copy's numbers."""
     sliding, torsional, rolling, bounce = (known(numbers, name) for name in NUMBERS)
     return tree.ShapeCopy(layer, sliding, torsional, rolling, bounce, numbers.hardness)
 
-
-# A world as ``world.json`` with a table of laws in the sidecar, for engines that are passed a law at every point of
-# contact and combine no values of shapes (rule ``table``).
 
 NOTHING = ShapeCopy(0, 0.0, 0.0, 0.0, 0.0)
 """The numbers of shapes: none, since the table has all."""
@@ -252,11 +241,6 @@ class LawDialect(WorldDialect, abstract=True):
         return replace(super().raise_(document, sidecar), laws=sidecar.laws)
 
 
-# From ``world.json`` and its sidecar back to the model they mean, in the world's frames (proof level L0).
-#
-# Only the types of the document are shared with ``world_document.py``, which writes them.
-
-
 def world_model(document: tree.JsonWorld, sidecar: WorldSidecar) -> ReadBack:
     """The model of a document. Raises ValueError where document and sidecar are not of one world."""
     sidecar.check_document(document)
@@ -267,19 +251,14 @@ def world_model(document: tree.JsonWorld, sidecar: WorldSidecar) -> ReadBack:
         document.gravity,
         document.timestep,
         document.friction_cone,
-        servos=_servos(document),
+        servos=tuple(
+            EngineServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
+            for joint in (body.joint for body in document.bodies)
+            if isinstance(joint, tree.AxisJoint) and joint.servo is not None
+        ),
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
         fluid=fluid_of(sidecar.passive),
-    )
-
-
-def _servos(document: tree.JsonWorld) -> tuple[EngineServo, ...]:
-    joints = (body.joint for body in document.bodies)
-    return tuple(
-        EngineServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
-        for joint in joints
-        if isinstance(joint, tree.AxisJoint) and joint.servo is not None
     )
 
 

@@ -68,10 +68,10 @@ from simspec.formats.mjcf.bodies import (
     sites_of,
     tendons,
 )
-from simspec.formats.mjcf.contact import Kind, arena_megabytes, collision_masks
 from simspec.formats.mjcf.reading import MjcfDocument
 from simspec.formats.mjcf.tree import (
     Attributes,
+    Kind,
     MjcfBody,
     MjcfDefault,
     MjcfExclude,
@@ -80,6 +80,8 @@ from simspec.formats.mjcf.tree import (
     MjcfModel,
     MjcfSite,
     Value,
+    arena_megabytes,
+    collision_masks,
 )
 from simspec.support import classes, features
 from simspec.support.declarations import (

@@ -11,8 +11,16 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
-from simspec.dialects.mujoco.sidecar import NO_RATING, Chain, MujocoSidecar, chains, origins
-from simspec.dialects.mujoco.surface import CommonLaw, read_assets, surface
+from simspec.dialects.mujoco.sidecar import (
+    NO_RATING,
+    Chain,
+    CommonLaw,
+    MujocoSidecar,
+    chains,
+    origins,
+    read_assets,
+    surface,
+)
 from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.kit.text import finite_numbers
 from simspec.formats.mjcf.bodies import world_name

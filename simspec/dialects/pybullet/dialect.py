@@ -11,25 +11,22 @@ import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from simspec.contact.plan import CollisionPart
+from simspec.contact import CollisionPart
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import InitialCoordinates, armature_of, springs_of
-from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
-from simspec.dialects.pybullet.contact import (
-    LINK_MARGIN,
-    collision_filter,
-    contact_values,
-    copy_name,
-    native_contact,
-    problems,
-    restitution_threshold,
-    split,
-    written_shapes,
+from simspec.dialects.kit.sidecar import (
+    SIDECAR,
+    InitialCoordinates,
+    Sidecar,
+    Target,
+    armature_of,
+    common_fields,
+    springs_of,
 )
 from simspec.dialects.pybullet.raising import EXTRA_GEOMETRIES, raised
 from simspec.dialects.pybullet.sidecar import (
     FIXED,
     FREE,
+    LINK_MARGIN,
     MOST_LINKS,
     NO_LINKS,
     TREE_SIZE,
@@ -38,7 +35,15 @@ from simspec.dialects.pybullet.sidecar import (
     PybulletInstance,
     PybulletLinkCopy,
     PybulletSidecar,
+    collision_filter,
+    contact_values,
+    copy_name,
     frames_alongside,
+    native_contact,
+    problems,
+    restitution_threshold,
+    split,
+    written_shapes,
 )
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots

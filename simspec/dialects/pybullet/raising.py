@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
+from simspec.dialects.kit.sidecar import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, PybulletInstance, PybulletSidecar
 from simspec.formats.kit.contract import restore_frames
-from simspec.formats.kit.xml_elements import XmlElement
+from simspec.formats.kit.text import XmlElement
 from simspec.formats.urdf.reading import (
     DEFAULT_AXIS,
     WRITTEN,

@@ -9,16 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from simspec.dialects.kit.joints import (
+from simspec.dialects.kit.sidecar import (
     Armature,
     JointSpring,
+    Sidecar,
     check_by_body,
     check_coordinates,
     check_every_body,
     check_of_bodies,
     check_unit,
 )
-from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import HARDNESS_KINDS, PRIMITIVE_SHAPES
 from simspec.world.shapes import SHAPES

@@ -7,10 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
-from simspec.dialects.kit.joints import JointValue, springs_of
-from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
+from simspec.dialects.kit.sidecar import JointValue, Sidecar, Target, common_fields, springs_of
 from simspec.dialects.webots.nodes import (
     BallStart,
     Range,

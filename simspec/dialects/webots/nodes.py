@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from simspec.dialects.kit.joints import JointSpring, JointValue, OfBody, check_of_bodies
-from simspec.dialects.kit.sidecar import Sidecar
+from simspec.dialects.kit.sidecar import JointSpring, JointValue, OfBody, Sidecar, check_of_bodies
 from simspec.formats.kit.forms import check_distinct, check_known
 from simspec.formats.wbt.format import WbtNodeTree
 from simspec.formats.wbt.reading import WbtField, WbtNode

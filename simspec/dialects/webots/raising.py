@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
+from simspec.dialects.kit.sidecar import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.dialects.webots.nodes import WebotsShapeEntry, WebotsSidecar, check_neutral
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.wbt.reading import WbtDocument, WbtNode

@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.dart.inventory import chosen_solver
-from simspec.engines.kit.deviations import DEEP, JAMMED, NEAR_LIMIT, SWEEPS, Deviation, Reason, coarse, read_deviations
+from simspec.engines.kit.capabilities import (
+    DEEP,
+    JAMMED,
+    NEAR_LIMIT,
+    SWEEPS,
+    Deviation,
+    Reason,
+    coarse,
+    read_deviations,
+)
 from simspec.engines.kit.refinements import SLIDING, coupled, in_force
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.support.declarations import Table

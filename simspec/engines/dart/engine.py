@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.control.reference import Servos
 from simspec.dialects.dart.contact import OVERLOOKED, accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.dialect import ANGLE, COPIES, LIMITS, NO_BELTS
@@ -30,20 +29,26 @@ from simspec.engines.dart.actuation import (
     none_on_servos,
 )
 from simspec.engines.dart.contact import COUPLED, DEVIATIONS, SETTINGS
-from simspec.engines.dart.foreign import FOREIGN, FOREIGN_ADDITIONS, DartForeignFile
 from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
-from simspec.engines.dart.readback import SHAPE_KINDS, read_back
+from simspec.engines.dart.readback import FOREIGN, FOREIGN_ADDITIONS, SHAPE_KINDS, DartForeignFile, read_back
 from simspec.engines.dart.simulation import DartSimulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
-from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import (
+    HOPS,
+    PREDICTED,
+    PYRAMID,
+    THRESHOLD,
+    Deviation,
+    NativeLaw,
+    Recovery,
+    ServoLaw,
+)
 from simspec.engines.kit.contract import Actuation
-from simspec.engines.kit.deviations import HOPS, PREDICTED, PYRAMID, THRESHOLD, Deviation
-from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import BLUNT, NO_FRICTION, blunted, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.simulated import SteppedEngine, outside_constraints
 from simspec.engines.kit.world_simulation import contact_table
 from simspec.errors import EngineError
 from simspec.support import classes, features

@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from simspec.contact.plan import ContactPlan, parts
-from simspec.engines.dart.nodes import collision_nodes
+from simspec.contact import ContactPlan, parts
+from simspec.engines.dart.coordinates import collision_nodes
 from simspec.engines.dart.simulation import DartSimulation
 from simspec.engines.kit.inventory import (
     NEUTRAL,

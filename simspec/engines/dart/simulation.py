@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.coordinates import NAME, DartCoordinates, DartEfforts, Turner, vector_of
-from simspec.engines.dart.nodes import DartNodes
+from simspec.engines.dart.coordinates import NAME, DartCoordinates, DartEfforts, DartNodes, Turner, vector_of
 from simspec.engines.kit.messages import captured
 from simspec.errors import EngineError, not_importable
 from simspec.formats.kit.mesh_reading import read_meshes

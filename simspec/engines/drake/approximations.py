@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.reference import natives
-from simspec.engines.kit.deviations import UNKNOWN, Deviation, Reason, read_deviations
+from simspec.engines.kit.capabilities import UNKNOWN, Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import coupled
 from simspec.support.declarations import Level, Refinement, Table, unsupported_if
 from simspec.support.features import Feature

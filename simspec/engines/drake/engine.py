@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.control.reference import Servos
 from simspec.engines.drake.approximations import (
     BODY_SECONDS,
@@ -27,15 +26,13 @@ from simspec.engines.drake.approximations import (
     too_large,
 )
 from simspec.engines.drake.building import MOST_PLANES, import_drake
-from simspec.engines.drake.foreign import FOREIGN, FOREIGN_ADDITIONS, load, parser_parts
 from simspec.engines.drake.inventory import expected, inventory, neutral
-from simspec.engines.drake.readback import SIZES, read_back
+from simspec.engines.drake.readback import FOREIGN, FOREIGN_ADDITIONS, SIZES, load, parser_parts, read_back
 from simspec.engines.drake.simulation import NATIVE, DrakeJointServos, DrakeSimulation, pd_controllers_hold
-from simspec.engines.kit.capabilities import COMMON, Capability, NativeLaw, Recovery, ServoLaw
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import outside_constraints
+from simspec.engines.kit.capabilities import COMMON, Capability, Deviation, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting, SettingGroup, under_weight
+from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support import classes, features
 from simspec.support.declarations import (

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.control.reference import natives
 from simspec.engines.drake.approximations import (
     ANY_RESOLUTION,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simspec.contact.plan import ContactPlan, parts
+from simspec.contact import ContactPlan, parts
 from simspec.engines.gazebo.building import NAME, hull_library, query
 from simspec.engines.gazebo.simulation import GazeboSimulation
 from simspec.engines.kit.building import ShapeUnit

@@ -14,15 +14,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.gazebo import NO_VELOCITY_LIMITS, STOPS
 from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.bindings import NAME
 from simspec.engines.gzsim.simulation import GzSimSimulation, Server
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.settings import Setting
 from simspec.engines.kit.simulated import GivenEngine
 from simspec.engines.kit.world_simulation import free_joint

@@ -18,7 +18,8 @@ from pydantic import BaseModel, ValidationError
 
 from simspec.control.reference import driven_joints
 from simspec.engines.kit import worker
-from simspec.engines.kit.answer_forms import (
+from simspec.engines.kit.arrays import SECONDS
+from simspec.engines.kit.request import (
     FORMS,
     RESULTS,
     Answer,
@@ -33,11 +34,19 @@ from simspec.engines.kit.answer_forms import (
     dimensions_of,
     planned_rows,
 )
-from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import clipped
-from simspec.files import NotReadableError, open_regular, read_bytes
+from simspec.files import (
+    MAPPED_BYTES,
+    RECORDED_BYTES,
+    NotReadableError,
+    all_finite,
+    open_regular,
+    parts,
+    read_bytes,
+    release,
+    zeros,
+)
 from simspec.language.vocabulary import JOINT_KINDS, QUATERNION_JOINTS, SHAPE_KINDS
-from simspec.mapped import MAPPED_BYTES, RECORDED_BYTES, all_finite, parts, release, zeros
 from simspec.world.canonical import from_plain
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Protocol
 
 from simspec.errors import EngineError
-from simspec.outputs.cache import built, cache_folder
+from simspec.outputs.files import built, cache_folder
 from simspec.processes import ELSEWHERE, isolated
 
 SCHEMA = 1

@@ -15,24 +15,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.control.reference import Servos
-from simspec.distribution import installed_version
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
 from simspec.engines.kit.capabilities import (
     COMMON,
     DOUBLE,
     ROUNDING,
     Capability,
+    Deviation,
     NativeLaw,
     Recovery,
     check_capabilities,
 )
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting, Value
 from simspec.errors import EngineError
+from simspec.plugins import installed_version
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
@@ -72,7 +72,7 @@ class RunnableEngine:
 
     @classmethod
     def prepare(cls) -> None:
-        """Import what loading needs, so that processes forked from this one need not (``attempts.py``). Optional."""
+        """Import what loading needs, so that processes forked from this one need not (``worker.py``). Optional."""
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
@@ -205,7 +205,7 @@ class Engine(ProvenEngine):
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
     """Whether pairs of materials that parameters cannot express are realised by copies of shapes in layers (see
-    ``contact/plan.py``)."""
+    ``contact.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """Known deviations from the contact law, each measured."""
     KEEPS_CONTACTS: ClassVar[bool] = False

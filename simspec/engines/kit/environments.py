@@ -1,6 +1,6 @@
 """Versions of engines in environments of their own: made by simspec in the user's data folder, and found there by label.
 
-A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/cache.py``).
+A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/files.py``).
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
-from simspec.distribution import NAME, installed_version
-from simspec.distribution import requirements as simspec_requirements
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import how_to_install, too_old, why_not
-from simspec.engines.kit.registry import EngineId, engines, find_engine, parse
+from simspec.engines.kit.registry import EngineId, engines, find_engine, how_to_install, parse, too_old, why_not
 from simspec.errors import EngineError, SpecError, clipped, visible
-from simspec.outputs.cache import data_folder, is_complete, written_by_others
+from simspec.outputs.files import data_folder, is_complete, written_by_others
+from simspec.plugins import NAME, installed_version
+from simspec.plugins import requirements as simspec_requirements
 from simspec.processes import ELSEWHERE, isolated
 
 # The released versions of an engine that the package index has for this Python, by the ordinary client of it.

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Self, TypeVar
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import format_of

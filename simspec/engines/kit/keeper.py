@@ -1,4 +1,5 @@
-"""Keeper of an engine's process: starts the worker, and ends it and all that it started, when its time has come.
+"""Keeper of an engine's process: starts the worker, and ends it and all that it started, when its time has come; and a warm
+process, which forks keepers.
 
 ``python keeper.py FOLDER SECONDS BYTES [COMMAND ...]``: forks the worker (``worker.py`` in this folder; or starts COMMAND in
 FOLDER, an engine that is a program of its own), and ends with it. Before that it ends it when SECONDS have passed, or when the
@@ -7,11 +8,20 @@ closed. No file of the worker may become longer than BYTES.
 
 The keeper is a process, not a thread: an engine's own code may hold the interpreter for as long as it likes, and the keeper
 goes on where the starting process is stopped. Nothing but the standard library, and nothing that starts threads: it forks.
+
+``python keeper.py --warm MODULE:CLASS DESCRIPTOR``: imports one engine and forks a keeper for each request that it is given.
+DESCRIPTOR is a Unix socket (SOCK_SEQPACKET) to the process that started it. It first writes, as JSON, ``{"ready": true}`` or
+``{"error": why}``. Each message that it receives is ``{"folder", "seconds", "bytes"}``, what a keeper is started with, and
+brings three descriptors: the keeper's standard input, its output, and a pipe to which the keeper writes how it ended. It
+answers ``{"pid": number}``. It ends when the other end of the socket is closed. Keepers that are still at work then end their
+engines, as they do whenever their parent is gone. An engine whose import starts threads is refused.
 """
 
 from __future__ import annotations
 
 import contextlib
+import gc
+import importlib
 import importlib.util
 import json
 import os
@@ -33,6 +43,9 @@ USAGE = "usage.json"
 """CPU time (s) and largest resident memory (bytes) of the worker, in the folder of the request."""
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 """Of Linux's prctl(2)."""
+WARM = "--warm"
+MESSAGE, DESCRIPTORS = 65536, 3
+"""Bytes of a message to a warm process, at most, and its descriptors."""
 
 
 def keep(folder: Path, seconds: float, most: int, command: list[str], ending: int | None = None) -> int:
@@ -198,7 +211,80 @@ def _prctl(option: int, value: int) -> bool:
         return False  # a Python without ctypes, a C library without prctl
 
 
+def _prepare(program: str) -> dict[str, Any]:
+    """Import all that an engine's process imports, and return the report on it."""
+    gc.disable()
+    module, _, name = program.partition(":")
+    engine = getattr(importlib.import_module(module), name)
+    for part in ("operations", "session"):
+        importlib.import_module(f"simspec.engines.kit.{part}")
+    engine.prepare()
+    threads = len(os.listdir("/proc/self/task")) if sys.platform.startswith("linux") else 1
+    if threads > 1:
+        return {
+            "error": f"importing it starts {threads - 1} threads, and a process with threads cannot be forked safely"
+        }
+    gc.collect()
+    gc.freeze()  # existing objects are shared by all forked processes, and no collection touches them
+    gc.enable()
+    return {"ready": True}
+
+
+def serve(program: str, descriptor: int) -> None:
+    """Be a warm process of the engine ``program``; ``descriptor``: of its socket."""
+    import socket  # not for keepers
+
+    with socket.socket(fileno=descriptor) as connection:
+        _worker()._make_simspec_importable()
+        try:
+            prepare = _prepare(program)
+        except Exception as error:  # any error: the starting process takes a process for each request, which reports it
+            prepare = {"error": f"{type(error).__name__}: {error}"[:2000]}
+        connection.send(json.dumps(prepare).encode())
+        if "error" in prepare:
+            return
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # no process waits for keepers: they report how they ended
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(connection, MESSAGE, DESCRIPTORS)
+            if not message:
+                return
+            child = os.fork()
+            if child == 0:
+                connection.close()
+                _keep_forked(json.loads(message), descriptors)
+            for each in descriptors:
+                os.close(each)
+            connection.send(json.dumps({"pid": child}).encode())
+
+
+def _keep_forked(requested: dict[str, Any], descriptors: list[int]) -> None:
+    """Become the keeper of one request; never returns."""
+    code = 1
+    try:
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        os.setsid()
+        given, output, ending = descriptors
+        os.dup2(given, 0)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        for each in (given, output):
+            os.close(each)
+        os.chdir(requested["folder"])
+        code = keep(Path(requested["folder"]), requested["seconds"], requested["bytes"], [], ending)
+    except BaseException:  # any error ends this process and no other
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
 if __name__ == "__main__":
     if not sys.flags.safe_path:
         sys.path.pop(0)  # this script's own folder: a module of it would shadow an engine's package of the same name
-    sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), sys.argv[4:]))
+    if sys.argv[1] == WARM:
+        serve(sys.argv[2], int(sys.argv[3]))
+    else:
+        sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), sys.argv[4:]))

@@ -24,17 +24,14 @@ from typing import IO
 
 from simspec.confinement import ANY_LOCALE
 from simspec.engines.kit import keeper, worker
-from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installed import not_installed
 from simspec.engines.kit.messages import DOING
-from simspec.engines.kit.registry import demand_version, find_engine, program_of
-from simspec.engines.kit.request import write_request
+from simspec.engines.kit.registry import demand_version, find_engine, not_installed, program_of
+from simspec.engines.kit.request import Answer, BadAnswerError, Operation, write_request
 from simspec.engines.kit.warm import Forked, WarmProcesses
 from simspec.errors import EngineError, clipped, visible
-from simspec.files import NotReadableError, parse_json, read_bytes, scratch_folder
-from simspec.mapped import RECORDED_BYTES
+from simspec.files import RECORDED_BYTES, NotReadableError, parse_json, read_bytes, scratch_folder
 from simspec.processes import exit_if_signalled, search_environment, with_search_path
 
 __all__ = [

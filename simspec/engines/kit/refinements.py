@@ -9,20 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.contact.plan import HEAVY_ON_LIGHT
-from simspec.engines.kit.deviations import Deviation
+from simspec.contact import HEAVY_ON_LIGHT
+from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
-from simspec.support.declarations import (
-    Level,
-    Refine,
-    Refinement,
-    Support,
-    approximate,
-    exact,
-    outside,
-    unsupported_if,
-)
+from simspec.support.declarations import Level, Refine, Refinement, Support, approximate, exact, outside, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.hull import hull_of

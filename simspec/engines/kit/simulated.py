@@ -1,19 +1,301 @@
-"""The common part of engines that work by a simulation object: made when artifacts are loaded, dropped when closed."""
+"""The common part of engines that work by a simulation object, made when artifacts are loaded and dropped when closed; and the
+efforts that it is given before every step, for forces and constraints that the engine does not have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simspec.dialects.kit.joints import Passive
+from simspec.dialects.kit.sidecar import Around, Passive, fluid_of, with_passive
 from simspec.engines.kit.arrays import pick_blocks, restore_velocities
 from simspec.engines.kit.contract import Engine, enter
-from simspec.engines.kit.efforts import BeforeSteps
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Refinement, Support, outside, unsupported_if
+from simspec.support.features import Feature
 from simspec.world.actions import JointSum
-from simspec.world.types import Constraint, ReadBack
+from simspec.world.constraints import Drag, JointForces, JointSums, Violation, multipliers
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.inertia import lumped_inertial
+from simspec.world.kinematics import constrained_trees, layout_of, members, natively_driven, rigid_groups, within
+from simspec.world.rotations import matrices
+from simspec.world.types import Body, Constraint, ReadBack, World
+
+# Forces that act on bodies at all times. A weight that is not mass × gravity differs from it by the force (s − 1) m g at the
+# centre of mass, s ``gravity_scale``; damping of a free body is −d v, −d ω of its own coordinates; the efforts of a fluid are
+# defined in ``world/actions.py``. All follow from the engine's own masses, poses and velocities before the step, and act in it
+# as a constant effort, as its own gravity and explicit damping would: exact, also in contact.
+
+# Constraints, and springs and dampers along sums of joint positions. A spring or damper along a sum is an effort of the state
+# alone, like those of joints: exact in every world. λ of a constraint follows from the engine's own M, h, poses and state: J
+# M⁻¹ Jᵀ λ = J v* + φ/dt with v* = v + dt M⁻¹(τ − h), and −Jᵀ λ/dt is added to the effort τ. Impulses that the engine adds in
+# the step (contact, dry friction, its own controllers) are not in v*, so that worlds in which that may happen to a held body
+# are refused.
+
+HOW = (
+    "simspec applies −Jᵀ λ/dt before each step, from the engine's mass matrix and bias force, to trees without "
+    "contact. A joint that reaches a limit stops alone; the constraint acts again in the next steps"
+)
+
+Array = NDArray[np.float64]
+
+
+def outside_constraints(title: str) -> dict[Feature, Support]:
+    """That simspec computes constraints outside an engine (``title``), where everything in the constrained trees feels them."""
+    return {
+        feature: outside(
+            HOW,
+            functools.partial(constraints_felt, title=title),
+            f"a {noun} by efforts before each step, outside {title}, while nothing touches the constrained trees",
+        )
+        for feature, noun in ((Feature.CONSTRAINT_LOOP, "loop"), (Feature.CONSTRAINT_COUPLING, "coupling"))
+    }
+
+
+def constraints_felt(world: World, title: str) -> Refinement | None:
+    """Not supported where something in a held tree would not feel a constraint that is computed outside the engine
+    (``title``)."""
+    allowed, groups = CollisionFilter(world), rigid_groups(world)
+    for bodies, actual in constrained_parts(world):
+        name = actual[0].name
+        if served := natively_driven(bodies, world):
+            return unsupported_if(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
+        if rough := next((body.name for body in bodies if body.joint.dry_friction), None):
+            return unsupported_if(f"the joint of {rough!r} has dry friction, whose impulses would ignore {name!r}")
+        for body in bodies:
+            for other in world.bodies:
+                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
+                    return unsupported_if(f"{body.name!r} may touch {other.name!r}, and contact would ignore {name!r}")
+    return None
+
+
+def constrained_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
+    """The bodies of the trees that constraints hold together, and those constraints; trees without any are left out."""
+    constraints = {name for constraint in world.constraints for name in members(constraint)}
+    for bodies in constrained_trees(world):
+        if any(body.name in constraints or body.joint.name in constraints for body in bodies):
+            yield bodies, within(world, bodies).constraints
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Trees that constraints hold together: their bodies, and the places of their coordinates."""
+
+    rows: NDArray[np.intp]
+    q: NDArray[np.intp]
+    v: NDArray[np.intp]
+    violation: Violation
+    joints: JointForces
+
+
+class Outside:
+    """The constraints of a loaded engine, and what acts along sums, computed from what it holds."""
+
+    def __init__(self, engine: Engine, constraints: Sequence[Constraint], sums: Sequence[JointSum]):
+        back = engine.read_back()
+        world = World("", back.bodies, constraints=tuple(constraints), sums=tuple(sums))
+        self._constraints = world.constraints
+        self._along = JointSums(world.bodies, sums)
+        self._engine, self._timestep = engine, back.timestep
+        self._nv = layout_of(world).nv
+        self._parts = [_part(world, bodies, local) for bodies, local in constrained_parts(world)]
+
+    def completed(self, back: ReadBack) -> ReadBack:
+        """The engine's model, with the efforts that are applied here."""
+        return dataclasses.replace(back, constraints=self._constraints, sums=self._along.sums)
+
+    def energy(self) -> float:
+        """The energy that the springs along sums store at the present state (J)."""
+        return self._along.energy(self._engine.get_state()[0])
+
+    def effort(self, given: Array | None) -> Array:
+        """The effort (nv,) to apply for one step, for one that is ``given`` (None: zero)."""
+        engine, dt = self._engine, self._timestep
+        total = np.zeros(self._nv) if given is None else np.array(given, dtype=float)
+        q, v = engine.get_state()
+        total += self._along.effort(q, v)
+        if not self._parts:
+            return total
+        poses, _ = engine.body_states()
+        bias = engine.bias_force()
+        masses = engine.mass_blocks([part.v for part in self._parts])
+        for part, mass in zip(self._parts, masses, strict=True):
+            local_q, local_v, local_poses = q[part.q], v[part.v], poses[part.rows]
+            jacobian = part.violation.jacobian(local_poses)
+            force = total[part.v] + part.joints.effort(local_q, local_v) - bias[part.v]
+            solved = np.linalg.solve(mass, np.column_stack([force, jacobian.T]))
+            free = local_v + dt * solved[:, 0]
+            wanted = jacobian @ free + part.violation.of(local_q, local_poses) / dt
+            total[part.v] -= jacobian.T @ multipliers(jacobian @ solved[:, 1:], wanted) / dt
+        return total
+
+
+def _part(world: World, bodies: Sequence[Body], constraints: Sequence[Constraint]) -> _Part:
+    row = {body.name: index for index, body in enumerate(world.bodies)}
+    whole = layout_of(world)
+    rows = np.array([row[body.name] for body in bodies], dtype=np.intp)
+    at_q = np.concatenate([np.r_[whole.position[index]] for index in rows]).astype(np.intp)
+    at_v = np.concatenate([np.r_[whole.velocity[index]] for index in rows]).astype(np.intp)
+    return _Part(rows, at_q, at_v, Violation(bodies, constraints), JointForces(bodies))
+
+
+class GivenForces:
+    """Efforts that a loaded engine receives before each of its steps, from its sidecar; ``bias_force`` and ``energy`` differ
+    from the engine's by them."""
+
+    def __init__(self, engine: Engine, passive: Passive):
+        back = engine.read_back()
+        world = World("", back.bodies)
+        layout = layout_of(world)
+        self._engine, self._nv = engine, layout.nv
+        self._bodies, self._places = world.bodies, layout.velocity
+        rows = {body.name: row for row, body in enumerate(world.bodies)}
+        self._parents = [-1 if body.joint.parent is None else rows[body.joint.parent] for body in world.bodies]
+        gravity = np.array(back.gravity)
+        self._lifted = [
+            (row, (entry.scale - 1.0) * body.inertial.mass * gravity, np.array(body.inertial.centre_of_mass))
+            for entry in passive.gravity_scales
+            for row in (rows[entry.body],)
+            for body in (world.bodies[row],)
+        ]
+        self._damping = np.zeros(layout.nv)
+        for damped in passive.free_damping:
+            at = self._places[rows[damped.body]].start
+            self._damping[at : at + 3], self._damping[at + 3 : at + 6] = damped.linear, damped.angular
+        self._centres = [
+            np.array(lumped_inertial(world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0))
+            for body in world.bodies
+        ]
+        self._axes = [np.array(body.joint.axis) for body in world.bodies]
+        self._drag = None if passive.around is None else _Drag(world, passive.around)
+
+    def weight(self) -> Array:
+        """The effort (nv,) by which weights differ from mass × gravity, at the present state."""
+        if not self._lifted:
+            return np.zeros(self._nv)
+        poses, _ = self._engine.body_states()
+        turns = matrices(poses[:, 3:])
+        forces, moments = np.zeros((2, len(poses), 3))  # of each body and all that it carries, about the world's origin
+        for row, force, centre in self._lifted:
+            forces[row] += force
+            moments[row] += np.cross(poses[row, :3] + turns[row] @ centre, force)
+        return self._efforts(poses[:, :3], turns, forces, moments)
+
+    def _efforts(self, at: Array, turns: Array, forces: Array, moments: Array) -> Array:
+        effort = np.zeros(self._nv)
+        for row in range(len(at) - 1, -1, -1):
+            kind, place, force = self._bodies[row].joint.kind, self._places[row], forces[row]
+            about = moments[row] - np.cross(at[row] + turns[row] @ self._centres[row], force)
+            if kind in SCALAR_JOINTS:
+                effort[place] = turns[row] @ self._axes[row] @ (force if kind == "slide" else about)
+            elif kind == "ball":
+                effort[place] = about @ turns[row]
+            elif kind == "free":
+                effort[place] = np.concatenate([force, about @ turns[row]])
+            if self._parents[row] >= 0:
+                forces[self._parents[row]] += force
+                moments[self._parents[row]] += moments[row]
+        return effort
+
+    def loss(self) -> Array:
+        """The effort (nv,) of what takes energy, at the present state."""
+        effort = np.zeros(self._nv)
+        if self._damping.any():
+            effort -= self._damping * self._engine.get_state()[1]
+        if self._drag is not None:
+            poses, velocities = self._engine.body_states()
+            turns = matrices(poses[:, 3:])
+            effort += self._efforts(poses[:, :3], turns, *self._drag.wrenches(poses[:, :3], turns, velocities))
+        return effort
+
+    def potential(self) -> float:
+        """Energy (J) of the differences of weights, zero at the world's origin."""
+        if not self._lifted:
+            return 0.0
+        poses, _ = self._engine.body_states()
+        turns = matrices(poses[:, 3:])
+        return -sum(float(force @ (poses[row, :3] + turns[row] @ centre)) for row, force, centre in self._lifted)
+
+
+class _Drag:
+    """The forces of a fluid on bodies that move in it, all at once. Rows of boxes have the bodies of ``rows``."""
+
+    def __init__(self, world: World, around: Around):
+        at = {body.name: row for row, body in enumerate(world.bodies)}
+        self._rows = np.array([at[entry.body] for entry in around.boxes], dtype=np.intp)
+        lumped_inertials = (lumped_inertial(world, world.bodies[row]) for row in self._rows)
+        self._centres = np.array([inertial.centre_of_mass for inertial in lumped_inertials])
+        self._turns = matrices(np.array([entry.box.quaternion for entry in around.boxes]))
+        self._flow = np.array(around.fluid.velocity)
+        self._drag = Drag([entry.box.edges for entry in around.boxes], around.fluid)
+
+    def wrenches(self, at: Array, turns: Array, velocities: Array) -> tuple[Array, Array]:
+        """Forces, and moments about the world's origin, on all bodies (n, 3), for the places, orientations and velocities of
+        their frames in world axes."""
+        rows = self._rows
+        arms = np.einsum("nij,nj->ni", turns[rows], self._centres)
+        axes = turns[rows] @ self._turns
+        spin = velocities[rows, 3:]
+        flow = velocities[rows, :3] + np.cross(spin, arms) - self._flow
+        pushes = [
+            np.einsum("nij,nj->ni", axes, push)
+            for push in self._drag.of(*(np.einsum("nji,nj->ni", axes, moving) for moving in (flow, spin)))
+        ]
+        forces, moments = np.zeros((2, len(at), 3))
+        forces[rows] = pushes[0]
+        moments[rows] = pushes[1] + np.cross(at[rows] + arms, pushes[0])
+        return forces, moments
+
+
+class BeforeSteps:
+    """Efforts that simspec computes for an engine before each of its steps: constraints, and forces that act at all times."""
+
+    def __init__(
+        self,
+        engine: Engine,
+        passive: Passive | None,
+        constraints: Sequence[Constraint] = (),
+        sums: Sequence[JointSum] = (),
+    ):
+        self._engine, self.passive = engine, passive
+        self.given = None if passive is None else GivenForces(engine, passive)
+        self.outside = Outside(engine, constraints, sums) if constraints or sums else None
+
+    @property
+    def needed(self) -> bool:
+        """Whether there is anything to compute."""
+        return self.given is not None or self.outside is not None
+
+    def effort(self, effort: Array | None) -> Array:
+        """The effort (nv,) to apply for one step, for one that the caller gives (None: zero)."""
+        given = self.given
+        total = np.zeros(len(self._engine.get_state()[1])) if effort is None else np.asarray(effort, dtype=float)
+        if given is not None:
+            total = total + given.loss()
+        if self.outside is not None:
+            total = self.outside.effort(total)
+        # the bias force that constraints are computed from has the weights as they are: the difference comes after them
+        return total if given is None else total + given.weight()
+
+    def bias_force(self, values: Array) -> Array:
+        """h (nv,) in M v̇ + h = τ, from the engine's ``own``."""
+        return values if self.given is None else values - self.given.weight()
+
+    def potential(self) -> float:
+        """The difference of the potential energy (J) from the engine's."""
+        differs = 0.0 if self.given is None else self.given.potential()
+        return differs if self.outside is None else differs + self.outside.energy()
+
+    def completed(self, back: ReadBack) -> ReadBack:
+        """A read-back of what the engine itself holds, completed by what it is given."""
+        back = dataclasses.replace(back, bodies=with_passive(back.bodies, self.passive), fluid=fluid_of(self.passive))
+        return back if self.outside is None else self.outside.completed(back)
 
 
 class Simulated(Protocol):
@@ -83,7 +365,7 @@ class SimulatedEngine(Engine, Generic[S], abstract=True):
             sim.close()
 
 
-# The common part of engines that receive efforts before each of their steps, for features that they do not have.
+# The base of engines that receive such efforts.
 
 
 class Given(Simulated, Protocol):

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
-from simspec.engines.kit import warm_server
+from simspec.engines.kit import keeper
 from simspec.engines.kit.contract import Engine
 from simspec.processes import ELSEWHERE, search_environment, with_search_path
 
@@ -67,7 +67,7 @@ class _Server:
         self._connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             self._process = subprocess.Popen(
-                with_search_path(warm_server.__file__, program, str(other.fileno()), python=python),
+                with_search_path(keeper.__file__, keeper.WARM, program, str(other.fileno()), python=python),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -90,7 +90,7 @@ class _Server:
     def _heard(self) -> dict[str, Any]:
         """Its message; empty when it is gone or says nothing sensible in time."""
         try:
-            content = json.loads(self._connection.recv(warm_server.MESSAGE))
+            content = json.loads(self._connection.recv(keeper.MESSAGE))
         except (OSError, ValueError):
             return {}
         return content if isinstance(content, dict) else {}

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.dialects.kit.joints import Passive
+from simspec.contact import ContactPlan, contact_plan
+from simspec.dialects.kit.sidecar import Passive
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.building import STATIC, Walk

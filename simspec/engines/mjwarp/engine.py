@@ -19,8 +19,7 @@ import numpy as np
 
 from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.engines.kit.arrays import demand_singles
-from simspec.engines.kit.capabilities import SINGLE, Capability
-from simspec.engines.kit.deviations import Deviation, named_reasons
+from simspec.engines.kit.capabilities import SINGLE, Capability, Deviation, named_reasons
 from simspec.engines.kit.settings import Setting, SettingGroup, resolve_settings
 from simspec.engines.mjwarp.programs import (
     ANSWERS,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from simspec.engines.kit.messages import captured, doing
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
-from simspec.outputs.cache import cache_folder, hold_folder
+from simspec.outputs.files import cache_folder, hold_folder
 
 # MuJoCo Warp and Warp, imported, and the device that they compute on.
 #

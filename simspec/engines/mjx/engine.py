@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.settings import Setting
 from simspec.engines.mjx.programs import CONTACTS, MjxModules, MjxPrograms, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from simspec.engines.kit.messages import doing
 from simspec.errors import EngineError
-from simspec.outputs.cache import built, cache_folder, is_there, processor
+from simspec.outputs.files import built, cache_folder, is_there, processor
 
 # MJX and JAX, imported for one processor and double precision.
 

@@ -23,7 +23,7 @@ from typing import Final
 
 from simspec.dialects.mujoco.dialect import RESTITUTION
 from simspec.dialects.mujoco.sidecar import COULOMB
-from simspec.engines.kit.deviations import (
+from simspec.engines.kit.capabilities import (
     UNKNOWN,
     Deviation,
     Reason,

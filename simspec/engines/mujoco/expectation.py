@@ -1,7 +1,7 @@
 """The numbers that a loaded ``mjModel`` must have, from the world and the settings resolved from it.
 
 This states MuJoCo's numbers a second time, from the law: it shares no code with the writers of the file (``dialects/mujoco``,
-``formats/mjcf/filter.py``). Only the plan of the numbers of materials (``contact/plan.py``) is common to all sides.
+``formats/mjcf/filter.py``). Only the plan of the numbers of materials (``contact.py``) is common to all sides.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256

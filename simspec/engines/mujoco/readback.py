@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.mujoco.sidecar import KEYFRAME, NO_RATING, Chain, MujocoSidecar, chains, origins
-from simspec.dialects.mujoco.surface import CommonLaw, surface
+from simspec.dialects.mujoco.sidecar import (
+    KEYFRAME,
+    NO_RATING,
+    Chain,
+    CommonLaw,
+    MujocoSidecar,
+    chains,
+    origins,
+    surface,
+)
 from simspec.engines.mujoco.inventory import Inventory
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames, tensor

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.mujoco.sidecar import NATIVE
 from simspec.engines.kit.arrays import sorted_pairs
 from simspec.engines.kit.capabilities import Capability

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.engines.kit.building import ShapeUnit
 from simspec.engines.kit.inventory import (
     NEUTRAL,

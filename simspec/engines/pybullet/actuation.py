@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from simspec.dialects.kit.joints import Armature, JointSpring
+from simspec.dialects.kit.sidecar import Armature, JointSpring
 from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.pybullet.simulation import PybulletSimulation

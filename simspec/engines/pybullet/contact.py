@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.deviations import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
+from simspec.engines.kit.capabilities import JAMMED, SWEEPS, Deviation, Reason, coarse, read_deviations
 from simspec.engines.kit.refinements import coupled
 from simspec.engines.kit.settings import COARSE, SHARE, Setting, SettingGroup, of_thinnest
 from simspec.support import classes

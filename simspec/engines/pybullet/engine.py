@@ -18,21 +18,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.control.reference import Servos
 from simspec.dialects.pybullet.dialect import COPIES, NO_BELTS, STIFFNESS_ONLY
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
-from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import Deviation, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import BeforeSteps
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import armature_felt, only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
-from simspec.engines.kit.simulated import SimulatedEngine
+from simspec.engines.kit.simulated import BeforeSteps, SimulatedEngine
 from simspec.engines.pybullet.actuation import (
     NATIVE,
     DynamicsProbe,

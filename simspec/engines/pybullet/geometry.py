@@ -18,8 +18,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.dialects.pybullet.contact import faces_meet, margins_of
+from simspec.contact import ContactPlan, contact_plan
+from simspec.dialects.pybullet.sidecar import faces_meet, margins_of
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.refinements import BLUNT, blunted
 from simspec.engines.kit.settings import resolve_settings
@@ -76,7 +76,7 @@ def with_stl(folder: Path) -> Iterator[Path]:
 
 def uses_faces(folder: Path, base_margin: float) -> bool:
     """Whether the meshes that touch, in the robots of ``folder``, are all on bases, and these have no margin: only then does
-    PyBullet look at faces where they are (see ``dialects/pybullet/contact.py``)."""
+    PyBullet look at faces where they are (see ``dialects/pybullet/sidecar.py``)."""
     margins = set()
     for name in files_below(folder):
         if name.endswith(".urdf"):
@@ -222,7 +222,7 @@ class Alike:
         return self._known[key]
 
 
-# Effects of PyBullet's margin of 1 mm on the shapes of links that are no bases (see ``dialects/pybullet/contact.py``).
+# Effects of PyBullet's margin of 1 mm on the shapes of links that are no bases (see ``dialects/pybullet/sidecar.py``).
 
 HALVES: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
     "box": lambda size: min(size) / 2.0,

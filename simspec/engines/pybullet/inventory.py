@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simspec.contact.plan import CollisionPart, ContactPlan, parts
-from simspec.dialects.pybullet.contact import faces_meet
-from simspec.dialects.pybullet.sidecar import frames_alongside
+from simspec.contact import CollisionPart, ContactPlan, parts
+from simspec.dialects.pybullet.sidecar import faces_meet, frames_alongside
 from simspec.engines.kit.inventory import (
     NEUTRAL,
     FilterCarrier,

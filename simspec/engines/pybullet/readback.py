@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.contact import LINK_MARGIN
-from simspec.dialects.pybullet.sidecar import PybulletInstance
+from simspec.dialects.pybullet.sidecar import LINK_MARGIN, PybulletInstance
 from simspec.engines.pybullet.actuation import PybulletEfforts
 from simspec.engines.pybullet.bullet_file import colliders, dump
 from simspec.engines.pybullet.constraints import read_constraints

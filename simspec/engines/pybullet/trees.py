@@ -217,7 +217,7 @@ def rub(bullet: Any, tree: PybulletTree, link: Link, friction: float) -> None:
     bullet.setJointMotorControl2(tree.uid, link.link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction)
 
 
-# Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``).
+# Which shapes which of PyBullet's links carries (see ``dialects/pybullet/sidecar.py``).
 
 
 def solid_on_link(instance: PybulletInstance, position: int) -> list[str]:

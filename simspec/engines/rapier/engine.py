@@ -5,34 +5,287 @@ Facts marked *measured*: rapier3d 0.36.1, on one thread.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
-from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import SINGLE, Capability
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.refinements import only_balls_slide, static_or_massless, static_planes
+import numpy as np
+
+from simspec.contact import Rules
+from simspec.engines.kit.capabilities import (
+    JAMMED,
+    SINGLE,
+    SWEEPS,
+    Capability,
+    Deviation,
+    Reason,
+    coarse,
+    read_deviations,
+)
+from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, static_or_massless, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.rapier.approximations import (
-    COUPLED,
-    CYLINDERS,
-    DEVIATIONS,
-    SMALL,
-    STACKED,
-    balls,
-    cylinders,
-    hull_support,
-)
 from simspec.engines.rapier.readback import expected, inventory, neutral, read_back
 from simspec.engines.rapier.simulation import RapierSimulation
 from simspec.support import classes, features
-from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
+from simspec.support.declarations import (
+    Level,
+    Refinement,
+    Table,
+    approximate,
+    exact,
+    exactly,
+    for_each,
+    never,
+    shape_kinds,
+    unsupported_if,
+)
 from simspec.support.features import Feature
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
+from simspec.world.hull import Hull, HullError, hull_of
+from simspec.world.types import World
+
+# Balls. Rapier's normal of a ball is the direction from the other surface to the ball's centre, in single precision: it is
+# round-off where the centre is in the surface of a plane or box. Sliding on four balls of 1 µm of radius, 1 in 5 bodies jams;
+# of 10 µm, 1 in 15; of 30 µm, 1 in 30; of 0.1 mm and more, none of 540. On hulls normals are off by 5e-7 m over the radius
+# (5e-3 rad at 0.1 mm).
+LEAST = 1e-4
+"""The smallest radius (m) of balls that never jammed."""
+SMALL = Refinement(
+    Level.APPROXIMATE,
+    "Rapier's contact normals of spheres with a radius below 0.1 mm are dominated by round-off, and sliding spheres may jam; "
+    "see docs/engines/rapier.md",
+    "sliding spheres with a radius below 0.1 mm may jam",
+)
+
+
+def balls(world: World) -> Refinement | None:
+    """Balls that are smaller than round-off lets them be."""
+    small = any(
+        shape.kind == "sphere" and shape.size[0] < LEAST for body in world.bodies for shape in solid_shapes(body)
+    )
+    return SMALL if small else None
+
+
+# Contact of several bodies. ``tools/deviations.py`` measures the tables at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions
+# of 0 to 1, and ratios of masses of 1 to 1000.
+
+_ASIDE = (
+    "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: the feet of a body "
+    "are braked at an angle to their slip (accepted by name: contact.cone.elliptic)"
+)
+_FEW = coarse("slip or clamp")
+
+DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
+    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("slide-spin", _ASIDE), Reason("*", _FEW)),
+)
+COUPLED: Table = coupled(
+    "rapier",
+    DEVIATIONS,
+    {
+        Feature.MASS_RATIO: classes.HEAVY_ON_LIGHT,
+        Feature.SELF_LOCKING: classes.JAMMED,
+    },
+)
+
+# Cylinders. Rapier's search for the nearest points of round shapes ends before single precision does. In 720 random overlaps of
+# each pair of kinds, 10 µm to 2 mm deep, compared with coal (median; largest):
+#
+# with         missed              depth              normal
+# capsules     31, up to 38 µm     5 µm; 84 µm        0.005 rad; 0.024 rad
+# cylinders    1, of 11 µm         0.25 µm; 22 µm     7e-4 rad; 0.9 rad where rims meet at an angle
+# boxes        2, up to 22 µm      9 µm at most       2e-6 rad; 0.16 rad
+# hulls        3, up to 18 µm      as boxes           as boxes
+# planes, balls: exact to 3e-7 m and 4e-6 rad. Flat on flat: exact
+
+APPROXIMATE: Mapping[tuple[str, str], str] = {
+    ("box", "cylinder"): "boxes",
+    ("capsule", "cylinder"): "capsules",
+    ("cylinder", "cylinder"): "cylinders",
+    ("cylinder", "mesh"): "meshes",
+}
+"""Pairs of kinds, by the name of what a cylinder touches."""
+
+
+def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
+    return Refinement(
+        Level.APPROXIMATE,
+        f"Rapier misses some shallow overlaps of cylinders with {', '.join(met.values())}, and its normals are "
+        f"inaccurate unless "
+        "flat faces touch; see docs/engines/rapier.md",
+        "oblique contacts of cylinders have inaccurate normals, and shallow ones may be missed",
+    )
+
+
+CYLINDERS = _refinement(APPROXIMATE)
+"""Where all of these pairs may meet, for tables."""
+
+
+def cylinders(world: World) -> Refinement | None:
+    """Cylinders that may meet more than planes and balls."""
+    met = met_pairs(world, APPROXIMATE)
+    return _refinement(met) if met else None
+
+
+# Hulls. Rapier keeps every vertex, but computes contact by faces: it merges neighbouring faces whose normals are within
+# ``ALIKE``, and uses four corners of a face. On a plane it uses the face that is most parallel to the plane, and ignores
+# deeper corners of others. So a hull is exact where its faces have up to four corners and meet at more than 1.5°, and on
+# planes where the deepest corner belongs to the face that looks down. Balls touch a hull exactly.
+
+ALIKE = 3.6e-4
+"""1 − the cosine of the angle, 1.5°, up to which Rapier takes two faces for one: a little above √2⁻²³."""
+MOST_CORNERS = 4
+"""Of a face."""
+FLAT = 1e-6
+"""Share of its extent by which a hull is off at most that is exact: a few roundings."""
+DIRECTIONS = 4000
+"""Spread over the sphere, 3° between neighbours, in which planes are tried as well as those that three faces look at alike."""
+KEPT = 256
+"""Hulls of which the faces are remembered."""
+MERGED_SHORT = "faces of a hull that meet at less than 1.5° are merged into one plane"
+STACKS = "Rapier's stacks of convex hulls are less stable than stacks of boxes; see docs/engines/rapier.md"
+STACKED = Refinement(Level.APPROXIMATE, STACKS, "stacks of convex hulls shift or fall over")
+
+
+@dataclass(frozen=True, slots=True)
+class Faces:
+    """The faces of a hull in Rapier: the most ``corners`` of one; how far (m) it is ``off`` where faces are nearly
+    in one plane; how deep (m) a corner may be in a plane and ``unfelt``."""
+
+    corners: int
+    off: float
+    unfelt: float
+
+
+def hull_support(world: World) -> Refinement | None:
+    """Not hulls of which Rapier would not feel corners; approximately those that may touch hulls, and those with faces that are
+    nearly in one plane, where they may touch what is no ball."""
+    shapes = {shape.name: shape for body in world.bodies for shape in solid_shapes(body)}
+    faces = {name: faces_of(shape.size) for name, shape in shapes.items() if shape.kind == "mesh"}
+    off, stacked = (0.0, "", ""), False
+    for pair in shape_pairs(world, meeting_laws(world)) if faces else ():
+        stacked = stacked or all(name in faces for name in pair)
+        for name, other in (pair, pair[::-1]):
+            if name not in faces or shapes[other].kind == "sphere":
+                continue
+            if why := _refused(faces[name], shapes[other].kind):
+                return unsupported_if(f"{why} ({name!r}, which may touch {other!r})")
+            off = max(off, (faces[name].off, name, other))
+    size, name, other = off
+    found = [STACKS] if stacked else []
+    if size:
+        found.append(
+            f"Rapier merges faces that meet at less than 1.5°: {other!r} may touch {name!r} up to {1e3 * size:.2g} mm from its "
+            "surface, the largest error of all hulls here"
+        )
+    short = STACKED.short if stacked else MERGED_SHORT
+    return Refinement(Level.APPROXIMATE, "; ".join(found), short) if found else None
+
+
+def _refused(faces: Faces, kind: str) -> str | None:
+    """Why Rapier does not support contact of a hull with a kind of shape."""
+    if faces.corners > MOST_CORNERS:
+        return (
+            f"Rapier uses {MOST_CORNERS} corners of a face, and a face has {faces.corners} here; it merges faces that "
+            f"meet at less "
+            "than 1.5°"
+        )
+    if kind == "plane" and faces.unfelt:
+        return (
+            "Rapier tests a plane against the corners of a hull's lowest face only, and other corners may penetrate it by "
+            f"{1e3 * faces.unfelt:.2g} mm here. Use a box in place of the plane"
+        )
+    return None
+
+
+@functools.lru_cache(maxsize=KEPT)
+def faces_of(size: tuple[float, ...]) -> Faces:
+    """The faces in Rapier of a hull (flat vertices, m)."""
+    hull = hull_of(size)
+    groups, most = _merged(hull)
+    least = FLAT * float(np.ptp(hull.vertices, axis=0).max())
+    off = max(_bent(hull, group) for group in groups)
+    unfelt = 0.0 if most > MOST_CORNERS else _unfelt(hull, groups)
+    return Faces(most, off if off > least else 0.0, unfelt if unfelt > least else 0.0)
+
+
+def _merged(hull: Hull) -> tuple[list[list[int]], int]:
+    """The triangles of each of Rapier's faces, and the most corners that one has."""
+    first: dict[tuple[int, int], int] = {}
+    edges: list[tuple[int, int]] = []
+    up = list(range(len(hull.triangles)))
+
+    def root(face: int) -> int:
+        while up[face] != face:
+            up[face] = up[up[face]]
+            face = up[face]
+        return face
+
+    for face, (a, b, c) in enumerate(hull.triangles.tolist()):
+        for edge in ((a, b), (b, c), (c, a)):
+            other = first.setdefault((min(edge), max(edge)), face)
+            if other == face:
+                continue
+            edges.append((face, other))
+            if hull.normals[face] @ hull.normals[other] > 1.0 - ALIKE:
+                up[root(face)] = root(other)
+    members: dict[int, list[int]] = {}
+    for face in range(len(up)):
+        members.setdefault(root(face), []).append(face)
+    sides = dict.fromkeys(members, 0)
+    for index, other in ((root(face), root(other)) for face, other in edges):
+        if index != other:
+            sides[index] += 1
+            sides[other] += 1
+    return list(members.values()), max(sides.values())
+
+
+def _bent(hull: Hull, group: Sequence[int]) -> float:
+    """How far (m) corners of some triangles are from the planes of the others, at most."""
+    if len(group) == 1:
+        return 0.0
+    vertex = hull.vertices[np.unique(hull.triangles[group])]
+    return float(np.abs(vertex @ hull.normals[group].T - hull.offsets[group]).max())
+
+
+def _unfelt(hull: Hull, groups: Sequence[Sequence[int]]) -> float:
+    """How much further (m) a hull reaches than the face that looks in a direction most, at most."""
+    faces = np.zeros(len(hull.triangles), dtype=np.intp)
+    for number, group in enumerate(groups):
+        faces[group] = number
+    local = np.zeros((len(groups), len(hull.vertices)), dtype=bool)
+    for face, corners in zip(faces.tolist(), hull.triangles, strict=True):
+        local[face, corners] = True
+    directions = _directions(hull)
+    reach = directions @ hull.vertices.T
+    looking = faces[np.argmax(directions @ hull.normals.T, axis=1)]
+    felt = np.where(local[looking], reach, -math.inf).max(axis=1)
+    return float((reach.max(axis=1) - felt).max())
+
+
+def _directions(hull: Hull) -> np.ndarray:
+    """Unit vectors (n, 3): a Fibonacci spiral, and those that three faces look at alike, a little towards each."""
+    index = np.arange(DIRECTIONS) + 0.5
+    z = 1.0 - 2.0 * index / DIRECTIONS
+    turn, across = math.pi * (1.0 + math.sqrt(5.0)) * index, np.sqrt(1.0 - z * z)
+    found = [np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)]
+    try:
+        cells = hull_of(tuple(hull.normals.ravel().tolist()))
+    except HullError:
+        return found[0]
+    found += [cells.normals + 1e-6 * cells.vertices[cells.triangles[:, corner]] for corner in range(3)]
+    every = np.concatenate(found)
+    unit: np.ndarray = every / np.linalg.norm(every, axis=1, keepdims=True)
+    return unit
+
 
 _DRIFT = "Rapier integrates articulated bodies by a different first-order method; see docs/engines/rapier.md"
 _NO_JOINTS = "simspec passes no joints to Rapier"
-_ASIDE = (
+_OBLONG_ASIDE = (
     "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: oblong bodies are "
     "braked at an angle to their slip"
 )
@@ -112,8 +365,8 @@ class Rapier(WorldEngine[RapierSimulation]):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
-        Deviation("push-oblong", 0.02, _ASIDE),
-        Deviation("stop-oblong", 0.027, _ASIDE),
+        Deviation("push-oblong", 0.02, _OBLONG_ASIDE),
+        Deviation("stop-oblong", 0.027, _OBLONG_ASIDE),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "collision_group": "Rapier filters pairs by a hook, and has no named groups"

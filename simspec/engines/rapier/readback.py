@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.engines.kit.inventory import (
     NEUTRAL,
     FilterCarrier,

@@ -14,11 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.webots.dialect import JOINTED, LACKING, NO_MOTORS
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.refinements import no_friction, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility
 from simspec.engines.kit.simulated import GivenEngine

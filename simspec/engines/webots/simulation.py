@@ -19,10 +19,10 @@ from simspec.formats.wbt.format import NODES, VERSION, Wbt, text_of
 from simspec.formats.wbt.reading import Value, WbtDocument, WbtField, WbtNode
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.constraints import JointForces
 from simspec.world.frames import quaternion, vector3
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups
-from simspec.world.passive_forces import JointForces
 from simspec.world.types import Body, Constraint, Pose, Quaternion, ReadBack, Vector3, World
 
 # States of a world in Webots: the file that begins in one, and the coordinates that follow from where its Solids are.

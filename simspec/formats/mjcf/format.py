@@ -40,9 +40,17 @@ from simspec.formats.mjcf.bodies import (
     sites_of,
     tendons,
 )
-from simspec.formats.mjcf.contact import Kind, arena_megabytes, collision_masks
 from simspec.formats.mjcf.reading import MjcfDocument, read_document
-from simspec.formats.mjcf.tree import Attributes, MjcfBody, MjcfDefault, MjcfModel, Value
+from simspec.formats.mjcf.tree import (
+    Attributes,
+    Kind,
+    MjcfBody,
+    MjcfDefault,
+    MjcfModel,
+    Value,
+    arena_megabytes,
+    collision_masks,
+)
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds

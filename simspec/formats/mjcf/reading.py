@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from simspec.formats.kit.text import finite_numbers
-from simspec.formats.kit.xml_elements import MOST_ATTRIBUTES, XmlElement, read_xml
+from simspec.formats.kit.text import MOST_ATTRIBUTES, XmlElement, finite_numbers, read_xml
 
 # --- language ---
 

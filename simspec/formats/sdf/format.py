@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 from simspec.formats.kit.contract import Format, PlainFiles, losses
-from simspec.formats.kit.text import environment, mesh_file, mesh_files, number
-from simspec.formats.kit.xml_elements import XmlElement, read_xml
+from simspec.formats.kit.text import XmlElement, environment, mesh_file, mesh_files, number, read_xml
 from simspec.formats.sdf import tree
 from simspec.formats.sdf.plain import SIZES, SUPPORT, loops_within, more_losses, plain_tree
 from simspec.formats.sdf.tree import SdfJoint, SdfShape, SdfWorld

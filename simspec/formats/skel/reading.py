@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from simspec.formats.kit.xml_elements import XmlElement, read_xml
+from simspec.formats.kit.text import XmlElement, read_xml
 from simspec.world import frames
 from simspec.world.types import Inertial, Pose, Quaternion, Vector3
 

@@ -13,8 +13,7 @@ from types import MappingProxyType
 from typing import Final, TypeVar
 
 from simspec.errors import SpecError
-from simspec.formats.kit.text import FIELDS
-from simspec.formats.kit.xml_elements import XmlElement, parse_xml
+from simspec.formats.kit.text import FIELDS, XmlElement, parse_xml
 from simspec.outputs.files import files_below, read_bytes
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial

@@ -10,10 +10,9 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.elements import names
 from simspec.imports.usd.bodies import UsdBodyRead, holder_of
-from simspec.imports.usd.engine_schemas import first_of
 from simspec.imports.usd.joints import UsdJointRead
 from simspec.imports.usd.shapes import UPRIGHT, UsdShapeRead
-from simspec.imports.usd.stage import PrimRead, StageRead
+from simspec.imports.usd.stage import PrimRead, StageRead, first_of
 from simspec.world import frames
 from simspec.world.types import Vector3
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import angle, numbers, plain
-from simspec.imports.usd import engine_schemas
-from simspec.imports.usd.engine_schemas import UNBOUNDED, Units, UsdMimic
+from simspec.imports.usd import stage as engine_schemas
 from simspec.imports.usd.shapes import PrimPlaces, quaternion
-from simspec.imports.usd.stage import PREFIX, PrimRead, StageRead, agree
+from simspec.imports.usd.stage import PREFIX, UNBOUNDED, PrimRead, StageRead, Units, UsdMimic, agree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3

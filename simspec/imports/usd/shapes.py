@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from simspec.imports.draft import BEGINNING, Draft, made_file, numbers, plain, shape_data
 from simspec.imports.elements import APPEARANCE, CARRIED, INFORMATION
-from simspec.imports.usd.engine_schemas import first_of
-from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, agree
+from simspec.imports.usd.stage import PREFIX, STALE, PrimRead, agree, first_of
 from simspec.language.shapes import FEWEST_VERTICES, MOST_VERTICES
 from simspec.meshes.load import MeshOptions, load
 from simspec.meshes.reading import MeshError

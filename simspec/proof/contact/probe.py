@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.capabilities import Deviation
 from simspec.world.reach import MaterialReach
 from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 

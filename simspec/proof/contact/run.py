@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, version_at_work, write_folder
-from simspec.contact.plan import ContactPlan
+from simspec.contact import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
@@ -28,7 +28,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
-from simspec.proof.contact import cache, friction, leaning, normal, oblique, simultaneous, size, spin, stacks
+from simspec.proof.contact import friction, leaning, normal, oblique, scope, simultaneous, size, spin, stacks
 from simspec.proof.contact import stacks as carried
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Probe, ProbeFigure, ProbeLaw, widened
 from simspec.proof.contact.probe import wanted as figures_wanted
@@ -140,9 +140,9 @@ class Measuring:
                     figures.append(ProbeFigure(name, subject, str(answer), "", "", 0.0, None, 0.0))
                     continue
                 raw = [_kept(figure, job) for figure in _figures(job, answer, self.engine)]
-                if self.use_cache and not cache.write(job.key, raw):
-                    complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
-                figures += cache.differing(job.sampled or (), raw)
+                if self.use_cache and not scope.write(job.key, raw):
+                    complaints = [f"the cache {scope.ENTRIES.folder()} is not writable"]
+                figures += scope.differing(job.sampled or (), raw)
             settings = job.settings(self.engine)
             figures += [deviating(figure, job.law, self.engine, settings, self.version) for figure in raw]
         return figures, complaints
@@ -205,7 +205,7 @@ def measure(
     Raises UnsupportedError when the law that the files hold cannot be compiled, EngineError when the engine is missing.
     """
     engine = find_engine(engine_name)
-    refused = (cache.ENTRIES.refused() or "") if use_cache else ""
+    refused = (scope.ENTRIES.refused() or "") if use_cache else ""
     use_cache = use_cache and python is None and not refused  # another interpreter's version is known only afterwards
     whole = law_of_files(world, engine, folder, read)
     jobs = [
@@ -285,8 +285,8 @@ def _cached(
         [operation.op, dict(operation.parameters), {name: value.tolist() for name, value in operation.arrays.items()}]
         for operation in operations
     ]
-    key = cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, law, probe)
-    known = cache.read(key)
+    key = scope.key(engine, [artifacts.sha256 for artifacts in compiled], drives, law, probe)
+    known = scope.read(key)
     return key, None if known is None else tuple(known)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.contact.plan import ContactPlan, contact_plan
+from simspec.contact import ContactPlan, contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import Engine

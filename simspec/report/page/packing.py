@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.mapped import parts
+from simspec.files import parts
 from simspec.runner.metrics import moving_bodies
 from simspec.runner.run import Run
 from simspec.world.types import World

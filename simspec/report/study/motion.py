@@ -15,7 +15,7 @@ from simspec.analysis.distributions import SUMMARY, permutation_test, run_summar
 from simspec.analysis.horizons import Horizons, consistency, convergence, horizons
 from simspec.comparison.floor import Floor
 from simspec.errors import SpecError
-from simspec.experiments.first_gap import Overrides, amount_of, floors_of, moved_by_round_off, unmoved
+from simspec.experiments.after_sweep import Overrides, amount_of, floors_of, moved_by_round_off, unmoved
 from simspec.report.study.runs import (
     PLAIN,
     TIMESTEP,

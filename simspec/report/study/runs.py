@@ -14,14 +14,14 @@ from simspec.analysis.speed import Speed, speed
 from simspec.analysis.validity import Failure, TimestepTrial, first_failure, trial
 from simspec.attribution.explanation import Explanation
 from simspec.errors import clipped
+from simspec.experiments.after_sweep import SecondPass
 from simspec.experiments.cases import world_of
-from simspec.experiments.first_gap import SecondPass
 from simspec.experiments.index import RunRow
 from simspec.experiments.plan import Cell
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import REFUSED, SweepOutcome
-from simspec.language.study import Figure
-from simspec.language.study_specs import SweepOfStudy
+from simspec.language.load import SweepOfStudy
+from simspec.language.sweep import Figure
 from simspec.report.table import Table, length, number
 from simspec.runner.expectations import Outcome as ExpectationsOutcome
 from simspec.runner.expectations import evaluate

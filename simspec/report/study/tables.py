@@ -274,7 +274,7 @@ SHOWN: Mapping[str, Callable[[Done], list[StudyTable]]] = {
     "penetration": penetration_tables,
     "attribution": attribution_tables,
 }
-"""By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
+"""By the words of :data:`simspec.language.sweep.SHOWN`. A table's name begins with the word."""
 
 
 def shown_of(done: Done) -> list[StudyTable]:

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 
 import pytest
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.errors import UnsupportedError

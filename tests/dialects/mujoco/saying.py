@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from simspec.compiler import target_of
-from simspec.contact.plan import contact_plan, surfaces
+from simspec.contact import contact_plan, surfaces
 from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from simspec.compiler import target_of, write_folder
 from simspec.dialects.mujoco.contact import reference
 from simspec.dialects.mujoco.dialect import MujocoDialect
-from simspec.dialects.mujoco.surface import CommonLaw, surface
+from simspec.dialects.mujoco.sidecar import CommonLaw, surface
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
-from simspec.formats.mjcf.contact import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.tree import FILTER_BITS
 from simspec.proof.comparator import compare
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import worlds

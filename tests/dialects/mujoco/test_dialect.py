@@ -12,8 +12,8 @@ from simspec.compiler import write_folder
 from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.errors import UnsupportedError
 from simspec.formats.mjcf.bodies import depth_first
-from simspec.formats.mjcf.contact import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.tree import FILTER_BITS
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds

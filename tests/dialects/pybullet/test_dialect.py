@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from simspec.contact.plan import contact_plan, pair_needs, surfaces
+from simspec.contact import contact_plan, pair_needs, surfaces
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.dialects.pybullet.dialect import PybulletDialect
 from simspec.engines.pybullet.engine import PyBullet
@@ -19,13 +19,7 @@ from simspec.support.negotiation import negotiate
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
-from tests.dialects.pybullet.saying import (
-    TEXT,
-    WORLDS,
-    all_limits,
-    assert_same_bodies,
-    emit,
-)
+from tests.dialects.pybullet.saying import TEXT, WORLDS, all_limits, assert_same_bodies, emit
 from tests.files import write
 
 

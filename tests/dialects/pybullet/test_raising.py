@@ -10,8 +10,8 @@ import pytest
 
 from simspec.compiler import target_of
 from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dialects.pybullet.defects import URDF_ADDITIONS
 from simspec.dialects.pybullet.dialect import PybulletDialect
-from simspec.dialects.pybullet.mutations import URDF_ADDITIONS
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.world.types import Hardness

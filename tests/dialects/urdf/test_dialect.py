@@ -9,8 +9,7 @@ import re
 
 import pytest
 
-from simspec.contact.plan import contact_plan
-from simspec.contact.rules import Rules
+from simspec.contact import Rules, contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.defects import NAMES
 from simspec.dialects.kit.sidecar import SIDECAR, Target

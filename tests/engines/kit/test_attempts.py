@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from simspec.engines.kit.attempts import attempt
+from simspec.engines.kit.worker import attempt
 
 OPERATIONS = [{"op": name, "cpu_seconds": 5.0} for name in ("fine", "fine", "crash", "fine", "refuse", "fine")]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking, NativeLaw, ServoLaw
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines

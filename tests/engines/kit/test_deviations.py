@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from simspec.engines.kit import deviations
-from simspec.engines.kit.deviations import BETWEEN_VALUES, COLUMNS, Reason, read_deviations
+from simspec.engines.kit import capabilities
+from simspec.engines.kit.capabilities import BETWEEN_VALUES, COLUMNS, Reason, read_deviations
 from simspec.engines.kit.registry import engines
 from simspec.world.types import PairContact
 
-FOLDER = Path(deviations.__file__).resolve().parents[1]
+FOLDER = Path(capabilities.__file__).resolve().parents[1]
 ENGINES = sorted(path.parent.name for path in FOLDER.glob("*/contact_deviations.csv"))
 LOCAL = "friction=native,elliptic,rod,0.5,0.9,,,1,4,2,10,0.0125,no"
 PAIR = PairContact("base", "body", 0.5, 0.0)

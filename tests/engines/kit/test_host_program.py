@@ -12,7 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine

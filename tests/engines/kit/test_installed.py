@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from simspec.engines.kit import installed
-from simspec.engines.kit.installed import instances
-from simspec.engines.kit.registry import engines, format_of
+from simspec.engines.kit import registry
+from simspec.engines.kit.registry import engines, format_of, instances
 
 
 def program(folder: Path, text: str) -> str:
@@ -92,7 +91,7 @@ def test_an_interpreter_that_is_none(tmp_path):
 
 
 def test_an_interpreter_that_does_not_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(installed, "PATIENCE", 0.3)
+    monkeypatch.setattr(registry, "PATIENCE", 0.3)
     for text in ("sleep 600", "sleep 600 & exit 0", "exec >&- 2>&-; sleep 600"):
         assert "no version within 0.3 s" in str(
             row("dart@6", program(tmp_path, f"echo $$ > {tmp_path}/pid\n{text}")).problem

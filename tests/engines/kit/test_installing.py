@@ -9,7 +9,7 @@ import pytest
 
 from simspec import cli, selection
 from simspec.commands import run
-from simspec.engines.kit import installed
+from simspec.engines.kit import registry
 from simspec.engines.kit.registry import engines
 from tests.installed import INSTALLED, PROJECT, requirements
 
@@ -18,12 +18,12 @@ NEWER = {"python_version": "3.12", "python_full_version": "3.12.4"}
 
 
 def test_every_engine_can_be_installed_on_the_oldest_python_that_is_supported():
-    assert installed.left_out({"python_version": "3.11", "python_full_version": "3.11.9"}) == {}
-    assert all(installed.why_not(engine, {"python_version": "3.11"}) is None for engine in engines().values())
+    assert registry.left_out({"python_version": "3.11", "python_full_version": "3.11.9"}) == {}
+    assert all(registry.why_not(engine, {"python_version": "3.11"}) is None for engine in engines().values())
 
 
 def test_an_engine_without_wheels_for_a_python_says_so():
-    found = {name: why for name, engine in engines().items() if (why := installed.why_not(engine, NEWER)) is not None}
+    found = {name: why for name, engine in engines().items() if (why := registry.why_not(engine, NEWER)) is not None}
     assert list(found) == ["pybullet"]
     assert found["pybullet"] == (
         'cannot be installed on Python 3.12: pybullet has no wheels but for python_version < "3.12"'

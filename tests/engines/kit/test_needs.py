@@ -11,9 +11,10 @@ import pytest
 from simspec import selection
 from simspec.comparison.study import missing_engines
 from simspec.engines.drake.engine import Drake
-from simspec.engines.kit import installed, process, registry
+from simspec.engines.kit import process, registry
+from simspec.engines.kit import registry as installed
 from simspec.engines.kit.compiled import NativeBinary, Needs
-from simspec.engines.kit.installed import how_to_install, not_installed, why_not
+from simspec.engines.kit.registry import how_to_install, not_installed, why_not
 from simspec.errors import EngineError
 from tests.files import program
 

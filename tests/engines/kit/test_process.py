@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
 from simspec.engines.kit import process
 from simspec.engines.kit import registry as base
@@ -37,7 +37,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"

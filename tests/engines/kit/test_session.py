@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
 from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit.capabilities import METHODS, Capability, NativeLaw, ServoLaw

@@ -26,7 +26,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"

@@ -9,7 +9,7 @@ import pytest
 
 from simspec.engines.mjwarp import programs
 from simspec.engines.mjwarp.engine import MjWarp
-from simspec.outputs import cache
+from simspec.outputs import files
 
 installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is not installed")
 
@@ -17,7 +17,7 @@ installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Six sets of functions of two versions, the first made first."""
-    monkeypatch.setattr(cache, "_locks", [])
+    monkeypatch.setattr(files, "_locks", [])
     place = tmp_path / "mjwarp"
     for index in range(6):
         entry = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
@@ -25,7 +25,7 @@ def folder(tmp_path, monkeypatch):
         (entry / "functions.o").write_bytes(b"code")
         os.utime(entry, (1000 + index, 1000 + index))
     yield place
-    for lock in cache._locks:
+    for lock in files._locks:
         os.close(lock)
 
 
@@ -34,16 +34,16 @@ def there(folder) -> list[str]:
 
 
 def test_those_made_last_stay(folder):
-    cache.hold_folder(folder, programs.MADE, 6)
+    files.hold_folder(folder, programs.MADE, 6)
     assert len(there(folder)) == 6
-    os.close(cache._locks.pop())
-    cache.hold_folder(folder, programs.MADE, 3)
+    os.close(files._locks.pop())
+    files.hold_folder(folder, programs.MADE, 3)
     assert there(folder) == ["wp_3", "wp_4", "wp_5"]
 
 
 def test_foreign_files_in_the_warp_cache_are_kept(folder):
     (folder / "1.18.0" / "mine").mkdir()
-    cache.hold_folder(folder, programs.MADE, 1)
+    files.hold_folder(folder, programs.MADE, 1)
     assert there(folder) == ["wp_5"]
     assert (folder / "1.18.0" / "mine").is_dir()
 
@@ -51,26 +51,26 @@ def test_foreign_files_in_the_warp_cache_are_kept(folder):
 def test_a_folder_that_others_can_write_is_not_used(folder):
     folder.chmod(0o777)
     with pytest.raises(PermissionError, match="all users can write"):
-        cache.hold_folder(folder, programs.MADE, 1)
+        files.hold_folder(folder, programs.MADE, 1)
     assert len(there(folder)) == 6
 
 
 def test_nothing_is_removed_while_another_uses_it(folder):
-    cache.hold_folder(folder, programs.MADE, 6)
-    cache.hold_folder(folder, programs.MADE, 3)  # flock is of an open file: in one process as in two
+    files.hold_folder(folder, programs.MADE, 6)
+    files.hold_folder(folder, programs.MADE, 3)  # flock is of an open file: in one process as in two
     assert len(there(folder)) == 6
-    while cache._locks:
-        os.close(cache._locks.pop())
-    cache.hold_folder(folder, programs.MADE, 3)
+    while files._locks:
+        os.close(files._locks.pop())
+    files.hold_folder(folder, programs.MADE, 3)
     assert len(there(folder)) == 3
 
 
 def test_it_is_used_as_long_as_the_process_lives(folder):
-    cache.hold_folder(folder, programs.MADE, 6)
-    lock = os.open(folder / cache.LOCK_FILLED, os.O_RDWR)
+    files.hold_folder(folder, programs.MADE, 6)
+    lock = os.open(folder / files.LOCK_FILLED, os.O_RDWR)
     with pytest.raises(BlockingIOError):
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    os.close(cache._locks.pop())
+    os.close(files._locks.pop())
     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(lock)
 
@@ -89,4 +89,4 @@ def test_an_unwritable_cache_is_reported_and_not_used(tmp_path, monkeypatch):
 @installed
 def test_an_engine_at_work_says_so():
     programs.begin([])
-    assert cache._locks
+    assert files._locks

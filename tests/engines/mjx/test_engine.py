@@ -16,7 +16,7 @@ from simspec.engines.mjx.programs import begin
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
-from simspec.outputs.cache import LOCK
+from simspec.outputs.files import LOCK
 from simspec.proof.checks import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped

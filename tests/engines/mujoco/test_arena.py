@@ -12,7 +12,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import EngineError
-from simspec.formats.mjcf.contact import MOST_BY_DEFAULT, arena_megabytes
+from simspec.formats.mjcf.tree import MOST_BY_DEFAULT, arena_megabytes
 
 mujoco = pytest.importorskip("mujoco")
 pytestmark = pytest.mark.usefixtures("warm_engines")

@@ -14,8 +14,7 @@ from simspec.commands.loading import accepted_sets
 from simspec.commands.options import Options
 from simspec.compiler import compile_world
 from simspec.engines.kit.environments import making
-from simspec.engines.kit.installed import too_old
-from simspec.engines.kit.registry import find_engine, parse
+from simspec.engines.kit.registry import find_engine, parse, too_old
 from simspec.errors import EngineError, UnsupportedError
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

@@ -19,8 +19,7 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.registry import find_engine
-from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.settings import SETTINGS
+from simspec.engines.mujoco.engine import SETTINGS, MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import inventory_checks
 from simspec.proof.contact.worlds import law_of_files, of_pair

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.physx.approximations import left_out
-from simspec.engines.physx.engine import PhysX
+from simspec.engines.physx.engine import PhysX, left_out
 from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting
 from simspec.world.hull import mesh_size

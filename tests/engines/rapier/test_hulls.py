@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.rapier.approximations import Faces, faces_of
-from simspec.engines.rapier.engine import Rapier
+from simspec.engines.rapier.engine import Faces, Rapier, faces_of
 from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 from simspec.world import frames

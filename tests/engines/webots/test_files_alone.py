@@ -11,7 +11,7 @@ from simspec import cli
 from simspec.commands.scenario_options import VerifyOptions
 from simspec.commands.verify import verify as verify_command
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.installed import not_installed
+from simspec.engines.kit.registry import not_installed
 from simspec.engines.webots.engine import Webots, excluded_by_joints
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, UnsupportedError
 from simspec.language.load import load

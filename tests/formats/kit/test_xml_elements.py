@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
-from simspec.formats.kit import xml_elements
-from simspec.formats.kit.xml_elements import parse_xml, read_xml
+from simspec.formats.kit import text as xml_elements
+from simspec.formats.kit.text import parse_xml, read_xml
 
 XML = (".xml", ".skel", ".urdf", ".sdf")
 GENERATED = Path(__file__).resolve().parents[3] / "generated"

@@ -9,7 +9,7 @@ import pytest
 
 from simspec.compiler import write_folder
 from simspec.formats.kit.contract import formats
-from simspec.formats.mjcf import contact
+from simspec.formats.mjcf import tree as contact
 from simspec.formats.mjcf.format import MODEL, Mjcf
 from simspec.formats.mjcf.reading import MjcfDocument
 from simspec.formats.mjcf.tree import MjcfBody, MjcfKey, MjcfModel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.formats.kit.xml_elements import parse_xml
+from simspec.formats.kit.text import parse_xml
 from simspec.formats.mjcf import reading
 from simspec.formats.mjcf.reading import MjcfDocument, document_of, read_document
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from simspec.formats.kit.xml_elements import parse_xml
+from simspec.formats.kit.text import parse_xml
 from simspec.formats.urdf.format import Urdf
 from simspec.formats.urdf.reading import LANGUAGE, WRITTEN, inertial_of, pose_of, read_robot, shapes_of, unknown_parts
 from simspec.world.types import Inertial, Pose

@@ -11,7 +11,7 @@ import zipfile
 import pytest
 
 from simspec.cli import main
-from simspec.commands.export import SIDECAR_SUFFIX
+from simspec.commands.compile import SIDECAR_SUFFIX
 from simspec.errors import SpecError
 from simspec.files import find_spec
 from simspec.formats.usd.format import WORLD, Usd

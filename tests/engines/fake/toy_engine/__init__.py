@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from simspec.contact.rules import Rules
+from simspec.contact import Rules
 from simspec.dialects.urdf.sidecar import UrdfSidecar
 from simspec.engines.kit.arrays import empty_contacts, restore_velocities
 from simspec.engines.kit.capabilities import Capability

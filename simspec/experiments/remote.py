@@ -1,6 +1,5 @@
-"""Execution of a batch of tasks on another machine: each run in a separate process, as on this one. Bytes come in and
-bytes go out (``parcel.py``).
-"""
+"""Execution of a batch of tasks on another machine: each run in a separate process, as on this one. Bytes come in and bytes go
+out."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ from pydantic import ValidationError
 
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, SimspecError
-from simspec.experiments.executors.local import Supplies, Task, packed
+from simspec.experiments.executors import Supplies, Task, packed
 from simspec.experiments.store import TaskResult, Write
 from simspec.experiments.timing import versions_of
 from simspec.files import NotReadableError, parse_json, scratch_folder

@@ -22,18 +22,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Problem, SpecError, clipped
-from simspec.experiments.executors.local import ExecutorError, Publish, Supplies, Task
-from simspec.experiments.executors.remote import (
-    EndedError,
-    RefusedTaskError,
-    batch_parcel,
-    do_batch,
-    results_of,
-    wanted_versions,
-)
+from simspec.experiments.executors import ExecutorError, Publish, Supplies, Task
+from simspec.experiments.remote import EndedError, RefusedTaskError, batch_parcel, do_batch, results_of, wanted_versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
 
 ADDRESS = re.compile(r"(tcp|tls)://[^\s/@]+:[0-9]{1,5}")
 PATIENCE = 10.0
@@ -71,7 +65,7 @@ def demand_address(address: str) -> None:
 
 
 def do_on_worker(request: bytes) -> bytes:
-    """The function that workers call: see :func:`simspec.experiments.executors.remote.do_batch`."""
+    """The function that workers call: see :func:`simspec.experiments.remote.do_batch`."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -137,7 +131,7 @@ class DaskExecutor:
     # --- the contract ---------------------------------------------------------------------------------------------------
 
     def demand(self, engines: Collection[str]) -> None:
-        """As of :class:`simspec.experiments.executors.local.Executor`: a task that no worker has the resource for would
+        """As of :class:`simspec.experiments.executors.Executor`: a task that no worker has the resource for would
         wait for ever."""
         self._look()
         missing = [name for name in engines if not self._slots.get(name)]
@@ -149,7 +143,7 @@ class DaskExecutor:
             )
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
-        """As of :class:`simspec.experiments.executors.local.Executor`."""
+        """As of :class:`simspec.experiments.executors.Executor`."""
         with ThreadPoolExecutor(PUBLISHERS) as pool:
             try:
                 for task in tasks:

@@ -1,4 +1,5 @@
-"""Runs on this machine, several side by side, or one at a time where timing counts."""
+"""The contract of every executor of the runs of a sweep; and the one for this machine: several runs side by side, or one at a
+time where timing counts."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ from simspec.experiments.store import TaskResult, result_of
 from simspec.runner.execution import failed_run, run_case
 from simspec.runner.run import Case, Run
 
-# Inputs and outputs of every executor of a sweep. A task is plain data, so that it can be sent elsewhere; its inputs, a world
-# and compiled files, are named by hashes and supplied separately.
+# Inputs and outputs. A task is plain data, so that it can be sent elsewhere; its inputs, a world and compiled files, are
+# named by hashes and supplied separately.
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +127,7 @@ class LocalExecutor:
         """Every engine of a plan is installed here: its versions are part of the plan."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
-        """As of :class:`simspec.experiments.executors.local.Executor`."""
+        """As of :class:`simspec.experiments.executors.Executor`."""
         # alone: the next task is made, and perhaps compiled and proven, when nothing runs; else meanwhile
         most = 0 if self._alone else self._jobs + STORED_BEHIND
         with side_by_side(1) as storing, side_by_side(self._jobs) as pool:
