@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from simspec.comparison.clusters import Agreement, Cluster, ClusterDeparture, agreement
-from simspec.comparison.runs import INCONCLUSIVE, OUT, Diff
+from simspec.comparison.runs import OUT, Diff
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import EngineRefusal, visible
 from simspec.report.certificate import level_title, strain
@@ -29,10 +30,20 @@ if TYPE_CHECKING:
 
 LABEL = 14
 """Columns of the labels."""
+LONGEST_COMMAND = 80 - LABEL
+"""Columns up to which a command is followed by its purpose."""
 MOST_LINES = 12
 """Lines of a verdict on a terminal; longer parts are cut."""
 NBSP = "\u00a0"
 """A blank at which no line is broken."""
+FURTHER = "further: "
+"""The beginning of the part on departures after the first."""
+CUT_FIRST = ("not run", "accepted", "speed", "contact law", "model", "further")
+"""Parts that are cut before the others, where a verdict is too long."""
+NAMED = 5
+"""Engines up to which those with the same model are named where all have it."""
+NOT_INSTALLED = "not installed"
+"""The beginning of the reason of an engine that is not there: the tables list it."""
 FEW = 3
 """Features, checks or expectations that a line names; it counts the others."""
 
@@ -92,7 +103,10 @@ def fitted(parts: Sequence[VerdictPart], width: int) -> list[list[str]]:
         cuttable = [index for index, part in enumerate(parts) if part.label != "next" and len(whole[index]) > 1]
         if not cuttable:
             break
-        longest = max(cuttable, key=lambda index: len(whole[index]))
+        least = min(_rank(parts[index]) for index in cuttable)
+        longest = max(
+            (index for index in cuttable if _rank(parts[index]) == least), key=lambda index: len(whole[index])
+        )
         whole[longest] = textwrap.wrap(
             visible(parts[longest].text),
             room,
@@ -102,6 +116,12 @@ def fitted(parts: Sequence[VerdictPart], width: int) -> list[list[str]]:
             break_on_hyphens=False,
         )
     return whole
+
+
+def _rank(part: VerdictPart) -> int:
+    """The order in which parts are cut: the least first."""
+    name = "further" if part.text.startswith(FURTHER) else part.label
+    return CUT_FIRST.index(name) if name in CUT_FIRST else len(CUT_FIRST)
 
 
 def _failed(study: Study) -> list[VerdictPart]:
@@ -129,17 +149,21 @@ def _model(certificate: Certificate | None) -> list[VerdictPart]:
     if valid:
         count = sum(check.count for proof in valid.values() for check in proof.checks)
         singles = [name for name, proof in valid.items() if proof.precision != DOUBLE]
-        text = f"same in {listed(list(valid))} ({count:,} comparisons)"
-        text += f"; in single precision in {listed(singles)}" if singles else ""
+        names = ", ".join(valid) if len(valid) <= NAMED or len(valid) < len(proofs) else f"all {len(valid)} engines"
+        text = f"same in {names} ({count:,} comparisons)"
+        text += f"; {', '.join(singles)} in single precision" if singles else ""
         parts.append(VerdictPart("model", text, GOOD))
     if different := [_not_valid(name, proof) for name, proof in proofs.items() if not proof.passed]:
         parts.append(VerdictPart("" if parts else "model", f"differs in {'; '.join(different)}", BAD))
     if unproven := [name for name, proof in proofs.items() if proof.passed and proof.files_alone]:
         text = f"not proven in {listed(unproven)}: the files alone were checked"
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
-    accepted = {name: list(proof.approximations) for name, proof in proofs.items() if proof.approximations}
+    accepted: dict[str, list[str]] = {}
+    for name, proof in proofs.items():
+        if proof.approximations:
+            accepted.setdefault(_few(list(proof.approximations)), []).append(name)
     if accepted:
-        text = "; ".join(f"{name}: {_few(features)}" for name, features in accepted.items())
+        text = "; ".join(f"{', '.join(names)}: {features}" for features, names in accepted.items())
         parts.append(VerdictPart("accepted", text, WARNING))
     return parts
 
@@ -187,42 +211,66 @@ def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
     if len(study.diffs) == 0:
         return [VerdictPart("motion", f"only {first.engines[0]} ran: nothing to compare with", DIM)]
     parts = [VerdictPart("motion", _agreeing(first), GOOD)] if len(first.engines) > 1 else []
+    out = sorted((departure for departure in found.departures if departure.diff.verdict == OUT), key=_order)
+    first_out = out[0] if out else None
+    if first_out is not None:
+        parts.append(VerdictPart("" if parts else "motion", _departing(first_out), BAD))
+    if more := out[1:]:
+        text = "; ".join(
+            f"{', '.join(departure.cluster.engines)} by {_largest(departure)[0]} from {_since(departure):.3g}{NBSP}s"
+            for departure in more
+        )
+        parts.append(VerdictPart("", f"{FURTHER}{text}", BAD))
     for departure in found.departures:
-        tone = BAD if departure.diff.verdict == OUT else WARNING
-        parts.append(VerdictPart("" if parts else "motion", _departing(departure), tone))
-        if len(departure.cluster.engines) > 1:
-            parts.append(VerdictPart("", _agreeing(departure.cluster), GOOD))
+        if departure.diff.verdict != OUT:
+            why = departure.diff.not_compared or _hidden(departure.diff)
+            text = f"{', '.join(departure.cluster.engines)} against {departure.reference}: inconclusive: {why}"
+            parts.append(VerdictPart("" if parts else "motion", text, WARNING))
     return parts
 
 
+def _since(departure: ClusterDeparture) -> float:
+    """The time (s) of the first difference out of tolerance."""
+    body = departure.diff.first_out
+    return body.first_out if body is not None and body.first_out is not None else math.inf
+
+
+def _order(departure: ClusterDeparture) -> tuple[float, float]:
+    """The earliest departure first, of several at one time the largest."""
+    return _since(departure), -max(body.position_largest for body in departure.diff.bodies)
+
+
 def _agreeing(cluster: Cluster) -> str:
-    figures = _size(cluster.position) if cluster.position else "0 m"
-    figures += f" and {cluster.angle:.2g}{NBSP}rad" if cluster.angle > cluster.position else ""
-    noise = " (noise not measured)" if cluster.noise is None else f" (noise {_size(cluster.noise)})"
-    until = f" until {cluster.until:.3g} s; then chaos ends the comparison" if cluster.horizon else ""
-    return f"{listed(cluster.engines)} agree within {figures}{noise}{until}"
+    noise = "noise not measured" if cluster.noise is None else f"noise {_size(cluster.noise)}"
+    until = f" until {cluster.until:.3g}{NBSP}s, then chaos" if cluster.horizon else ""
+    return f"{', '.join(cluster.engines)} agree within {_within(cluster)}{until} ({noise})"
+
+
+def _within(cluster: Cluster) -> str:
+    turn = f" and {cluster.angle:.2g}{NBSP}rad" if cluster.angle > cluster.position else ""
+    return (_size(cluster.position) if cluster.position else f"0{NBSP}m") + turn
 
 
 def _departing(departure: ClusterDeparture) -> str:
-    diff, engines = departure.diff, listed(departure.cluster.engines)
-    verb = "differ" if len(departure.cluster.engines) > 1 else "differs"
-    body = diff.first_out
-    if diff.verdict == INCONCLUSIVE or body is None:
-        why = diff.not_compared or _hidden(diff)
-        return f"{engines} against {departure.reference}: inconclusive: {why}"
-    if "position" in body.exceeded:
-        worst = max(diff.bodies, key=lambda entry: entry.position_largest)
-        size = f"{_size(worst.position_largest)} ({worst.body}, {worst.time_of_largest:.3g}{NBSP}s)"
-        bound = _size(diff.tolerance)
-    else:
-        worst = max(diff.bodies, key=lambda entry: entry.angle_largest)
-        size = f"{worst.angle_largest:.3g}{NBSP}rad ({worst.body}, {worst.time_of_largest_angle:.3g}{NBSP}s)"
-        bound = f"{diff.angle_tolerance:g} rad"
-    cause = {"contact": "after contact", "free motion": "in free motion"}.get(body.cause, "")
+    engines, body = ", ".join(departure.cluster.engines), departure.diff.first_out
+    several = len(departure.cluster.engines) > 1
+    engines += f" (within {_within(departure.cluster)} of each other)" if several else ""
+    size, time, name = _largest(departure)
+    cause = {"contact": ", after contact", "free motion": ", in free motion"}.get(body.cause if body else "", "")
     if departure.contact:
-        cause = f"after {'–'.join(departure.contact)} contact"
-    text = f"{engines} {verb} from {departure.reference} by {size}, by more than {bound} from {body.first_out:.3g}{NBSP}s on"
-    return f"{text}, {cause}" if cause else text
+        cause = f", after {'–'.join(departure.contact)} contact"
+    verb = "differ" if several else "differs"
+    return f"{engines} {verb} by {size} at {time:.3g}{NBSP}s ({name}), from {_since(departure):.3g}{NBSP}s{cause}"
+
+
+def _largest(departure: ClusterDeparture) -> tuple[str, float, str]:
+    """The largest difference in the quantity that first exceeded its tolerance, with its unit; its time (s), and its body."""
+    body, bodies = departure.diff.first_out, departure.diff.bodies
+    if body is not None and "position" not in body.exceeded:
+        worst = max(bodies, key=lambda entry: entry.angle_largest)
+        return f"{worst.angle_largest:.3g}{NBSP}rad", worst.time_of_largest_angle, worst.body
+    worst = max(bodies, key=lambda entry: entry.position_largest)
+    return _size(worst.position_largest), worst.time_of_largest, worst.body
 
 
 def _size(value: float) -> str:
@@ -281,7 +329,8 @@ def _speed(study: Study) -> list[VerdictPart]:
 def _grouped(not_run: Mapping[str, NotTaken | str]) -> str:
     groups: dict[str, list[str]] = {}
     for name, why in not_run.items():
-        groups.setdefault(_short(why), []).append(name)
+        if not str(why).startswith(NOT_INSTALLED):
+            groups.setdefault(_short(why), []).append(name)
     return "; ".join(f"{', '.join(names)}: {why}" for why, names in groups.items())
 
 
@@ -292,7 +341,7 @@ def _short(why: NotTaken | str) -> str:
         if known := list(dict.fromkeys(feature for feature in features if feature)):
             return _few(known) + (" (can be accepted)" if why.acceptable else "")
     text = str(why).splitlines()[0]
-    return "not installed" if text.startswith("not installed") else textwrap.shorten(text, 90, placeholder=" …")
+    return textwrap.shorten(text, 90, placeholder=" …")
 
 
 def _few(names: Sequence[str]) -> str:
@@ -302,10 +351,11 @@ def _few(names: Sequence[str]) -> str:
 
 def _next(found: Agreement, folder: Path) -> list[VerdictPart]:
     commands = []
-    out = next((departure for departure in found.departures if departure.diff.verdict == OUT), None)
+    out = min((departure for departure in found.departures if departure.diff.verdict == OUT), key=_order, default=None)
     if out is not None:
         commands.append((f"simspec explain {folder / out.reference} {folder / out.engine}", "why they differ"))
     commands.append((f"simspec view {folder}", "see it"))
     width = max(len(command) for command, _ in commands)
-    text = "\n".join(f"{command.ljust(width)}  ({why})" for command, why in commands)
+    words = any(len(f"{command.ljust(width)}  ({why})") > LONGEST_COMMAND for command, why in commands)
+    text = "\n".join(command if words else f"{command.ljust(width)}  ({why})" for command, why in commands)
     return [VerdictPart("next", text, DIM, brief=False)]

@@ -125,6 +125,6 @@ def test_the_verdict_above_the_playback_has_at_most_five_sentences_without_repea
     texts = [sentence.text for sentence in sentences]
     assert sentences[0] == summary(study)
     assert len(texts) == len(set(texts)) <= MOST_SENTENCES
-    assert any(text.startswith("Motion: first and second agree") for text in texts)
+    assert any(text.startswith("Motion: first, second agree") for text in texts)
     assert crashed == any(text.startswith("Failed: dart: ended by signal 11") for text in texts)
     assert not any("\u00a0" in text for text in texts)
