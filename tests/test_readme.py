@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import io
-import itertools
 import json
 import re
 import shlex
@@ -15,10 +12,10 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.kit.registry import engines, find_engine
-from simspec.report.console import Screen
-from simspec.report.problems import show_not_taken
+from simspec.engines.kit.registry import engines
+from simspec.report.verdict import LABEL, grouped
 from simspec.selection import available
+from tests.nightly import EVERYTHING, WHY
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
@@ -27,20 +24,20 @@ import readme  # noqa: E402 - a script outside the package
 
 FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
 """The command of the first comparison."""
-PRINTED_COUNTS = """
-from simspec.report.certificate import certificate_notes
-counts = {name: sum(check.count for check in proof.checks) for name, proof in certificate.engines.items()}
+PRINTED = """
 import json
-print(json.dumps([counts, certificate_notes(certificate)]))
+valid = {name: proof for name, proof in certificate.engines.items() if proof.valid}
+print(json.dumps({name: sum(check.count for check in proof.checks) for name, proof in valid.items()}))
 """
-"""Appended to the Python of the README: it prints the counts that the first comparison reports of the same proof."""
+"""Appended to the Python of the README: it prints the number of comparisons of each valid proof."""
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
 
 
-def block(marker: str) -> str:
+def block(marker: str, page: str = README) -> str:
     """The fenced block after a marker."""
-    found = re.search(re.escape(f"<!-- {marker} -->") + r"\n```\w*\n(.*?)```", README, re.DOTALL)
-    assert found, f"the README has no block after {marker!r}"
+    found = re.search(re.escape(f"<!-- {marker} -->") + r"\n```\w*\n(.*?)```", page, re.DOTALL)
+    assert found, f"the page has no block after {marker!r}"
     return found.group(1)
 
 
@@ -51,8 +48,8 @@ def place(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("command", block("commands: tested").splitlines())
-def test_a_command_of_the_readme_runs(command, place):
+@pytest.mark.parametrize("command", block("commands: tested", COMMANDS).splitlines())
+def test_a_command_of_the_documentation_runs(command, place):
     name, *words = shlex.split(command)
     assert name == "simspec"
     done = subprocess.run(
@@ -68,22 +65,13 @@ def test_the_spec_in_the_readme_is_the_library_s():
     assert block("file: specs/double-pendulum.yaml") == (ROOT / "specs" / "double-pendulum.yaml").read_text()
 
 
-def words(text: str) -> list[str]:
-    """Lines without the widths of columns."""
-    return [line for line in (re.sub(r"[\s─]+", " ", line).strip() for line in text.splitlines()) if line]
-
-
-@functools.cache
-def first_comparison() -> dict[str, list[str]]:
-    """The parts of the first comparison's block by their titles, and after each its lines without the widths of columns."""
-    titles = ("Not run", "Model:", "Results", "Final state", "Expectations", "Repeatability", "Differences")
-    parts: dict[str, list[str]] = {"": []}
-    for line in words(block(f"output: {FIRST}")):
-        title = next((title for title in titles if line.startswith(title)), "")
-        if title:
-            parts[title] = []
-        else:
-            next(reversed(parts.values())).append(line)
+def first_comparison() -> dict[str, str]:
+    """The parts of the verdict in the README by label, each on one line."""
+    parts: dict[str, str] = {}
+    label = ""
+    for line in block(f"output: {FIRST}").splitlines()[1:]:
+        label = line[:LABEL].strip() or label
+        parts[label] = f"{parts.get(label, '')} {line[LABEL:]}".strip()
     return parts
 
 
@@ -101,42 +89,40 @@ def test_the_first_comparison_has_the_engines_that_its_command_takes(place, monk
     spec = simspec.load("specs/double-pendulum.yaml")
     world = spec.resolve()
     selection = available({}).for_world(world, spec.locate, least=2)
-    sections = first_comparison()
-    screen = Screen(file=io.StringIO(), width=120, no_color=True, force_terminal=False)
-    show_not_taken(selection, screen)
-    assert sections["Not run"] == words(screen.file.getvalue())[1:], "python tools/readme.py README.md"
-    assert sections["Results"][0] == " ".join(f"{name} {find_engine(name).version()}" for name in selection.engines)
-    bounds = {expectation.kind: dict(expectation.parameters)["tolerance"] for expectation in world.expectations}
-    rows = [line.split() for line in sections["Expectations"][1:]]
-    assert [row[:3] for row in rows] == [[kind, name, "ok"] for kind in bounds for name in selection.engines]
-    for row in rows:
-        assert f"{bounds[row[0]]:.4g}" in row[4:6], row
-    assert [line.split()[0] for line in sections["Repeatability"][1:]] == list(selection.engines)
-    lines = [line.split() for line in sections["Differences"]]
-    pairs = [(line[0], after[0]) for line, after in itertools.pairwise(lines) if line[1:2] == ["–"]]
-    assert pairs == list(itertools.combinations(selection.engines, 2))
+    parts = first_comparison()
+    assert parts["model"].startswith(f"same in all {len(selection.engines)} engines (")
+    assert parts["motion"].startswith(f"{', '.join(selection.engines)} agree within ")
+    assert parts["expectations"] == f"{len(world.expectations)} of {len(world.expectations)} met"
+    assert parts["not run"] == grouped(selection.not_taken)
+    assert all(name in parts["speed"] for name in selection.engines)
 
 
-def test_the_python_of_the_readme_runs_and_proves_what_the_first_comparison_says(place):
+@pytest.mark.slow
+@pytest.mark.skipif(not EVERYTHING, reason=WHY)
+def test_the_first_comparison_has_the_number_of_comparisons_of_today(place):
+    the_page_s_engines_or_skip()
+    printed = readme.simspec(shlex.split(FIRST)[1:], place)
+    model = next(line for line in printed.splitlines() if line.startswith("model"))
+    assert model in block(f"output: {FIRST}"), "python tools/readme.py README.md"
+
+
+def test_the_readme_is_short():
+    assert len(README.splitlines()) <= 120
+
+
+def test_the_python_of_the_readme_runs_and_proves_both_engines(place):
     code = re.search(r"## From Python\n\n```python\n(.*?)```", README, re.DOTALL)
     assert code
-    command = [sys.executable, "-c", code.group(1) + PRINTED_COUNTS]
+    command = [sys.executable, "-c", code.group(1) + PRINTED]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     *printed, last = done.stdout.splitlines()
     assert printed
-    sections, (counts, notes) = first_comparison(), json.loads(last)
-    shown = dict(zip(sections["Model:"][0].split()[2:], counts_of(sections["Model:"]), strict=True))
-    assert counts.items() <= shown.items(), "python tools/readme.py README.md"
-    # the floor of the motion is a figure of the machine; other engines have notes of their own
-    assert {line for line in words("\n".join(notes)) if not line.startswith("motion:")} <= set(sections["Model:"])
-
-
-def counts_of(lines: list[str]) -> list[int]:
-    """The numbers of comparisons by engine."""
-    return [
-        int(word.replace(",", "")) for line in lines if line.startswith("comparisons ") for word in line.split()[1:]
-    ]
+    counts = json.loads(last)
+    assert list(counts) == ["mujoco", "dart"]
+    shown = re.search(r"\(([\d,]+) comparisons\)", first_comparison()["model"])
+    assert shown
+    assert sum(counts.values()) < int(shown[1].replace(",", ""))
 
 
 def test_a_page_is_not_filled_where_other_engines_are_installed():

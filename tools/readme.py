@@ -27,19 +27,19 @@ ENGINES = ("dart", "drake", "gazebo", "mujoco", "ode", "physx", "pybullet", "rap
 ALL = "--all-engines"
 
 
-def environment(empty: Path) -> dict[str, str]:
+def environment(empty: Path, columns: int = 80) -> dict[str, str]:
     """Of commands whose output is in a page: as wide as the page, and without what the user has in the data folder."""
-    return {**os.environ, "COLUMNS": "110", "XDG_DATA_HOME": str(empty)}
+    return {**os.environ, "COLUMNS": str(columns), "XDG_DATA_HOME": str(empty)}
 
 
-def simspec(words: Iterable[str], place: Path) -> str:
+def simspec(words: Iterable[str], place: Path, columns: int = 80) -> str:
     """The output of a command that works in ``place``. If the command fails, ends the program with its messages."""
     command = ["simspec", *words]
     with tempfile.TemporaryDirectory() as empty:
         done = subprocess.run(
             [sys.executable, "-m", *command],
             cwd=place,
-            env=environment(Path(empty)),
+            env=environment(Path(empty), columns),
             capture_output=True,
             text=True,
             check=False,
@@ -65,19 +65,19 @@ def check_engines() -> None:
         sys.exit("\n".join(wrong))
 
 
-def fill(found: re.Match[str], place: Path) -> str:
-    """One block, made anew; commands work in the folder ``place``."""
+def fill(found: re.Match[str], place: Path, columns: int) -> str:
+    """One block, made anew; commands work in the folder ``place``, on a terminal of ``columns``."""
     head, kind, what, text, end = found.groups()
     if kind == "file":
         return head + (ROOT / what).read_text(encoding="utf-8") + end
     if kind == "spec":
         (place / what).write_text(text, encoding="utf-8")
         return found.group()
-    lines = [line.rstrip() for line in simspec(shlex.split(what)[1:], place).splitlines()]
+    lines = [line.rstrip() for line in simspec(shlex.split(what)[1:], place, columns).splitlines()]
     return head + "$ " + what + "\n" + "\n".join(lines).strip() + "\n" + end
 
 
-def fill_page(page: str, together: bool) -> str:
+def fill_page(page: str, together: bool, columns: int) -> str:
     """A page with its blocks made anew; ``together``: its commands work in one folder."""
     with tempfile.TemporaryDirectory() as root:
 
@@ -85,19 +85,19 @@ def fill_page(page: str, together: bool) -> str:
             place = Path(root) if together else Path(tempfile.mkdtemp(dir=root))
             if not (place / "specs").exists():
                 (place / "specs").symlink_to(ROOT / "specs")
-            return fill(found, place)
+            return fill(found, place, columns)
 
         return BLOCK.sub(in_place, page)
 
 
 def main() -> int:
-    for name, together in (("README.md", False), ("docs/guide/sweeps.md", True)):
+    for name, together, columns in (("README.md", False, 80), ("docs/guide/sweeps.md", True, 110)):
         path = ROOT / name
         if len(sys.argv) == 1 or name in sys.argv[1:]:
             page = path.read_text(encoding="utf-8")
             if any(ALL in found[3] for found in BLOCK.finditer(page)):
                 check_engines()
-            path.write_text(fill_page(page, together), encoding="utf-8")
+            path.write_text(fill_page(page, together, columns), encoding="utf-8")
     return 0
 
 

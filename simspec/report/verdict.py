@@ -69,7 +69,7 @@ def verdict(
     found = agreement(study)
     parts = [*_failed(study), *_unphysical(study), *_model(study.certificate), *_contact(study, skipped)]
     parts += [*_motion(found, study), *_expectations(study.outcomes), *_speed(study)]
-    if words := _grouped(not_run):
+    if words := grouped(not_run):
         parts.append(VerdictPart("not run", words, WARNING, brief=False))
     return parts + (_next(found, folder) if folder is not None else [])
 
@@ -326,7 +326,8 @@ def _speed(study: Study) -> list[VerdictPart]:
 # --- engines that did not run, and commands that help ---
 
 
-def _grouped(not_run: Mapping[str, NotTaken | str]) -> str:
+def grouped(not_run: Mapping[str, NotTaken | str]) -> str:
+    """The engines that did not run, by the features that they refuse; without those that are not installed."""
     groups: dict[str, list[str]] = {}
     for name, why in not_run.items():
         if not str(why).startswith(NOT_INSTALLED):
