@@ -116,7 +116,7 @@ def test_the_exceeded_tolerance_is_named():
     assert "b differs by 0.05 rad at 1 s (mover), from 0.1 s, in free motion" in by_label(study)["motion"]
 
 
-def test_the_earliest_departure_has_all_figures_and_later_ones_are_short():
+def test_the_earliest_departure_has_all_figures_and_the_others_are_short():
     texts = by_label(study_of({"a": 0.0, "b": 0.0, "c": 0.02, "d": 0.4}))
     assert texts["motion"] == (
         "a, b agree within 0 m (noise 0); d differs by 400 mm at 1 s (mover), from 0.1 s, in free motion; "
