@@ -10,6 +10,8 @@ from lxml import etree
 from simspec import cli
 from simspec.errors import EXIT_FAILED, EXIT_WRONG
 from simspec.experiments.index import RunRow
+from simspec.experiments.plan import Cell
+from simspec.experiments.sweep import SweepOutcome
 from simspec.report import tested
 from simspec.report.tested import Status
 
@@ -94,10 +96,10 @@ def test_an_entry_has_the_seconds_of_its_process():
     assert [entry.seconds for entry in suite.entries] == [2.5, 2.5, 2.5, 0.0]
 
 
-def cell(number: int) -> tested.Cell:
-    return tested.Cell(number, "first", None, (), None, 0, 0.0, None, "0" * 64)
+def cell(number: int) -> Cell:
+    return Cell(number, "first", None, (), None, 0, 0.0, None, "0" * 64)
 
 
-def outcome() -> tested.Outcome:
+def outcome() -> SweepOutcome:
     plan = type("Plan", (), {"spec": type("Spec", (), {"name": "fall"})()})()
-    return tested.SweepOutcome(plan, None, stopped={"first": "it died 5 times"})
+    return SweepOutcome(plan, None, stopped={"first": "it died 5 times"})

@@ -80,7 +80,8 @@ def said(world):
             if shape.kind in KINDS
         ]
         bodies[body.name] = (body.inertial, dataclasses.replace(body.joint, spring_rest=rest), shapes)
-    names = [body.name for body in world.bodies][:40]
+    left = [body for body in world.bodies if any(shape.collision and shape.kind in KINDS for shape in body.shapes)]
+    names = [body.name for body in left][:40]
     touching = {pair for pair in itertools.combinations(names, 2) if allowed.may_touch(*pair)}
     return bodies, touching, world.physics.gravity, world.physics.timestep, world.constraints
 
