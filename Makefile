@@ -3,7 +3,7 @@
 # make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then; ENGINES="ode drake" those alone
 # make test    what CI runs: lint, types, stale files, tests
 # make check   lint, types (mypy, strict) and stale files alone (make types, make stale: one half)
-# make quick   the developer's loop: lint, and the tests that start no engine
+# make quick   the developer's loop: lint, and the tests that start no engine, nor another process of their own
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/records/self-test.md: about an hour
@@ -81,11 +81,13 @@ suite: setup
 QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \
 	tests/formats tests/test_house.py tests/resolve tests/support tests/contact tests/dialects \
 	tests/runner/test_store.py tests/runner/test_metrics.py tests/runner/test_expectations.py
+# of these, what starts engines or readers of files in processes of their own: a third of the time, left to make test
+BUT := tests/formats/usd tests/resolve/test_meshes.py tests/comparison/test_long.py $(wildcard tests/report/test_study_*.py)
 
 quick: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow and not browser" --durations=10 $(QUICK)
+	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow and not browser" --durations=10 $(BUT:%=--ignore=%) $(QUICK)
 
 # what is committed under generated/, docs/ and schema/, made anew
 generated: setup
