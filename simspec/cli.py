@@ -97,7 +97,7 @@ def registered(word: str | None = None) -> typer.Typer:
         if name == "engines":
             engines = typer.Typer(rich_markup_mode=None, context_settings=HELP_NAMES)
             engines.callback(invoke_without_command=True)(guarded(function_of(COMMANDS["engines"])))
-            for part in ("doctor", "install"):
+            for part in ("show", "doctor", "install"):
                 engines.command(part)(guarded(function_of(COMMANDS[f"engines {part}"])))
             app.add_typer(engines, name="engines")
         else:

@@ -14,9 +14,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.commands.experiment_options import DoctorOptions, EnginesOptions, InstallOptions, TrustOptions
+from simspec.commands.experiment_options import (
+    DoctorOptions,
+    EnginesOptions,
+    InstallOptions,
+    ShowEnginesOptions,
+    TrustOptions,
+)
 from simspec.commands.files import generated_files
-from simspec.commands.options import demand_trusted, print_json
+from simspec.commands.options import demand_trusted, names_alone, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit import registry
 from simspec.engines.kit.contract import Engine
@@ -31,7 +37,7 @@ from simspec.processes import ELSEWHERE, isolated
 from simspec.project import LARGEST, PROJECT_FILE, Project, find_project, load_project, parse_project
 from simspec.proof.probes import fall
 from simspec.report import engine_pages, matrix
-from simspec.report.matrix import engine_tables
+from simspec.report.matrix import engine_table, engine_tables
 from simspec.report.screen import console, say
 from simspec.report.table import Table
 
@@ -60,10 +66,21 @@ def engines(options: EnginesOptions) -> int:
         given = {"project": project.file, "project_trusted": project.not_trusted is None}
         print_json({"instances": rows, **given, "engines": data, "broken": matrix.broken()})
         return EXIT_OK
-    for shown in engine_tables(rows, data, console().width):
+    for shown in engine_tables(rows, data):
         console().print(shown)
     for name, why in matrix.broken().items():
         say(f"{name}: {why}")
+    return EXIT_OK
+
+
+def show(options: ShowEnginesOptions) -> int:
+    """Print what engines support, each feature with its short reason. Raises EngineError for an unknown engine."""
+    if options.as_json:
+        print_json({name: matrix.engine_data()[name] for name in names_alone(options.shown)})
+        return EXIT_OK
+    for name in names_alone(options.shown):
+        for table in engine_table(name):
+            console().print(table)
     return EXIT_OK
 
 

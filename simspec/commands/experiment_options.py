@@ -216,8 +216,8 @@ class EnginesOptions(Options):
 
     \b
     simspec engines
+    simspec engines show NAME
     simspec engines --json
-    simspec engines doctor
     """
 
     context: typer.Context
@@ -226,6 +226,18 @@ class EnginesOptions(Options):
         "docs/reference/support-matrix.md"
     )
     check: Annotated[bool, Option("--check", help="With --markdown: exit with 1 if the page is not current.")] = False
+
+
+@command("engines show", "engines:show", "shown as_json")
+class ShowEnginesOptions(Options):
+    """Print the features that an engine supports, with reasons, its capabilities and solver settings.
+
+    \b
+    simspec engines show NAME
+    simspec engines show NAME --json
+    """
+
+    shown: Annotated[list[str], Argument(metavar="NAME...", help="Engines.")]
 
 
 @command("engines doctor", "engines:doctor", "names every as_json")

@@ -11,13 +11,25 @@ from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import engine_name, engines, format_of, how_to_install
+from simspec.engines.kit.registry import engine_name, engines, find_engine, format_of, how_to_install
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
 from simspec.proof.contact.probe import ProbeFigure, ProbeLaw, widened
 from simspec.proof.contact.run import PROBES
 from simspec.proof.contact.scope import EFFECTS
-from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell, markdown_cell, markdown_rows, passed_cell
+from simspec.report.table import (
+    BAD,
+    DIM,
+    GOOD,
+    INFO,
+    WARNING,
+    Table,
+    TableCell,
+    markdown_cell,
+    markdown_rows,
+    passed_cell,
+    shortened,
+)
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
 from simspec.world.types import Hardness, PairContact
@@ -110,6 +122,8 @@ WORDS = {
     Level.UNSUPPORTED: "no",
 }
 NOT_YET = "not yet"
+FILES_ONLY = "files only"
+"""The tier of an engine of which only the files are proven."""
 SIGNATURE = "Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit."
 """The line by which a page is known to be simspec's, and may be replaced."""
 HEAD = f"""# Support matrix
@@ -179,7 +193,7 @@ class Notes:
 def tier(engine: type[Engine]) -> str:
     """How far simspec's support of an engine goes (``docs/design/adding-an-engine.md``)."""
     if engine.FILES_ALONE:
-        return "files only"
+        return FILES_ONLY
     if {Capability.MASS_MATRIX, Capability.BIAS_FORCE} & engine.LACKS.keys():
         return "runs"
     return "proven" if Capability.INVENTORY in engine.LACKS else "complete"
@@ -195,6 +209,7 @@ def engine_data() -> dict[str, Any]:
     return {
         name: {
             "format": format_of(engine),
+            "tier": tier(engine),
             "version": engine.version(),
             "precision": engine.PRECISION,
             "capabilities": {capability.value: capability not in engine.LACKS for capability in Capability},
@@ -347,65 +362,58 @@ def short_reason(engine: str, feature: str, said: str) -> str:
 
 # Tables of engines on terminals.
 
+SYMBOLS = {Level.EXACT: "✓", Level.VIA_API: "✓", Level.OUTSIDE: "+", Level.APPROXIMATE: "≈", Level.UNSUPPORTED: "·"}
+LEGEND = "✓ exact   + by simspec's own forces, on request   ≈ approximate, to be accepted by name   · no"
+MORE = "Reasons: simspec engines show NAME. Everything as data: simspec engines --json."
+LONGEST_REMARK = 46
+"""Characters of a remark in the list of engines."""
 
-def engine_tables(instances: Sequence[EngineInstance], data: Mapping[str, Any], width: int) -> list[Table]:
-    """The engines with their versions, and what each engine of ``data`` supports."""
-    versions = Table("Engines", "engine", "version", "format", "dialect", "python", "")
+
+def engine_tables(instances: Sequence[EngineInstance], data: Mapping[str, Any]) -> list[Table]:
+    """The engines with their versions, and symbols for what each proven engine of ``data`` supports: 80 columns wide."""
+    versions = Table("Engines", "engine", "version", "reads", "")
     for instance in instances:
+        remark = instance.problem or instance.python or ""
         versions.add(
             instance.label,
             instance.version or TableCell("none", BAD),
             instance.format,
-            instance.dialect,
-            instance.python or "this one",
-            TableCell(instance.problem or "", BAD),
+            TableCell(shortened(remark, LONGEST_REMARK), BAD if instance.problem else DIM),
         )
-    levels = {
-        name: [
-            TableCell(WORDS[level], TONES[level])
-            for level in (Level(facts["support"][feature.value]["level"]) for feature in Feature)
-        ]
-        for name, facts in data.items()
-    }
-    title = "Supported features  (details: simspec engines --json)"
-    support = _side_by_side(title, "feature", [feature.value for feature in Feature], levels, width)
-    has = {
-        name: [passed_cell(facts["capabilities"][capability.value], "yes", "no") for capability in Capability]
-        for name, facts in data.items()
-    }
-    abilities = _side_by_side("Capabilities", "capability", [entry.value for entry in Capability], has, width)
-    lacks = [(name, *lacking) for name, facts in data.items() for lacking in facts["lacks"].items()]
-    reasons = Table("Lacking capabilities", "engine", "capability", "reason", rows=lacks)
-    return [versions, *support, *abilities, *([reasons] if lacks else [])]
+    proven = {name: facts for name, facts in data.items() if facts["tier"] != FILES_ONLY}
+    support = _symbols("feature", proven)
+    for feature in Feature:
+        levels = [Level(facts["support"][feature.value]["level"]) for facts in proven.values()]
+        support.add(feature.value, *(TableCell(SYMBOLS[level], TONES[level]) for level in levels))
+    abilities = _symbols("capability", proven)
+    for capability in Capability:
+        has = [facts["capabilities"][capability.value] for facts in proven.values()]
+        abilities.add(capability.value, *(TableCell("✓", GOOD) if there else TableCell("·", BAD) for there in has))
+    support.note, abilities.note = LEGEND, MORE
+    return [versions, support, abilities]
 
 
-GAP = 3
-"""Columns between two cells of a table."""
-EDGES = 2
-"""Columns at both ends of a table."""
+def _symbols(first: str, data: Mapping[str, Any]) -> Table:
+    """A table without rows whose heads are the names of engines from top to bottom."""
+    height = max((len(name) for name in data), default=0)
+    return Table("", first, *("\n".join(name.rjust(height)) for name in data))
 
 
-def _side_by_side(
-    title: str, first: str, names: Sequence[str], columns: Mapping[str, Sequence[TableCell]], width: int
-) -> list[Table]:
-    """A row for each of ``names`` and a cell in each column: one table, or several where cells would not fit whole."""
-    labels = EDGES + max(len(word) for word in (first, *names))
-    tables: list[list[str]] = [[]]
-    taken = labels
-    for column, cells in columns.items():
-        wide = GAP + max(len(text) for text in (column, *(cell.text for cell in cells)))
-        if taken + wide > width and tables[-1]:
-            tables.append([])
-            taken = labels
-        tables[-1].append(column)
-        taken += wide
-    made: list[Table] = []
-    for shown in tables:
-        made.append(Table(title if not made else f"{title.partition('  ')[0]}, continued", first, *shown))
-        made[-1].columns[0].wraps = False
-        for row, name in enumerate(names):
-            made[-1].add(name, *(columns[column][row] for column in shown))
-    return made
+def engine_table(name: str) -> list[Table]:
+    """What one engine supports, and why not: its features and capabilities."""
+    engine = find_engine(name)
+    title = f"{engine.TITLE or name} {engine.version() or '(not installed)'}: {tier(engine)}"
+    features = Table(title, "feature", "", "")
+    for feature, entry in support(engine).items():
+        features.add(feature.value, TableCell(word(entry), TONES[entry.level]), entry.brief(entry.level) or "")
+    abilities = Table("Capabilities", "capability", "", "")
+    for capability in Capability:
+        reason = engine.LACKS.get(capability)
+        abilities.add(capability.value, passed_cell(reason is None, "yes", "no"), reason or "")
+    settings = Table("Solver settings", "setting", "default", "meaning")
+    for key, setting in engine.SETTINGS.items():
+        settings.add(key, str(setting.default), setting.meaning)
+    return [features, abilities, *([settings] if engine.SETTINGS else [])]
 
 
 TONES = {

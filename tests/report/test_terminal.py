@@ -30,6 +30,7 @@ from simspec.report.studies import show_study
 from simspec.report.table import length
 from simspec.runner.execution import failed_run
 from simspec.runner.expectations import evaluate
+from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.types import Expectation
 from tests import worlds
@@ -222,18 +223,28 @@ def test_a_level_is_called_after_what_it_checks():
             assert part.partition(",")[0] in PART_WORDS[level]
 
 
-@pytest.mark.parametrize("width", [80, 120])
-def test_no_word_of_the_engines_features_is_broken(width):
+def test_the_table_of_engines_fits_80_columns_with_a_symbol_for_each_feature():
     """A table of twelve engines left nine columns for each: "joint.h / inge"."""
     data = matrix.engine_data()
-    made = [table for table in engine_tables([], data, width) if str(table.title).startswith(("Supported", "Capab"))]
-    out = shown(lambda screen: [screen.print(table) for table in made], width)
-    names = {
-        *(feature.value for feature in Feature),
-        *(capability.value for capability in Capability),
-        *data,
-        *["by", "API"],
-    }
-    assert names | {"approximate", "yes", "no"} <= set(out.split())
-    rows = [line for line in out.splitlines() if line.startswith(" ") and not line.startswith(" ─")]
-    assert all(line[1] != " " for line in rows if line.strip()), "a cell goes on in another line"
+    _, support, abilities = engine_tables([], data)
+    out = shown(lambda screen: [screen.print(table) for table in (support, abilities)], 80)
+    proven = [name for name, facts in data.items() if facts["tier"] != matrix.FILES_ONLY]
+    assert max(map(len, out.splitlines())) <= 80
+    assert ["".join(column.name.split()) for column in support.columns[1:]] == proven
+    rows = {words[0]: words[1:] for words in map(str.split, out.splitlines()) if words}
+    for feature in Feature:
+        levels = [Level(data[name]["support"][feature.value]["level"]) for name in proven]
+        assert rows[feature.value] == [matrix.SYMBOLS[level] for level in levels]
+    for capability in Capability:
+        assert len(rows[capability.value]) == len(proven)
+
+
+def test_an_engine_shows_every_feature_with_its_reason():
+    features, abilities, settings = matrix.engine_table("rapier")
+    rows = {row[0]: (str(row[1]), row[2]) for row in features.rows}
+    assert rows.keys() == {feature.value for feature in Feature}
+    assert rows["joint.hinge"][0] == "no"
+    assert "articulated" in rows["joint.hinge"][1]
+    assert all(how for said, how in rows.values() if said in ("no", "approximate"))
+    assert len(abilities.rows) == len(Capability)
+    assert settings.rows
