@@ -1,15 +1,18 @@
 """Contact of several bodies in every engine, solver and cone: docs/records/coupled-contact.md and ``contact_deviations.csv``.
 
-python tools/deviations.py --json FILE [--between] [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--probe NAME ...]
+python tools/deviations.py --json FILE [--between] [--bouncing] [--engine NAME ...] [--timestep MS ...] [--cone CONE ...]
+                           [--probe NAME ...]
 python tools/deviations.py --page FILE ...
 python tools/deviations.py --declare FILE ...
 
 Measures at the points of a grid, prints the figures that are furthest beyond their tolerance, and appends every figure to
 FILE as a line. The first grid has the probes of several bodies at frictions of 0.05 to 1.2, restitutions of 0, 0.5 and 1 and
-ratios of masses of 1 to 1000; the grid ``--between`` has all probes at values between and beyond those. From such files
---page writes the page, and --declare the engines' tables: a row for each size of the first grid, which counts from its values
-on, and for what these and the engine's other deviations do not cover a row that counts around its own points alone
-(declare the first grid before the other). Declared deviations do not change what is measured.
+ratios of masses of 1 to 1000; the grid ``--between`` has all probes at values between and beyond those. ``--bouncing``
+measures the points of a grid at which coupled probes have restitution, and no others. From such files --page writes the page,
+and --declare the engines' tables: a row for each size of the first grid, which counts from its values on, and for what these
+and the engine's other deviations do not cover a row that counts around its own points alone (declare the first grid before
+the other, and coupled probes without restitution before those with it). Parts of the page and rows that the files have
+nothing of remain as they are. Declared deviations do not change what is measured.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ from typing import Any
 
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.capabilities import COLUMNS as KEYS
-from simspec.engines.kit.capabilities import LIMITS
+from simspec.engines.kit.capabilities import LIMITS, Deviation
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.refinements import SLIDING
 from simspec.engines.kit.registry import find_engine
@@ -91,11 +94,26 @@ class Grid:
             for point in itertools.product(values.frictions, values.restitutions, values.ratios)
         ]
 
+    def bouncing(self) -> Grid:
+        """The points at which coupled probes have restitution."""
+        coupled = [values for values in self.values["coupled"] if min(values.restitutions) > 0.0]
+        timesteps = BOUNCING_TIMESTEPS[self.local]
+        return Grid({"coupled": coupled}, timesteps, timesteps, self.local)
+
+    def without_bouncing(self) -> Grid:
+        """The other points."""
+        coupled = [values for values in self.values["coupled"] if min(values.restitutions) == 0.0]
+        return dataclasses.replace(self, values={**self.values, "coupled": coupled})
+
     def laws(self, probe: Probe, cone: str, timestep: float) -> Iterator[ProbeLaw]:
         laws = (law_of(*point, cone, timestep) for point in self.points(probe))
         return (law for law in laws if probe.applies(law))
 
 
+FIRST_RESTITUTION, LAST_RESTITUTION = 0.5, 0.9
+"""Of coupled probes: the first grid has the former and 1, where a bounce loses no energy; the other has 0.25 and the latter."""
+BOUNCING_TIMESTEPS = ((1.0, 2.0, 4.0, 8.0, 16.0), (20.0, 8.0, 2.0, 0.5))
+"""ms, of coupled probes with restitution: of the first grid, and between."""
 RATIOS = (1.0, 10.0, 100.0, 1000.0)
 _RESTING = (0.0, DROP_RESTITUTION)
 TABLES = Grid(
@@ -103,7 +121,10 @@ TABLES = Grid(
         "impact": [Values((0.0, 0.1, 0.3, 0.6, 1.0), (0.0, 0.5, 1.0))],
         "stack": [Values((0.5,), _RESTING, RATIOS)],
         "sliding stack": [Values((0.05, 0.1, 0.3, 0.6, 1.2), _RESTING, (1.0, 4.0, *RATIOS[1:]))],
-        "coupled": [Values((0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2))],
+        "coupled": [
+            Values((0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2)),
+            Values((0.05, 0.2, 0.5, 0.8, 1.2), (FIRST_RESTITUTION, 1.0)),
+        ],
     },
     (1.0, 4.0),
     (1.0, 4.0),
@@ -117,7 +138,10 @@ BETWEEN = Grid(
             Values((0.5,), (DROP_RESTITUTION,), _BETWEEN_RATIOS),
         ],
         "sliding stack": [Values((0.2, 0.45, 0.8, 1.0, 1.5), _RESTING, _BETWEEN_RATIOS)],
-        "coupled": [Values((0.25, 0.7, 0.9, 1.1, 1.5, 2.0))],
+        "coupled": [
+            Values((0.25, 0.7, 0.9, 1.1, 1.5, 2.0)),
+            Values((0.07, 0.25, 0.7, 1.0, 1.5), (0.25, LAST_RESTITUTION)),
+        ],
         "pair": [Values((0.07, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0), (0.0, 0.25, 0.6, 0.9))],
     },
     (20.0, 16.0, 12.5, 10.0, 8.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5, 0.2),
@@ -130,7 +154,7 @@ the median of what the tables miss between theirs."""
 ABOVE = 1.05
 """A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
 SOME = 0.01
-"""Restitution from which rows of impacts with restitution count."""
+"""Restitution from which rows of probes with restitution count."""
 LOCAL_ALIKE = 1.5
 """Ratio of the sizes of neighbouring points up to which one local row declares both."""
 NEAR = 0.9
@@ -143,6 +167,11 @@ IMPACTS = ("strike", "row", "edge")
 def kind_of(probe: Probe) -> str:
     kinds = dict.fromkeys(IMPACTS, "impact") | {"stack": "stack", "stack-slides": "sliding stack"}
     return kinds.get(probe.NAME) or ("coupled" if probe.NAME in COUPLED else "pair")
+
+
+def bounces(probe: str, restitution: float) -> bool:
+    """Whether a figure, or a row that counts from a restitution on, is of a coupled probe with restitution."""
+    return bool(restitution) and kind_of(_probe(probe)) == "coupled"
 
 
 def law_of(friction: float, restitution: float, ratio: float, cone: str, timestep: float) -> ProbeLaw:
@@ -256,6 +285,49 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+BOUNCING = "\n## Coupled probes with restitution\n"
+BOUNCING_COLUMNS = ("rod", "clamp", "jam", "jam-light", "squeeze", "pile", "cross", "carrier", "slide-spin")
+
+
+def page_bouncing(rows: Sequence[Mapping[str, Any]], date: str) -> str:
+    """The table of coupled probes with restitution, measured until ``date``: the last part of the page."""
+    frictions, restitutions = (
+        "/".join(f"{value:g}" for value in sorted({row[name] for row in rows})) for name in ("friction", "restitution")
+    )
+    lines = [
+        BOUNCING,
+        f"The tables above have these probes at restitution 0. Frictions {frictions}, restitutions {restitutions} (`cross`: "
+        f"up to {DROP_RESTITUTION:g}), measured on {date} with `--bouncing`. Exact engines would have the same figures with "
+        "and without restitution, since bodies at rest and sliding bodies do not bounce. Two causes are in the engines. "
+        "Without a `restitution_threshold`, they apply restitution to the speed that a force gives a body in one step. With a "
+        "threshold of 0.05 m/s, PyBullet and ODE have the figures of restitution 0, but for fingers, which reach 0.2 m/s. DART "
+        "and Gazebo have a fixed threshold of 0.1 m/s, MuJoCo has none. MuJoCo's native friction lifts sliding bodies, and "
+        "contacts with restitution have no soft layer to hold them. This does not decrease with the timestep; "
+        "`friction: coulomb` removes "
+        "most of it.",
+        "",
+        "| ms | engine | setting | cone | " + " | ".join(BOUNCING_COLUMNS) + " |",
+        "|---:|---|---|---|" + "---:|" * len(BOUNCING_COLUMNS),
+    ]
+    for timestep in sorted({row["timestep"] for row in rows}):
+        kinds: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+        for row in rows:
+            if row["timestep"] == timestep:
+                kinds.setdefault((row["engine"], _words(row["settings"]), row["cone"]), []).append(row)
+        for (engine, setting, cone), some in sorted(kinds.items()):
+            cells = [_cell([row for row in some if _column(row) == name]) for name in BOUNCING_COLUMNS]
+            lines.append(f"| {timestep:g} | {' | '.join((engine, setting or 'default', cone, *cells))} |")
+    return "\n".join(lines) + "\n"
+
+
+def whole_page(stored: str, rows: Sequence[Mapping[str, Any]], date: str) -> str:
+    """The page, of which the parts that ``rows`` have nothing of remain as they are stored."""
+    bouncing = [row for row in rows if bounces(row["probe"], row["restitution"])]
+    usual = [row for row in rows if not bounces(row["probe"], row["restitution"])]
+    first, heading, last = stored.partition(BOUNCING)
+    return (page(usual, date) if usual else first) + (page_bouncing(bouncing, date) if bouncing else heading + last)
+
+
 def _stacks(seconds: float, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """The table of stacks that were left for some seconds."""
     ratios = [ratio for ratio in RATIOS if ratio > 1.0]
@@ -318,20 +390,52 @@ Sizes = tuple[float, ...]
 """Largest deviations beyond the tolerance, by timestep; 0 where there is none."""
 
 
-def declare(rows: Sequence[Mapping[str, Any]], local: bool) -> None:
-    """Write the rows of one grid into the engines' tables; rows of the other grid stay."""
+def declare(rows: Sequence[Mapping[str, Any]], part: Part) -> None:
+    """Write the rows of one part into the engines' tables; rows of the other parts stay."""
+    local, bouncing = part
     for engine in dict.fromkeys(row["engine"] for row in rows):
         mine = [row for row in rows if row["engine"] == engine and "seconds" not in row]
         table = ROOT / "simspec" / "engines" / engine / "contact_deviations.csv"
         with table.open(newline="", encoding="utf-8") as lines:
             stored = list(csv.DictReader(lines))
-        kept = [row for row in stored if any(row[f"{name}_below"] for name in LIMITS) != local]
-        made = list(local_rows(uncovered(mine)) if local else table_rows(mine))
+        kept = [row for row in stored if _part_of(row) != part]
+        if local:
+            made = list(local_rows(uncovered(mine)))
+        else:
+            made = _without_repeats(table_rows(list(uncovered(mine)) if bouncing else mine, mine))
         with table.open("w", newline="", encoding="utf-8") as lines:
             writer = csv.DictWriter(lines, KEYS, lineterminator="\n")
             writer.writeheader()
-            writer.writerows([*kept, *made] if local else [*made, *kept])
+            writer.writerows(sorted([*kept, *made], key=_part_of))
         print(f"{engine}: {len(made)} rows, {len(kept)} others")
+
+
+Part = tuple[bool, bool]
+"""Of a table: whether its rows are local, and whether they are of coupled probes with restitution."""
+
+
+PARTS: Sequence[Part] = ((False, False), (False, True), (True, False), (True, True))
+
+
+def _part_of(row: Mapping[str, str]) -> Part:
+    return any(row[f"{name}_below"] for name in LIMITS), bounces(row["probe"], float(row["restitution"] or 0.0))
+
+
+def _without_repeats(rows: Iterable[dict[str, str]]) -> list[dict[str, str]]:
+    """Rows of coupled probes with restitution only where no earlier row, which counts for all that they do, is as large."""
+    found: list[dict[str, str]] = []
+    for row in rows:
+        limits = [float(row[name] or 0.0) for name in LIMITS]
+        repeats = bounces(row["probe"], float(row["restitution"] or 0.0)) and any(
+            all(row[name] == other[name] for name in ("probe", "relative"))
+            and all(other[name] in ("", row[name]) for name in ("setting", "cone"))
+            and all(float(other[name] or 0.0) <= limit for name, limit in zip(LIMITS, limits, strict=True))
+            and float(other["size"]) >= float(row["size"])
+            for other in found
+        )
+        if not repeats:
+            found.append(row)
+    return found
 
 
 def _row(kind: tuple[str, str, str], limits: Mapping[str, float], size: float, relative: bool) -> dict[str, str]:
@@ -340,12 +444,16 @@ def _row(kind: tuple[str, str, str], limits: Mapping[str, float], size: float, r
     return {**dict.fromkeys(KEYS, ""), **dict(zip(KEYS, kind, strict=False)), **written, **end}
 
 
-def table_rows(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, str]]:
-    """The rows of one engine from the grid ``TABLES``: the largest size up to each timestep, at which a row begins."""
-    timesteps = sorted({row["timestep"] for row in rows})
-    kinds = list(dict.fromkeys((_setting(row["settings"]), row["cone"]) for row in rows))
-    for probe, restitution, ratio in dict.fromkeys(_measured(row) for row in rows):
-        some = [row for row in rows if _measured(row) == (probe, restitution, ratio) and row["off"] > 1.0]
+def table_rows(
+    rows: Sequence[Mapping[str, Any]], measured: Sequence[Mapping[str, Any]] = ()
+) -> Iterator[dict[str, str]]:
+    """The rows of one engine from the grid ``TABLES``: the largest size up to each timestep, at which a row begins.
+    ``measured``: all rows that were measured, of which ``rows`` are some."""
+    timesteps = sorted({row["timestep"] for row in measured or rows})
+    kinds = list(dict.fromkeys((_setting(row["settings"]), row["cone"]) for row in measured or rows))
+    for measured_kind in dict.fromkeys(_measured(row) for row in rows):
+        probe, restitution, ratio, relative = measured_kind
+        some = [row for row in rows if _measured(row) == measured_kind and row["off"] > 1.0]
         sizes = {kind: [0.0] * len(timesteps) for kind in kinds}
         for row in some:
             column = timesteps.index(row["timestep"])
@@ -357,7 +465,7 @@ def table_rows(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, str]]:
                 if size > largest:
                     largest = size
                     limits = {"timestep": ABOVE * before, "restitution": restitution, "ratio": ratio}
-                    yield _row((setting, cone, probe), limits, MARGIN * float(f"{size:.3g}"), bool(some[0]["expected"]))
+                    yield _row((setting, cone, probe), limits, MARGIN * float(f"{size:.3g}"), relative)
 
 
 def uncovered(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
@@ -369,10 +477,19 @@ def uncovered(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
         settings = {name: setting.default for name, setting in engine.SETTINGS.items()} | row["settings"]
         law = law_of(row["friction"], row["restitution"], row["ratio"], row["cone"], row["timestep"] / 1e3)
         figure = ProbeFigure(row["probe"], "", row["case"], "", "", row["expected"], row["measured"], row["tolerance"])
-        declared = [deviation for deviation in engine.CONTACT_DEVIATIONS if not deviation.is_local]
+        bouncing = bounces(row["probe"], row["restitution"])
+        declared = [
+            deviation for deviation in engine.CONTACT_DEVIATIONS if _is_earlier(deviation, row["local"], bouncing)
+        ]
         covered = widened(figure, law, declared, settings, engine.version())
         if not covered.passed or (covered.deviation and off(covered) > NEAR):
             yield row
+
+
+def _is_earlier(deviation: Deviation, local: bool, bouncing: bool) -> bool:
+    """Whether a deviation is of an earlier part of a table, or of the engine's module, than a row that is to be declared."""
+    coupled = bounces(deviation.probe, deviation.restitution)
+    return (not deviation.is_local and (local or not (bouncing and coupled))) or (local and bouncing and not coupled)
 
 
 def local_rows(rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, str]]:
@@ -380,14 +497,24 @@ def local_rows(rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, str]]:
     groups: dict[tuple[Any, ...], dict[float, list[Mapping[str, Any]]]] = {}
     for row in rows:
         along = "ratio" if row["probe"].startswith("stack") else "friction"
-        key = (_setting(row["settings"]), row["cone"], row["probe"], row["timestep"], bool(row["expected"]), along)
+        bouncing = row["restitution"] if bounces(row["probe"], row["restitution"]) else 0.0
+        key = (
+            _setting(row["settings"]),
+            row["cone"],
+            row["probe"],
+            row["timestep"],
+            _is_share(row),
+            along,
+            bouncing,
+        )
         groups.setdefault(key, {}).setdefault(row[along], []).append(row)
-    for (setting, cone, name, _, relative, along), by in groups.items():
+    for (setting, cone, name, _, relative, along, bouncing), by in groups.items():
         probe = _probe(name)
-        for some in _neighbours(by, [point[2 if along == "ratio" else 0] for point in BETWEEN.points(probe)]):
+        grid = BETWEEN.bouncing() if bouncing else BETWEEN.without_bouncing()
+        for some in _neighbours(by, [point[2 if along == "ratio" else 0] for point in grid.points(probe)]):
             limits = {}
             for limit in LIMITS:
-                limits[limit], limits[f"{limit}_below"] = _limits(limit, probe, some)
+                limits[limit], limits[f"{limit}_below"] = _limits(limit, probe, some, grid)
             size = float(f"{max(_size(row) for row in some):.3g}")
             yield _row((setting, cone, name), limits, LOCAL_MARGIN * size, relative)
 
@@ -416,16 +543,16 @@ def _probe(name: str) -> Probe:
     return max(several, key=lambda probe: len(probe.NAME)) if several else PROBES["push"]
 
 
-def _limits(name: str, probe: Probe, rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
+def _limits(name: str, probe: Probe, rows: Sequence[Mapping[str, Any]], grid: Grid) -> tuple[float, float]:
     """From the measured value before these rows' to the one after them, exclusive."""
     if name == "timestep":
-        measured: Iterable[float] = BETWEEN.coupled_timesteps if probe.NAME in COUPLED else BETWEEN.timesteps
+        measured: Iterable[float] = grid.coupled_timesteps if probe.NAME in COUPLED else grid.timesteps
     else:
-        measured = (point[("friction", "restitution", "ratio").index(name)] for point in BETWEEN.points(probe))
-    values = sorted(set(measured))
+        measured = {point[("friction", "restitution", "ratio").index(name)] for point in grid.points(probe)}
+    values = sorted({*measured, *((FIRST_RESTITUTION,) if name == "restitution" and min(measured) > 0.0 else ())})
     first = values.index(round(min(row[name] for row in rows), 9))
     last = values.index(round(max(row[name] for row in rows), 9))
-    before = values[first - 1] * 1.0001 if first else 0.0
+    before = values[first - 1] * 1.0001 if first else SOME if name == "restitution" and values[0] else 0.0
     if first and name in ("friction", "restitution") and values[first - 1] == 0.0:
         before = 1e-9
     after = values[last + 1] * 0.9999 if last + 1 < len(values) else LONGEST if name == "timestep" else math.inf
@@ -436,15 +563,19 @@ def _setting(settings: Mapping[str, Any]) -> str:
     return " ".join(f"{name}={value}" for name, value in settings.items())
 
 
-def _measured(row: Mapping[str, Any]) -> tuple[str, float, float]:
-    """Probe, and the restitution and ratio of masses from which its size counts: of a ratio from the one measured before."""
-    probe = str(row["probe"])
+def _measured(row: Mapping[str, Any]) -> tuple[str, float, float, bool]:
+    """Probe, the restitution and ratio of masses from which its size counts (of a ratio from the one measured before), and
+    whether the size is a share of the expected value. That at restitution 1 counts
+    above the largest restitution of the other grid."""
+    probe, relative = str(row["probe"]), _is_share(row)
+    if bounces(probe, row["restitution"]):
+        return probe, 1.001 * LAST_RESTITUTION if row["restitution"] > FIRST_RESTITUTION else SOME, 0.0, relative
     varied = probe.split("-")[0] in IMPACTS or probe in SLIDING
     ratio = 0.0
     if probe.startswith("stack"):
         ratios = TABLES.values["sliding stack" if probe in SLIDING else "stack"][0].ratios
         ratio = max((1.001 * size for size in ratios if size < row["ratio"]), default=0.0)
-    return probe, SOME if varied and row["restitution"] else 0.0, ratio
+    return probe, SOME if varied and row["restitution"] else 0.0, ratio, relative
 
 
 def _size(row: Mapping[str, Any]) -> float:
@@ -452,7 +583,13 @@ def _size(row: Mapping[str, Any]) -> float:
     if row["measured"] is None:
         raise SystemExit(f"the value to declare is not finite: {row}")
     size = abs(row["measured"] - row["expected"])
-    return float(size / abs(row["expected"]) if row["expected"] else size)
+    return float(size / abs(row["expected"]) if _is_share(row) else size)
+
+
+def _is_share(row: Mapping[str, Any]) -> bool:
+    """Whether a size is a share of the expected value: not of a body that bounces on a carrier, which slips by millimetres
+    whatever the hundredths of a millimetre that it is expected to slip."""
+    return bool(row["expected"]) and not (row["probe"] == "carrier" and bounces("carrier", row["restitution"]))
 
 
 def _shared(sizes: Mapping[tuple[str, str], Sizes]) -> Mapping[tuple[str, str], Sizes]:
@@ -485,20 +622,24 @@ def main() -> int:
     parser.add_argument("--page", nargs="+", type=Path, help="files of --json")
     parser.add_argument("--declare", nargs="+", type=Path, help="files of --json")
     parser.add_argument("--between", action="store_true", help="the grid between the values of the tables, all probes")
+    parser.add_argument("--bouncing", action="store_true", help="only the points of coupled probes with restitution")
     given = parser.parse_args()
     if files := [*(given.page or ()), *(given.declare or ())]:
         rows = [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
         if given.page:
             latest = max(file.stat().st_mtime for file in given.page)
-            PAGE.write_text(
-                page([row for row in rows if not row["local"]], datetime.date.fromtimestamp(latest).isoformat())
-            )
-        for local in (False, True) if given.declare else ():
-            declare([row for row in rows if row["local"] == local], local)
+            date = datetime.date.fromtimestamp(latest).isoformat()
+            page_rows = [row for row in rows if not row["local"]]
+            PAGE.write_text(whole_page(PAGE.read_text(encoding="utf-8"), page_rows, date), encoding="utf-8")
+        for part in PARTS if given.declare else ():
+            of_part = [row for row in rows if (row["local"], bounces(row["probe"], row["restitution"])) == part]
+            declare(of_part, part)
         return 0
     if given.seconds:
         stacks.TIME = given.seconds
     grid = BETWEEN if given.between else TABLES
+    if given.bouncing:
+        grid = grid.bouncing()
     for engine in given.engine or SOLVERS:
         if find_engine(engine).version() is None:
             print(f"{engine} is not installed", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -20,7 +21,8 @@ from simspec.proof.contact.simultaneous import OPENING, Strike, impulses
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.reach import MaterialReach, reach
-from tests.proof.contact_probing import figures, installed, law
+from tests.nightly import nightly
+from tests.proof.contact_probing import figures, figures_of_each, installed, law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -449,6 +451,56 @@ def test_deviations_under_default_settings_must_be_accepted_by_name(engine, feat
         return
     refined = kind.SUPPORT[feature].refine(world)
     assert (refined is not None and refined.level is Level.EXACT) == (not counting)
+
+
+BOUNCING = (
+    *((engine, 0.5, 0.5, 1, "elliptic", {}) for engine in ("pybullet", "ode", "gazebo", "rapier", "physx")),
+    ("dart", 0.5, 0.5, 1, "elliptic", {"contact_solver": "nsgs"}),
+    ("mujoco", 0.4, 0.4, 3, "elliptic", {}),
+    ("mujoco", 0.5, 1.0, 1, "elliptic", {}),
+    ("mujoco", 1.1, 0.7, 0.7, "pyramid-inscribed", {}),
+    ("mujoco", 0.15, 0.6, 6, "elliptic", {"friction": "coulomb"}),
+    ("pybullet", 0.3, 0.8, 3, "pyramid-circumscribed", {}),
+    ("dart", 0.1, 0.7, 6, "elliptic", {"contact_solver": "dantzig"}),
+    ("ode", 0.3, 1.0, 3, "elliptic", {"solver": "quick-step"}),
+    ("gazebo", 0.1, 0.7, 6, "pyramid-circumscribed", {}),
+    ("rapier", 0.1, 0.8, 12, "elliptic", {}),
+)
+"""Engine, friction, restitution, timestep (ms), cone and settings: values between the measured ones, but for the first six."""
+REST_AND_SLIDE = ("rod", "clamp", "pile", *JAMMING, "squeeze", "cross", "carrier", "slide-spin")
+
+
+def beyond_declared(engine, probes, wanted, tmp_path, settings):
+    """The figures of some probes that the engine's declared deviations do not cover."""
+    kind = find_engine(engine)
+    in_force = {name: setting.default for name, setting in kind.SETTINGS.items()} | settings
+    cases = [(PROBES[name], wanted, wanted) for name in probes if PROBES[name].applies(wanted)]
+    shown = itertools.chain.from_iterable(figures_of_each(engine, cases, tmp_path, settings))
+    covered = (run.deviating(figure, wanted, kind, in_force, kind.version()) for figure in shown)
+    return [figure for figure in covered if not figure.passed]
+
+
+@pytest.mark.parametrize(("friction", "restitution", "timestep"), [(0.5, 0.5, 1), (0.4, 0.7, 3)])
+def test_a_rod_with_restitution_slips_within_its_declared_deviation(friction, restitution, timestep, tmp_path):
+    """The first is the law of the self-test's world "ground"; MuJoCo's contact with restitution has no cushion."""
+    if not installed("mujoco"):
+        pytest.skip("mujoco is not installed")
+    wanted = coupled(friction=friction, restitution=restitution, timestep=1e-3 * timestep)
+    assert beyond_declared("mujoco", ("rod",), wanted, tmp_path, {}) == []
+
+
+@nightly
+@pytest.mark.parametrize(("engine", "friction", "restitution", "timestep", "cone", "settings"), BOUNCING)
+def test_materials_with_restitution_are_within_declared_deviations(
+    engine, friction, restitution, timestep, cone, settings, tmp_path
+):
+    """In every coupled probe in which exact bodies rest or slide, whatever their restitution."""
+    if not installed(engine):
+        pytest.skip(f"{engine} is not installed")
+    wanted = coupled(friction=friction, restitution=restitution, timestep=1e-3 * timestep)
+    wanted = dataclasses.replace(wanted, friction_cone=cone)
+    probes = [name for name in REST_AND_SLIDE if name != "squeeze" or engine not in ("rapier", "physx")]
+    assert beyond_declared(engine, probes, wanted, tmp_path, settings) == []
 
 
 @pytest.mark.parametrize(

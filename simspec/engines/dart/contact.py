@@ -15,6 +15,7 @@ from simspec.engines.kit.capabilities import (
     DEEP,
     JAMMED,
     NEAR_LIMIT,
+    PRESSED,
     SWEEPS,
     Deviation,
     Reason,
@@ -55,6 +56,7 @@ def _in_force(world: World) -> Mapping[str, Any]:
 _MEASURED: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
+        Reason("rod* clamp* jam* squeeze* pile* cross* carrier slide-spin", PRESSED, bounces=True),
         Reason("rod* clamp* jam* pile*", _LEANS, _DANTZIG),
         Reason("edge*", _TOGETHER, _DANTZIG),
         Reason("slide-spin", _SPINS, _DANTZIG),
@@ -93,7 +95,7 @@ COUPLED: Table = coupled(
         ),
         Feature.EVEN_PRESSURE: (
             "DART's NSGS solver ends with uneven pressure over a face, so that boxes between two fingers "
-            "turn and fall. Use contact_solver: dantzig",
+            "turn and fall. Use contact_solver: dantzig. With both solvers fingers bounce off bodies with restitution",
             "boxes between fingers fall and turn over in 0.3 s (contact_solver: dantzig avoids this)",
         ),
         Feature.SELF_LOCKING: (

@@ -68,6 +68,7 @@ _PAGE = "see docs/engines/gazebo.md"
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
+        Reason("rod* clamp* jam* squeeze* pile* cross* carrier slide-spin", capabilities.PRESSED, bounces=True),
         Reason("rod-slips pile-slips slide-spin", PYRAMID, cone="elliptic"),
         Reason("stack*", capabilities.SWEEPS, _PGS),
         Reason("stack-slides* stack-stays*", NEAR_LIMIT),
@@ -84,7 +85,10 @@ COUPLED: Table = coupled(
             f"{_NOT_CONVERGED} with a small timestep; {_PAGE}",
             "with pgs heavy bodies sink into light ones",
         ),
-        Feature.EVEN_PRESSURE: (f"{_NOT_CONVERGED}; {_PAGE}", "with pgs boxes that slip between fingers turn"),
+        Feature.EVEN_PRESSURE: (
+            f"{_NOT_CONVERGED}; {_PAGE}. With both solvers fingers bounce off bodies with restitution",
+            "with pgs boxes that slip between fingers turn",
+        ),
         Feature.SELF_LOCKING: (
             f"{_NOT_CONVERGED} with a small timestep; {_PAGE}",
             "with pgs a self-locking clamp slips",

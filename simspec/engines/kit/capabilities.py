@@ -276,6 +276,14 @@ PREDICTED = (
     "the engine applies restitution to the speed at the end of the step, with gravity: the ratio is e (1 + g dt / v)"
 )
 THRESHOLD = "the engine's restitution threshold is fixed: bodies with e v < 0.1 m/s do not bounce"
+BOUNCES = (
+    "without a restitution_threshold, the engine applies restitution to the speed that a force gives a body in one step: "
+    "bodies at rest and sliding bodies bounce, and lose friction"
+)
+PRESSED = (
+    "the engine applies restitution where a force gives a body more than 0.1 m/s in one step: bodies that are pressed together "
+    "bounce"
+)
 HOPS = "the engine lets bodies with restitution hop without end where g dt alone exceeds its least bounce"
 PYRAMID = "the circumscribed pyramid replaces the elliptic cone, as accepted"
 
@@ -292,18 +300,20 @@ def unconverged(solver: str) -> str:
 @dataclass(frozen=True, slots=True)
 class Reason:
     """Why probes deviate: ``probes`` are patterns of their names, separated by spaces, for a setting (``name=value``) and a
-    friction cone alone where these are given."""
+    friction cone alone where these are given; ``bounces``: for materials with restitution alone."""
 
     probes: str
     why: str
     setting: str = ""
     cone: str = ""
+    bounces: bool = False
 
     def covers(self, row: Mapping[str, str]) -> bool:
         return (
             any(fnmatchcase(row["probe"], pattern) for pattern in self.probes.split())
             and self.setting in ("", row["setting"])
             and self.cone in ("", row["cone"])
+            and (not self.bounces or bool(row["restitution"]))
         )
 
 

@@ -113,12 +113,21 @@ _FEW = coarse("slip, clamp, spin or rest on crossing edges")
 _LOOP = unconverged("simspec's loop around MuJoCo's solver")
 _LIFTED = "MuJoCo's friction cone is associated: it lifts sliding bodies, which load the body below intermittently"
 _CREEPS = "MuJoCo's friction creeps near its limit, faster under heavier bodies that push"
+_BOUNCES = (
+    "MuJoCo has no restitution threshold: bodies with restitution bounce on at rest and as they slide, and lose friction in "
+    "between"
+)
 _NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"
 
 COUPLED_DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
     (
         Reason("row*", _ROW),
+        Reason("rod* clamp* jam* squeeze* pile* cross* carrier slide-spin", _BOUNCES, "friction=coulomb", bounces=True),
+        Reason(
+            "rod* clamp* jam* squeeze* pile* slide-spin", f"{NO_CUSHION}. {_HOP}", _NATIVE, "elliptic", bounces=True
+        ),
+        Reason("rod clamp carrier", _BOUNCES, _NATIVE, _INSCRIBED, bounces=True),
         Reason("strike* edge*", _TOGETHER),
         Reason("stack-slides*", _LIFTED, _NATIVE),
         Reason("stack-stays*", _CREEPS),

@@ -72,6 +72,7 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("stack*", capabilities.SWEEPS, _QUICK),
         Reason("stack-slides* stack-stays*", _PASSES_END),
         Reason("stack*", UNKNOWN),
+        Reason("rod* clamp* jam* pile* carrier slide-spin", capabilities.BOUNCES, bounces=True),
         Reason("rod clamp jam* squeeze* pile*", _CREEPS, _QUICK),
         Reason("*", _FEW),
     ),

@@ -165,6 +165,7 @@ DEVIATIONS: tuple[Deviation, ...] = (
         Path(__file__).with_name("contact_deviations.csv"),
         (
             Reason("stack*", SWEEPS),
+            Reason("rod* clamp* jam* squeeze* pile* cross* carrier slide-spin", _HOPS, bounces=True),
             Reason("jam*", JAMMED),
             Reason("squeeze*", _UNEVEN, cone="elliptic"),
             Reason("slide-spin pile-slips", _ASIDE_COUPLED, cone="elliptic"),

@@ -16,6 +16,7 @@ import numpy as np
 
 from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
+    BOUNCES,
     JAMMED,
     SINGLE,
     SWEEPS,
@@ -81,7 +82,13 @@ _FEW = coarse("slip or clamp")
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("slide-spin", _ASIDE), Reason("*", _FEW)),
+    (
+        Reason("stack*", SWEEPS),
+        Reason("rod* clamp* jam* pile*", BOUNCES, bounces=True),
+        Reason("jam*", JAMMED),
+        Reason("slide-spin", _ASIDE),
+        Reason("*", _FEW),
+    ),
 )
 COUPLED: Table = coupled(
     "rapier",

@@ -76,6 +76,14 @@ def test_the_first_reason_that_covers_a_row_is_given(tmp_path):
     assert [row.why for row in found] == ["sweeps", "deep", "leans"]
 
 
+def test_a_reason_of_materials_with_restitution_covers_their_rows_alone(tmp_path):
+    reasons = [Reason("rod", "bounces", bounces=True), Reason("rod", "leans")]
+    leans, bounces = rows(tmp_path, [",,rod,,,,,,,,,0.1,no", ",,rod,,,0.01,,,,,,0.2,no"], *reasons)
+    assert (leans.why, bounces.why) == ("leans", "bounces")
+    assert sizes([leans, bounces], 0.001) == [leans.size]
+    assert sizes([leans, bounces], 0.001, pair=PairContact("a", "b", 0.5, 0.3)) == [leans.size, bounces.size]
+
+
 def test_a_row_without_a_reason_and_a_reason_without_a_row_are_errors(tmp_path):
     rod = ",,rod,,,,,,,,,0.1,no"
     with pytest.raises(ValueError, match=r"no reason is given for rod"):
