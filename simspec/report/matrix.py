@@ -400,7 +400,7 @@ def _symbols(first: str, data: Mapping[str, Any]) -> Table:
 
 
 def engine_table(name: str) -> list[Table]:
-    """The features of an engine with their reasons, its capabilities and its settings. Raises EngineError for an unknown engine."""
+    """The features of an engine with their reasons, its capabilities and settings. Raises EngineError for an unknown engine."""
     engine = find_engine(name)
     title = f"{engine.TITLE or name} {engine.version() or '(not installed)'}: {tier(engine)}"
     features = Table(title, "feature", "", "")
