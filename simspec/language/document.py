@@ -12,10 +12,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, open_regular
+
+if TYPE_CHECKING:
+    from ruamel.yaml.error import MarkedYAMLError
 
 MOST_EVENTS = 100_000
 """Keys, values, and beginnings and ends of mappings and lists of one file: two seconds' worth of reading. The largest spec of
@@ -177,6 +180,39 @@ def build(stream: Iterable[Any], file: str) -> Document:
     return Document(file, data, mark or Mark(1, 1), builder.problems)  # an empty file has a beginning too
 
 
+def _yaml_words(error: MarkedYAMLError, text: str) -> tuple[str, str | None]:
+    """The parser's error in the words of who writes a file, and the way out; the parser's words where these are not known."""
+    context, problem, mark = error.context or "", error.problem or "", error.problem_mark
+    if "'\\t'" in problem:
+        return "a tab in the indentation", "indent with spaces, never with tabs"
+    if problem.startswith("mapping values are not allowed"):
+        return "a second colon in a line", 'put the key on a line of its own, or the text in quotes: "a: b"'
+    if "quoted scalar" in context and error.context_mark is not None:
+        return f"the quote that begins in line {error.context_mark.line + 1} does not end", None
+    if "flow" in context and error.context_mark is not None:
+        start = error.context_mark
+        bracket = "".join(text.splitlines()[start.line : start.line + 1])[start.column : start.column + 1]
+        closing = {"{": "}", "[": "]"}.get(bracket)
+        if closing is None:
+            return " ".join((context, problem)), None
+        return (
+            f"the {bracket} of line {start.line + 1} is not closed",
+            f"a comma or {closing} is missing before this place",
+        )
+    if "block" in context and "expected <block end>" in problem and mark is not None:
+        lines = text.splitlines()[: mark.line]
+        columns = sorted(
+            {len(line) - len(line.lstrip(" ")) for line in lines if line.strip(" ") and line.lstrip(" ")[0] != "#"}
+        )
+        if mark.column not in columns:
+            known = ", ".join(str(column) for column in columns)
+            return (
+                f"this line is indented by {mark.column} spaces, the lines above by {known}",
+                "align it with its neighbours",
+            )
+    return " ".join(part for part in (context, problem) if part), None
+
+
 def events(text: str, file: str) -> Iterator[Any]:
     """The parser's events. Raises a located SpecError for text that is not YAML."""
     from ruamel.yaml import YAML
@@ -202,9 +238,8 @@ def events(text: str, file: str) -> Iterator[Any]:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file, 1, 1)
-        what = " ".join(part for part in (error.context, error.problem) if part)
-        hint = "indent with spaces, never with tabs" if "'\\t'" in what else None
-        raise SpecError([Problem(f"not YAML: {what}", location=place, hint=hint)]) from None
+        message, hint = _yaml_words(error, text)
+        raise SpecError([Problem(f"not YAML: {message}", location=place, hint=hint)]) from None
     except YAMLError as error:
         raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
     if depth <= DEEPEST + 1 and count <= MOST_EVENTS:

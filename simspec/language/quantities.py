@@ -63,6 +63,8 @@ _DEFINITIONS: tuple[tuple[str, Fraction | str, Exponents], ...] = (
 """Every unit: its names, its factor to SI and its powers of the base units; exact definitions (SI, and the international
 yard and pound)."""
 _UNITS = {name: (Fraction(factor), powers) for names, factor, powers in _DEFINITIONS for name in names.split()}
+LONGEST_SYMBOL = 3
+"""Letters of a unit's symbol (kg, lb, deg), which has no plural; names have more."""
 _PREFIXES = {
     **{"": 0, "yocto": -24, "y": -24, "nano": -9, "n": -9, "micro": -6, "u": -6, "milli": -3, "m": -3},
     **{"centi": -2, "c": -2, "deci": -1, "d": -1, "hecto": 2, "h": 2, "kilo": 3, "k": 3, "mega": 6, "M": 6},
@@ -134,7 +136,7 @@ def unit_names() -> list[str]:
 @functools.lru_cache(maxsize=1024)
 def _unit(name: str) -> tuple[Fraction, Exponents]:
     """The factor to SI and the powers of the base units of one unit: its name, or a prefix and a name, or that with a
-    plural ``s``. Raises ValueError for an unknown name."""
+    plural ``s`` where the name is a word and not a symbol. Raises ValueError for an unknown name."""
     if name == "dimensionless":
         return Fraction(1), (0, 0, 0, 0)
     if name in _UNITS:
@@ -143,7 +145,7 @@ def _unit(name: str) -> tuple[Fraction, Exponents]:
         stem = name.removesuffix(plural)
         for prefix, power in _PREFIXES.items():
             unit = stem.removeprefix(prefix) if stem.startswith(prefix) else ""
-            if unit not in _UNITS or (plural and len(unit) == 1):
+            if unit not in _UNITS or (plural and len(unit) <= LONGEST_SYMBOL):
                 continue
             factor, powers = _UNITS[unit]
             return factor * Fraction(10) ** power, powers

@@ -115,20 +115,26 @@ def test_every_unit_fits_exactly_the_dimensions_of_its_name(name):
 
 
 def test_units_are_those_of_pint():
-    """Names, prefixes and plurals are accepted as pint accepts them, with the same exact factors."""
+    """Names, prefixes and plurals are accepted as pint accepts them, with the same exact factors; but symbols have no plural
+    (``lbs``, ``kgs``)."""
     definitions = (Path(__file__).parent / "data/units.txt").read_text().splitlines()
     registry = pint.UnitRegistry(None, non_int_type=Fraction)
     registry.load_definitions(definitions)
     prefixes = ["", *re.findall(r"\b([A-Za-z]+)-", "\n".join(definitions))]
     assert set(prefixes) == set(quantities._PREFIXES)
     words = {f"{prefix}{name}{end}" for prefix, name, end in product(prefixes, unit_names(), ("", "s", "ss"))}
+    long = {name for name in unit_names() if len(name) > quantities.LONGEST_SYMBOL}
+    plural_symbols = {f"{prefix}{name}s" for prefix, name in product(prefixes, {*unit_names()} - long)}
+    plural_symbols -= {f"{prefix}{name}{end}" for prefix, name, end in product(prefixes, long, ("", "s"))}
+    plural_symbols -= {f"{prefix}{name}" for prefix, name in product(prefixes, unit_names())}
+    assert {"lbs", "kgs", "degs", "mms"} <= plural_symbols
     words |= {f"{prefix}{letter}" for prefix, letter in product(prefixes, "abcdefghijklmnopqrstuvwxyz_sS")} - {""}
     for word in sorted({*words, "dimensionless", "per", "sq", "pi", "e", "nan", "inf", "True", "yocto", "delta_m"}):
         if word == "dimensionless":  # pint's own name
             assert quantities._unit(word) == (1, (0, 0, 0, 0))
         elif word in registry._units:
             assert quantities._unit(word) == _of_pint(registry, "", word)
-        elif not (found := registry.parse_unit_name(word)):
+        elif not (found := registry.parse_unit_name(word)) or word in plural_symbols:
             with pytest.raises(ValueError, match=f"^{word}$"):
                 quantities._unit(word)
         else:
