@@ -415,7 +415,9 @@ TABLE = MutationTable(
             "damping/text()", "overwritten while loading, by the value that realises the armature", ("moved",), "*.skel"
         ),
         Inert("joint/dof", "for a joint without coordinates", ("element added",), "*.skel"),
-        Inert("inertia/offset/text()", "the centre of mass of a body without mass", ("moved",), "*.skel"),
+        Inert("offset/text()", "the centre of mass of a body without mass", ("moved",), "*.skel"),
+        Inert("xyz/text()", "DART normalises an axis", ("scaled",), "*.skel"),
+        Inert("axis", "DART's default axis is z", ("element removed",), "*.skel"),
         *PASSIVE_BY_NAME,
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),
         Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
