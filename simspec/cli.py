@@ -18,7 +18,10 @@ from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecErro
 from simspec.numerals import NumeralError, whole
 from simspec.processes import exit_if_signalled, in_order
 
-ORDER = "new check import export accept fmt schema compile verify run sweep study pages explain bisect audit report view diff"
+ORDER = (
+    "new list check import export accept fmt schema compile verify run sweep study pages explain bisect audit report view "
+    "diff"
+)
 """The commands in the order of ``simspec --help``; ``trust`` and the group ``engines`` follow."""
 HELP_NAMES = {"help_option_names": ["--help", "-h"]}
 
@@ -69,7 +72,8 @@ def simspec_command() -> None:
     Start here:
       simspec new pendulum                     write a commented spec, pendulum.yaml
       simspec run pendulum.yaml --all-engines  compile, verify, run, compare
-      simspec run spheres-216 --all-engines    a scenario of the library, by name
+      simspec list                             the scenarios of the library
+      simspec run spheres-216 --all-engines    one of them, by name
       simspec verify pendulum.yaml             prove that every engine has the spec's model
       simspec sweep pendulum.yaml              all runs that its `sweep` requests
       simspec diff runs/pendulum/ENGINE1 runs/pendulum/ENGINE2

@@ -281,6 +281,12 @@ LIBRARY = ("*.yaml", "contact/*.yaml")
 """Where the library's scenarios are below ``specs``; the others there are models."""
 
 
+def library() -> dict[str, Path]:
+    """The files of the library's scenarios by name."""
+    folder = resource_folder("specs")
+    return {found.stem: found for part in LIBRARY for found in sorted(folder.glob(part))}
+
+
 def find_spec(name: str) -> Path:
     """The file of a spec: a path, or the name of a scenario of the library that is shipped with simspec.
 
@@ -289,13 +295,12 @@ def find_spec(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    folder = resource_folder("specs")
-    library = {found.stem: found for part in LIBRARY for found in sorted(folder.glob(part))}
-    if name in library:
-        return library[name]
+    scenarios = library()
+    if name in scenarios:
+        return scenarios[name]
     import difflib
 
-    near = difflib.get_close_matches(path.stem, library, 1)
+    near = difflib.get_close_matches(path.stem, scenarios, 1)
     try:
         there: str | None = kind(path.stat().st_mode)
     except (OSError, ValueError):  # nothing is there, or nothing can be: a name too long, or with a zero byte
@@ -305,7 +310,7 @@ def find_spec(name: str) -> Path:
         [
             Problem(
                 f"{name}: {what}",
-                allowed=f"a YAML file, or one of {', '.join(library)}",
+                allowed=f"a YAML file, or one of {', '.join(scenarios)}: simspec list",
                 hint=f"did you mean {near[0]!r}?" if near else None,
             )
         ]

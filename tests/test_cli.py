@@ -17,8 +17,10 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.commands.options import COMMANDS as OPTIONS
+from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines
-from simspec.files import resource_folder
+from simspec.files import library, resource_folder
+from simspec.language.load import load
 from simspec.runner.store import load_run
 from tests.installed import INSTALLED
 
@@ -27,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 PACKAGE = Path(cli.__file__).resolve().parent
 COMMANDS = (
     "new",
+    "list",
     "check",
     "audit",
     "fmt",
@@ -446,6 +449,18 @@ def test_a_run_ends_with_a_verdict_of_at_most_twelve_lines(folder, monkeypatch):
     assert quiet.stderr == ""
     assert [part["label"] for part in data(*words)["verdict"] if part["label"]] == VERDICT[:-1]
     assert "exclude each other" in simspec(*words, "-q", "-v", code=2).stderr
+
+
+def test_the_scenarios_of_the_library_are_listed_with_their_engines():
+    lines = simspec("list").stdout.splitlines()
+    found = data("list")
+    assert found.keys() == library().keys()
+    assert all(any(line.startswith(f"{name}:") for line in lines) for name in found)
+    tumbling = found["tumbling-body"]
+    assert {"mujoco", "rapier"} <= set(tumbling["engines"])
+    assert found["double-pendulum"]["refused"]["rapier"] == ["joint.hinge"]
+    compiled = compile_world(load(str(tumbling["file"])).resolve(), tumbling["engines"])
+    assert list(compiled) == tumbling["engines"]
 
 
 def test_an_expectation_that_fails_is_exit_1(folder):

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.commands.loading import LoadedSpec, load_spec
 from simspec.commands.options import demand_trusted, engine_names, engines_at_work, names_alone, print_json
-from simspec.commands.scenario_options import AcceptOptions, CheckOptions
+from simspec.commands.scenario_options import AcceptOptions, CheckOptions, ListOptions
 from simspec.engines.kit.registry import engine_name
-from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
-from simspec.files import resource_folder
+from simspec.errors import EXIT_OK, EngineRefusal, Problem, SpecError, UnsupportedError
+from simspec.files import library, resource_folder
 from simspec.language.document import read_text
 from simspec.language.foreign import repaired, repairs_data
 from simspec.language.load import Spec
@@ -243,3 +243,35 @@ _TOP = re.compile(r"[\w\"']+\s*:")
 
 
 _ENGINES = re.compile(r"[\"']?engines[\"']?\s*:")
+
+
+# --- simspec list -----------------------------------------------------------------------------------------------------------
+
+
+def list_scenarios(options: ListOptions) -> int:
+    """Print the scenarios of the library: name, description, and the engines that support each; each as soon as it is known."""
+    from simspec.compiler import needed_decisions
+    from simspec.engines.kit.registry import engines
+    from simspec.language.load import load
+
+    found: dict[str, dict[str, Any]] = {}
+    names = [name for name, engine in engines().items() if not engine.FILES_ALONE]
+    screen = console()
+    for scenario, path in library().items():
+        spec = load(str(path))
+        world, said = spec.resolve(), spec.data.description or ""
+        refused: dict[str, list[str]] = {}
+        for name in names:
+            try:
+                needed_decisions(world, name)
+            except UnsupportedError as error:
+                features = [problem.feature for problem in error.problems if isinstance(problem, EngineRefusal)]
+                refused[name] = list(dict.fromkeys(filter(None, features)))
+        supported = [name for name in names if name not in refused]
+        found[scenario] = {"file": path, "description": said, "engines": supported, "refused": refused}
+        if not options.as_json:
+            screen.note(f"{scenario}: {said}" if said else scenario)
+            screen.note(f"  {', '.join(supported)}", "dim")
+    if options.as_json:
+        print_json(found)
+    return EXIT_OK

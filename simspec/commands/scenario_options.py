@@ -36,6 +36,16 @@ class NewOptions(Options):
     name: Annotated[str, Argument(help="Name of the scenario; the file is NAME.yaml.")]
 
 
+@command("list", "check:list_scenarios", "as_json")
+class ListOptions(Options):
+    """List the scenarios of the library, each with the engines that support it. Writes nothing.
+
+    \b
+    simspec list
+    simspec run SCENARIO --all-engines
+    """
+
+
 @command("check", "check:check", "specs engine sets accept ROBOTS allow_outside strict verbose as_json")
 class CheckOptions(Options):
     """Load and resolve specs; with --engine, also check that these engines support them. Writes nothing.
