@@ -396,6 +396,12 @@ TABLE = MutationTable(
             "*.obj",
             within=QUANTISED,
         ),
+        Inert(
+            "obj/v",
+            "a vertex that no triangle of a height field has",
+            ("element added", "element doubled"),
+            "fields/*.obj",
+        ),
         *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf") for tag in FIRST),
         *(
             Inert(site, FIRST_ONLY, ("element added",), "*.urdf")

@@ -81,6 +81,10 @@ def _check_rest(
     feet = {tuple(foot) for foot in points[low][:, :2].tolist()} - {(0.0, 0.0)}
     if feet - {tuple(point) for point in points[rim][:, :2].tolist()} or ((place < 0) & ~low).any():
         raise ValueError("its walls are not upright below its rim")
+    spots = np.unique(points[:, :2], axis=0, return_inverse=True)[1].ravel()
+    walls = np.sort(spots[triangles[low[triangles].any(axis=1) & ~low[triangles].all(axis=1)]], axis=1)
+    if (np.diff(walls, axis=1) != 0).all(axis=1).any():
+        raise ValueError("its walls are not upright below its rim")
     count = len(points)
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     there, back = np.sort(edges[:, 0] * count + edges[:, 1]), np.sort(edges[:, 1] * count + edges[:, 0])

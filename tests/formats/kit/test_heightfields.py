@@ -53,6 +53,13 @@ def moved(all_corners: np.ndarray, axis: int) -> np.ndarray:
     return changed
 
 
+def two_swapped(first: int, second: int) -> np.ndarray:
+    """With two points swapped in all triangles, counted from the end."""
+    points, triangles = field_of(ROUGH).closed()
+    points[[-first, -second]] = points[[-second, -first]]
+    return points[triangles]
+
+
 BAD = {
     "the other diagonal": (lambda: other_diagonal(corners()), "diagonal"),
     "mirrored": (lambda: corners() * np.array([-1.0, 1.0, 1.0]), "diagonal"),
@@ -61,6 +68,8 @@ BAD = {
     "a hole above": (lambda: corners()[1:], "diagonal"),
     "twice": (lambda: np.concatenate([corners(), corners()[:1]]), "diagonal"),
     "a point aside": (lambda: moved(corners(), 0), "grid"),
+    "two feet of its walls swapped": (lambda: two_swapped(2, 3), "upright"),
+    "a foot and the middle of the bottom swapped": (lambda: two_swapped(1, 2), "upright"),
     "off its middle": (lambda: corners() + np.array([0.01, 0.0, 0.0]), "origin"),
     "nothing": (lambda: np.zeros((0, 3, 3)), "no closed surface"),
     "a tetrahedron": (
