@@ -41,7 +41,7 @@ class ListOptions(Options):
     """List the scenarios of the library, each with the engines that support it. Writes nothing.
 
     \b
-    simspec list
+    simspec list --json
     simspec run SCENARIO --all-engines
     """
 
