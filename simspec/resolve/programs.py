@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from simspec.world import frames
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import initial_state, layout, layout_of, trees
 from simspec.world.types import Body, Pose, Quaternion, World
+
+if TYPE_CHECKING:
+    from simspec.dynamics.tool import Solution
 
 PATH: tuple[Key, ...] = ("trajectory", "program")
 LARGEST_JUMP = 0.5
@@ -304,14 +307,14 @@ class ProgramSolution:
         begun, turning = rows.times[-1], not step.move.free_orientation
         target = self._target(step.move)
         if not step.straight:
-            self._q = self._reach(target, turning, far=True)
+            self._q = self._reach(target, target, turning, far=True)
             goal = self._row(self._q, before)
             for time, way in zip(times, minimum_jerk(shares), strict=True):
                 self._append(rows, index, time, before + way * (goal - before), pressed)
         else:
             for time, place in zip(times, self._line(target, minimum_jerk(shares)), strict=True):
                 into = f" {time - begun:.3g} s into it" if time < times[-1] else ""
-                solution = self._reach(place, turning, into)
+                solution = self._reach(place, target, turning, into)
                 jump = np.abs(solution - self._q)
                 if jump.max() > LARGEST_JUMP:
                     self._jumped(int(jump.argmax()), float(jump.max()), into)
@@ -341,24 +344,23 @@ class ProgramSolution:
             for way in ways
         ]
 
-    def _reach(self, target: Any, turning: bool, into: str = "", far: bool = False) -> np.ndarray:
-        solution = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=far)
+    def _reach(self, place: Any, target: Any, turning: bool, into: str = "", far: bool = False) -> np.ndarray:
+        """The positions of the tree at a place on the way to the ``target`` of a move. Raises _Stop with the distance by which
+        the target is out of reach, or the straight path to it."""
+        solution = self._tool.solve(place, self._q, turning=turning, nominal=self._nominal, far=far)
         if solution.reached:
             positions: np.ndarray = solution.positions
             return positions
-        stuck = f"; at a limit: {', '.join(solution.at_limit)}" if solution.at_limit else ""
-        off = (
-            f"{1e3 * solution.distance:.3g} mm and {solution.angle:.3g} rad"
-            if turning
-            else f"{1e3 * solution.distance:.3g} mm"
-        )
         at = ", ".join(f"{value:.4g}" for value in target.translation)
-        raise _Stop(
-            f"the inverse kinematics does not converge: the tool stays {off} away{into}{stuck}",
-            ("move",),
-            found=f"a target at [{at}] m",
-            hint="a nearer target, another orientation, or several moves",
-        )
+        there = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=True)
+        if there.reached:
+            off = _off(solution, turning)
+            message = f"the straight path to the target leaves the reach of the tool{into}: it stays {off} away"
+            hint = "straight: false, another orientation, or several moves"
+        else:
+            message = f"the target is out of reach: the tool stays {_off(there, turning)} away"
+            hint = "a nearer target, or another orientation (the pose of the tool's frame counts)"
+        raise _Stop(message, ("move",), found=f"a target at [{at}] m", hint=hint)
 
     def _jumped(self, coordinate: int, jump: float, into: str) -> None:
         parts = layout(self._tool.bodies).position
@@ -371,6 +373,13 @@ class ProgramSolution:
             allowed=f"up to {LARGEST_JUMP:g}",
             hint="the straight path passes a singular configuration: use straight: false, another path, or a smaller interval",
         )
+
+
+def _off(solution: Solution, turning: bool) -> str:
+    """How far a solution is from its place, and the joints at a limit."""
+    turn = f" and {solution.angle:.3g} rad" if turning else ""
+    stuck = f" (at a limit: {', '.join(solution.at_limit)})" if solution.at_limit else ""
+    return f"{1e3 * solution.distance:.3g} mm{turn}{stuck}"
 
 
 def _wait(lasting: float, interval: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import simspec
+from simspec.dynamics.tool import Tool
 from simspec.language.overrides import Override
 from simspec.resolve import programs
 from simspec.resolve.actuators import grasps
@@ -114,5 +115,24 @@ def test_failed_solutions_are_reported_every_time_and_not_cached(reach):
     spec, _ = reach
     far = changed(spec, **{"trajectory.program.0.move.xyz": [9, 9, 9]})
     for _ in range(2):
-        with pytest.raises(simspec.SpecError, match="does not converge"):
+        with pytest.raises(simspec.SpecError, match=r"out of reach: the tool stays [\d.e+]+ mm .*\n.*\[9, 9, 9\] m"):
             far.resolve()
+
+
+def test_a_path_that_leaves_the_reach_of_the_tool_is_told_from_a_target_that_does(reach, monkeypatch):
+    """The target is written as the user wrote it, not the point on the way at which the solver stopped."""
+    spec, _ = reach
+    solve = Tool.solve
+
+    def misses_on_the_way(self, place, *arguments, far=False, **keywords):
+        found = solve(self, place, *arguments, far=far, **keywords)
+        return found if far else dataclasses.replace(found, distance=0.065)
+
+    monkeypatch.setattr(Tool, "solve", misses_on_the_way)
+    monkeypatch.setattr(programs, "_SOLVED", {})
+    with pytest.raises(simspec.SpecError, match=r"straight path to the target leaves the reach") as caught:
+        changed(spec, **{"trajectory.interval": "20 ms"}).resolve()
+    (problem,) = caught.value.problems
+    assert "65 mm" in problem.message
+    assert problem.found == "a target at [0.2, 0.8, 0.5] m"
+    assert "straight: false" in problem.hint
