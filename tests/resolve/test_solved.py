@@ -119,7 +119,7 @@ def test_failed_solutions_are_reported_every_time_and_not_cached(reach):
             far.resolve()
 
 
-def test_a_path_that_leaves_the_reach_of_the_tool_is_told_from_a_target_that_does(reach, monkeypatch):
+def test_a_path_that_leaves_the_reach_and_a_target_that_does_have_different_errors(reach, monkeypatch):
     """The target is written as the user wrote it, not the point on the way at which the solver stopped."""
     spec, _ = reach
     solve = Tool.solve
