@@ -111,7 +111,8 @@ class Grid:
 
 
 FIRST_RESTITUTION, LAST_RESTITUTION = 0.5, 0.9
-"""Of coupled probes: the first grid has the former and 1, where a bounce loses no energy; the other has 0.25 and the latter."""
+"""Of coupled probes: the first grid has the former, 0.35, 0.7 and 1, where a bounce loses no energy; the other has 0.25 and the
+latter. Engines but MuJoCo and PyBullet were measured without 0.35 and 0.7, MuJoCo and PyBullet with them at 1 to 8 ms."""
 BOUNCING_TIMESTEPS = ((1.0, 2.0, 4.0, 8.0, 16.0), (20.0, 8.0, 2.0, 0.5))
 """ms, of coupled probes with restitution: of the first grid, and between."""
 RATIOS = (1.0, 10.0, 100.0, 1000.0)
@@ -123,7 +124,7 @@ TABLES = Grid(
         "sliding stack": [Values((0.05, 0.1, 0.3, 0.6, 1.2), _RESTING, (1.0, 4.0, *RATIOS[1:]))],
         "coupled": [
             Values((0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2)),
-            Values((0.05, 0.2, 0.5, 0.8, 1.2), (FIRST_RESTITUTION, 1.0)),
+            Values((0.05, 0.2, 0.5, 0.8, 1.2), (0.35, FIRST_RESTITUTION, 0.7, 1.0)),
         ],
     },
     (1.0, 4.0),
@@ -153,7 +154,7 @@ MARGIN, LOCAL_MARGIN = 1.15, 1.25
 the median of what the tables miss between theirs."""
 BOUNCING_MARGIN = 1.6
 """The same of both grids where coupled bodies have restitution: when a hop ends changes with every number (of 86 random points
-between the measured ones 7 had a figure beyond the margins above, by 2 to 81 %)."""
+between the measured ones 7 had a figure beyond the margins above, by 2 to 81 %; with this margin and more points 2 of 33)."""
 ABOVE = 1.05
 """A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
 SOME = 0.01
@@ -299,7 +300,8 @@ def page_bouncing(rows: Sequence[Mapping[str, Any]], date: str) -> str:
     )
     lines = [
         BOUNCING,
-        f"The tables above have these probes at restitution 0. Frictions {frictions}, restitutions {restitutions} (`cross`: "
+        f"The tables above have these probes at restitution 0. Frictions {frictions}, restitutions {restitutions} (0.35 "
+        "and 0.7: MuJoCo and PyBullet, up to 8 ms; `cross`: "
         f"up to {DROP_RESTITUTION:g}), measured on {date} with `--bouncing`. Exact engines would have the same figures with "
         "and without restitution, since bodies at rest and sliding bodies do not bounce. Two causes are in the engines. "
         "Without a `restitution_threshold`, they apply restitution to the speed that a force gives a body in one step. With a "
@@ -573,13 +575,20 @@ def _measured(row: Mapping[str, Any]) -> tuple[str, float, float, bool]:
     above the largest restitution of the other grid."""
     probe, relative = str(row["probe"]), _is_share(row)
     if bounces(probe, row["restitution"]):
-        return probe, 1.001 * LAST_RESTITUTION if row["restitution"] > FIRST_RESTITUTION else SOME, 0.0, relative
+        return probe, _from_restitution(row["restitution"]), 0.0, relative
     varied = probe.split("-")[0] in IMPACTS or probe in SLIDING
     ratio = 0.0
     if probe.startswith("stack"):
         ratios = TABLES.values["sliding stack" if probe in SLIDING else "stack"][0].ratios
         ratio = max((1.001 * size for size in ratios if size < row["ratio"]), default=0.0)
     return probe, SOME if varied and row["restitution"] else 0.0, ratio, relative
+
+
+def _from_restitution(restitution: float) -> float:
+    """From where on the size of a coupled probe at this restitution of the first grid counts."""
+    if restitution <= FIRST_RESTITUTION:
+        return SOME
+    return 1.001 * (FIRST_RESTITUTION if restitution < 1.0 else LAST_RESTITUTION)
 
 
 def _size(row: Mapping[str, Any]) -> float:
