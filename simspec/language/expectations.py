@@ -70,6 +70,9 @@ _SHARE = Number("number", 0)
 _LENGTH = Number("length", 0)
 _TIME = Number("time", 0)
 _BODY = Parameter(Name(path=True), "Full name of a body")
+_SINGLE = Parameter(
+    _LENGTH, "Replaces `tolerance` in engines that compute in single precision; default: `tolerance`", required=False
+)
 _AT = Parameter(_TIME, "A recorded time; default: the end", required=False)
 _POINT = Vector(Number("length"))
 
@@ -102,6 +105,7 @@ KINDS: Mapping[str, ExpectationKind] = {
         "integrator and timestep",
         {
             "tolerance": Parameter(_LENGTH, "Largest distance of a body frame's origin"),
+            "tolerance_single": _SINGLE,
             "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
         },
     ),
@@ -111,6 +115,7 @@ KINDS: Mapping[str, ExpectationKind] = {
             "body": _BODY,
             "xyz": Parameter(_POINT, "Place of the frame's origin in the world"),
             "tolerance": Parameter(_LENGTH, "Largest distance from the position"),
+            "tolerance_single": _SINGLE,
             "at": _AT,
         },
         of_end="at",
@@ -120,6 +125,7 @@ KINDS: Mapping[str, ExpectationKind] = {
         {
             "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
             "tolerance": Parameter(_LENGTH, "Largest distance of any body from its target"),
+            "tolerance_single": _SINGLE,
             "at": _AT,
         },
         of_end="at",
@@ -131,6 +137,7 @@ KINDS: Mapping[str, ExpectationKind] = {
             "xyz": Parameter(_POINT, "The displacement, in world axes", required=False),
             "distance": Parameter(_LENGTH, "The length of the displacement", required=False),
             "tolerance": Parameter(_LENGTH, "Largest deviation"),
+            "tolerance_single": _SINGLE,
             "at": _AT,
         },
         alternatives=("xyz", "distance"),
@@ -142,6 +149,7 @@ KINDS: Mapping[str, ExpectationKind] = {
             "body": _BODY,
             "height": Parameter(Number("length"), "The height"),
             "tolerance": Parameter(_LENGTH, "Largest deviation"),
+            "tolerance_single": _SINGLE,
             "after": Parameter(_TIME, "The time from which on the apex is sought"),
         },
         of_end="always",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dynamics.oracle import angles_of
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.registry import engine_name, engines
 from simspec.files import parts, release, zeros
 from simspec.runner import metrics
@@ -404,7 +405,7 @@ def evaluate(run: Run, noise: np.ndarray | None = None) -> list[Outcome]:
 
 def _evaluate(run: Run, number: int, noise: np.ndarray | None) -> Outcome:
     expectation = run.world.expectations[number]
-    parameters: Parameters = dict(expectation.parameters)
+    parameters: Parameters = _in_numbers_of(run, dict(expectation.parameters))
     measure = MEASURES[expectation.kind]
     bound = next((float(parameters[name]) for name in BOUNDS if name in parameters), 0.0)
     if run.failed is not None or not run.recorded:
@@ -418,10 +419,22 @@ def _evaluate(run: Run, number: int, noise: np.ndarray | None) -> Outcome:
     if not passed and noise is not None and (why := _too_fine(run, measured, noise)):
         detail = f"{why}; {detail}"
         name = next(name for name in BOUNDS if name in parameters)
+        name += "_single" if f"{name}_single" in parameters else ""
         path = f"expect.{number}.{expectation.kind}.{name}"
         hint = f"another bound in {run.engine} alone: --engine {run.engine} --set {path}=VALUE"
     value, bound = float(measured.value), float(measured.bound)
     return Outcome(expectation.kind, bool(passed), value, bound, measured.unit, detail, hint)
+
+
+def _in_numbers_of(run: Run, parameters: Parameters) -> Parameters:
+    """Parameters of an expectation with the tolerance that holds for the engine's numbers."""
+    single = parameters.get("tolerance_single")
+    engine = engines().get(engine_name(run.engine))
+    if single is None:
+        return parameters
+    if engine is None or engine.PRECISION == DOUBLE:
+        return {name: value for name, value in parameters.items() if name != "tolerance_single"}
+    return {**parameters, "tolerance": single}
 
 
 def _too_fine(run: Run, measured: Measured, noise: np.ndarray) -> str:

@@ -386,3 +386,19 @@ def test_a_missed_bound_that_is_finer_than_the_engine_resolves_says_so(away, noi
     hint = "another bound in rapier alone: --engine rapier --set expect.0.position.tolerance=VALUE"
     assert found.hint == (hint if given else "")
     assert evaluate(made)[0].detail.startswith("ball at ")
+
+
+@pytest.mark.parametrize(("engine", "passed", "bound"), [("mujoco", False, 1e-7), ("rapier", True, 1e-3)])
+def test_a_tolerance_for_single_precision_holds_in_its_engines_alone(engine, passed, bound):
+    expectation = expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e-7, tolerance_single=1e-3)
+    of = world(free_body("ball"), expect=(expectation,), gravity=0.0)
+    (found,) = evaluate(run(of, lambda name, t: column(0 * t + 1e-4, 0, 0), engine=engine))
+    assert (found.passed, found.bound) == (passed, bound)
+
+
+def test_engines_of_single_precision_keep_the_tolerance_where_no_other_is_given():
+    of = world(
+        free_body("ball"), expect=(expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e-7),), gravity=0.0
+    )
+    (found,) = evaluate(run(of, lambda name, t: column(0 * t + 1e-4, 0, 0), engine="rapier"))
+    assert (found.passed, found.bound) == (False, 1e-7)
