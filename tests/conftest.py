@@ -23,6 +23,9 @@ settings.load_profile("simspec")
 
 ROOT = Path(__file__).resolve().parent
 os.environ["XDG_DATA_HOME"] = os.devnull  # versions of engines that the user has made are none of a test's business
+for variable in ("COLUMNS", "LINES"):  # readline sets them, for this process and those that it starts
+    os.environ.pop(variable, None)
+    os.unsetenv(variable)
 # commands that tests start inherit ignored signals (of nohup, or of a shell in the background), and would not end by them
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

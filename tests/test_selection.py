@@ -83,9 +83,10 @@ def test_refusing_engines_are_listed_with_the_place_and_the_others_continue(plac
 
 def test_tables_have_a_row_for_each_engine_that_is_left_out(place, capsys):
     place(BALL)
-    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
+    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify", "-v"]) == 0
     said = capsys.readouterr().out
     assert "Not run" in said
+    assert "\nnot run       drake: material.restitution\n" in said
     row = next(line for line in said.splitlines() if line.strip().startswith("drake"))
     assert "material.restitution" in row
     assert cli.main(["compile", "ball.yaml"]) == 0
@@ -132,8 +133,9 @@ def test_where_no_engine_supports_a_world_all_say_why():
 
 def test_acceptable_features_are_reported(place, capsys):
     place(BALL.replace("  mujoco: {accept: [material.restitution]}\n", ""))
-    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
+    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify", "-v"]) == 0
     said = capsys.readouterr().out
+    assert "mujoco: material.restitution (can be accepted)" in " ".join(said.split())
     assert "to accept by name what differs: simspec accept SPEC  (mujoco)" in said
     assert cli.main(["accept", "ball.yaml"]) == 0
     said = capsys.readouterr().out

@@ -76,13 +76,11 @@ LEVELS_OF_QUICK = ("L0", "L1", "L2", "L3", "L4", "L6", "L7")
 
 
 class Results(Arrivals):
-    """The results of one study of ``world`` in ``folder``. ``notes``: remarks about earlier results in the folder;
-    ``finished``: the engines whose runs are stored."""
+    """The results of one study of ``world`` in ``folder``. ``notes``: remarks about earlier results in the folder."""
 
     def __init__(self, world: World, folder: Path, not_run: Mapping[str, NotTaken] | None = None):
         """``not_run``: the requested engines that were left out."""
         self.notes: list[str] = []
-        self.finished: list[str] = []
         self._not_run = {name: str(why) for name, why in (not_run or {}).items()}
         self._world = world
         self._hash = sha256(world)
@@ -132,8 +130,10 @@ class Results(Arrivals):
 
     def run(self, run: Run) -> None:
         run.save(self._folder / run.engine)
-        if run.failed is None:
-            self.finished.append(run.engine)
+
+    def kept(self) -> list[str]:
+        """The stored runs of this world, by their folders' names."""
+        return [name for name, stored_hash in stored_runs(self._folder).items() if stored_hash == self._hash]
 
     def floor(self, floor: Floor) -> None:
         save_floor(floor, self._folder / floor.engine)
@@ -300,8 +300,8 @@ def run_world(
             if options.baseline is not None or options.write_baseline is not None:
                 compared = _with_baseline(options, before, result, selection, tell)
     except Ended:
-        if results.finished:
-            say(f"kept in {folder}: {', '.join(results.finished)}; to compare them: simspec view {folder}", error=True)
+        if kept := results.kept():
+            say(f"kept in {folder}: {', '.join(kept)}; to compare them: simspec view {folder}", error=True)
         raise
     done = Finished(options, result, folder, selection, compared, page, tuple(results.notes), tuple(show))
     comparison = done.comparison

@@ -60,7 +60,7 @@ def test_two_versions_and_another_engine_in_a_single_run(python, tmp_path, monke
     """Each is an engine with a label: a certificate and a run of its own, and every pair in the table of differences."""
     monkeypatch.chdir(tmp_path)
     requested = ["--engine", "mujoco", "--engine", f"mujoco@3.8={python}", "--engine", "dart"]
-    done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *requested, "--set", "physics.duration=0.2"])
+    done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *requested, "-v", "--set", "physics.duration=0.2"])
     assert done.exit_code == 0, done.output
     report = json.loads((tmp_path / "runs" / "double-pendulum" / "report.json").read_text())
     assert list(report["runs"]) == ["mujoco", "mujoco@3.8", "dart"]

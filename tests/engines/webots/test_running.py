@@ -303,7 +303,7 @@ def test_the_read_back_is_that_of_webots(begun, monkeypatch):
 def test_a_run_is_a_run(home, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
-    assert cli.main(["run", "fall.yaml", "--engine", "webots", "--no-repeats", "--no-verify"]) == EXIT_OK
+    assert cli.main(["run", "fall.yaml", "--engine", "webots", "--no-repeats", "--no-verify", "-v"]) == EXIT_OK
     said = capsys.readouterr().out
     assert "webots R2025a" in said
     assert "ball moved 0.04954 m" in said
