@@ -92,6 +92,8 @@ def deep_contact(spec: Spec, world: World, names: Iterable[str] | None = None) -
         return []
     depths: dict[tuple[str, float], list[str]] = {}
     for name in engines() if names is None else names:
+        if _shallow(name, world, DEEP * least.inner):
+            continue
         for setting, depth in depth_settings(engines()[name], world).items():
             if depth > DEEP * least.inner:
                 depths.setdefault((setting, depth), []).append(name)
@@ -106,6 +108,20 @@ def deep_contact(spec: Spec, world: World, names: Iterable[str] | None = None) -
         hint = f"{setting}: {DEEP * least.inner:.2g} in {where}"
         problems.append(Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint))
     return problems
+
+
+def _shallow(name: str, world: World, most: float) -> bool:
+    """Whether contact in an engine is at most ``most`` (m) deep by the defaults that its package states, where the spec sets
+    none of these settings: known without importing the engine."""
+    defaults = engines().stated(name, "DEPTHS")
+    options = world.options(name)
+    given = {setting for setting, _ in options.settings}
+    return (
+        defaults is not None
+        and not options.pairs
+        and not given & defaults.keys()
+        and all(depth <= most for depth in defaults.values())
+    )
 
 
 def _wrong_options(

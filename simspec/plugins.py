@@ -130,7 +130,7 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
 
     def stated(self, name: str, attribute: str) -> Any:
         """An attribute of a plug-in; the package of a plug-in of simspec may state it, which saves importing the plug-in."""
-        if name in self._simspec and name not in self._loaded:
+        if name in self._simspec:
             package = importlib.import_module(self._simspec[name].module.rpartition(".")[0])
             if hasattr(package, attribute):
                 return getattr(package, attribute)

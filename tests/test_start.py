@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
+from simspec.commands.files import STARTER
 
 ROOT = Path(__file__).resolve().parents[1]
 LARGE = {"dask", "jinja2", "numpy", "packaging", "pandas", "pinocchio", "pint", "pyarrow", "rich", "ruamel", "scipy"}
@@ -44,13 +45,17 @@ def test_help_loads_options_alone(command):
     assert not large
 
 
-def test_check_loads_no_engine():
-    modules, large = loaded("check", SPEC)
+@pytest.mark.parametrize("contact", [False, True])
+def test_check_loads_no_engine(contact, tmp_path):
+    starter = tmp_path / "starter.yaml"
+    starter.write_text(STARTER.replace("NAME", "starter"))
+    modules, large = loaded("check", str(starter) if contact else SPEC)
     assert len(modules) <= 150
     assert large == {"numpy", "ruamel"}
     parts = {".".join(name.split(".")[1:3]) for name in modules if name.count(".") > 1}
     assert not {part for part in parts if part.startswith(("dialects.", "formats."))}
-    assert {part for part in parts if part.startswith("engines.")} == {"engines.kit"}
+    classes = {name for name in modules if name.startswith("simspec.engines.") and name.count(".") > 2}
+    assert {name.split(".")[2] for name in classes} == {"kit"}
 
 
 def test_compiling_for_an_engine_loads_no_other(tmp_path):

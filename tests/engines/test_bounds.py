@@ -143,3 +143,14 @@ def test_a_margin_too_large_for_a_small_shape_causes_a_warning(tmp_path):
     spec = loaded(tmp_path, 0.1, engine="pybullet", collision_margin=0.01)
     (problem,) = deep_contact(spec, spec.resolve())
     assert "in pybullet, by the setting collision_margin" in problem.message
+
+
+@pytest.mark.parametrize("name", engines())
+def test_the_package_of_an_engine_states_the_depths_of_its_settings(name):
+    """Largest default of each setting that is a depth, in any kind of world; a check of a spec relies on it."""
+    stated = engines().stated(name, "DEPTHS")
+    settings = {key: setting for key, setting in engines()[name].SETTINGS.items() if setting.depth}
+    assert stated.keys() == settings.keys()
+    for key, setting in settings.items():
+        others = (setting.frictionless, setting.kinematic, setting.light)
+        assert stated[key] == max(value for value in (setting.default, *others) if value is not None)

@@ -203,6 +203,9 @@ class Engine(ProvenEngine):
     SETTINGS: ClassVar[Mapping[str, Setting]]
     RULES: ClassVar[Rules]
     """How it combines the numbers of two shapes."""
+    DEPTHS: ClassVar[Mapping[str, float] | None] = None
+    """Settings that are depths of contact, with their largest defaults (m); the package of an engine may state them, so that a
+    check of a spec need not import it. None: not stated."""
     LAYERS: ClassVar[bool]
     """Whether pairs of materials that parameters cannot express are realised by copies of shapes in layers (see
     ``contact.py``)."""
