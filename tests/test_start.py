@@ -51,7 +51,7 @@ def test_check_loads_no_engine(contact, tmp_path):
     starter.write_text(STARTER.replace("NAME", "starter"))
     modules, large = loaded("check", str(starter) if contact else SPEC)
     assert len(modules) <= 150
-    assert large == {"numpy", "ruamel"}
+    assert large == {"numpy", "ruamel"} | ({"pinocchio"} if contact else set())  # the mass of a damped joint's tree
     parts = {".".join(name.split(".")[1:3]) for name in modules if name.count(".") > 1}
     assert not {part for part in parts if part.startswith(("dialects.", "formats."))}
     classes = {name for name in modules if name.startswith("simspec.engines.") and name.count(".") > 2}
