@@ -214,13 +214,13 @@ def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
     out = sorted((departure for departure in found.departures if departure.diff.verdict == OUT), key=_order)
     first_out = out[0] if out else None
     if first_out is not None:
-        parts.append(VerdictPart("" if parts else "motion", _departing(first_out), BAD))
+        parts.append(VerdictPart("" if parts else "motion", _departing(first_out), WARNING))
     if more := out[1:]:
         text = "; ".join(
             f"{', '.join(departure.cluster.engines)} by {_largest(departure)[0]} from {_since(departure):.3g}{NBSP}s"
             for departure in more
         )
-        parts.append(VerdictPart("", f"{FURTHER}{text}", BAD))
+        parts.append(VerdictPart("", f"{FURTHER}{text}", WARNING))
     for departure in found.departures:
         if departure.diff.verdict != OUT:
             why = departure.diff.not_compared or _hidden(departure.diff)
