@@ -214,7 +214,8 @@ def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
     out = sorted((departure for departure in found.departures if departure.diff.verdict == OUT), key=_order)
     first_out = out[0] if out else None
     if first_out is not None:
-        parts.append(VerdictPart("" if parts else "motion", _departing(first_out), WARNING))
+        text = _departing(first_out, alone=len(first.engines) == 1)
+        parts.append(VerdictPart("" if parts else "motion", text, WARNING))
     if more := out[1:]:
         text = "; ".join(
             f"{', '.join(departure.cluster.engines)} by {_largest(departure)[0]} from {_since(departure):.3g}{NBSP}s"
@@ -251,7 +252,8 @@ def _within(cluster: Cluster) -> str:
     return (_size(cluster.position) if cluster.position else f"0{NBSP}m") + turn
 
 
-def _departing(departure: ClusterDeparture) -> str:
+def _departing(departure: ClusterDeparture, alone: bool) -> str:
+    """The first departure. ``alone``: whether the reference agrees with no other engine, so that it has not been named."""
     engines, body = ", ".join(departure.cluster.engines), departure.diff.first_out
     several = len(departure.cluster.engines) > 1
     engines += f" (within {_within(departure.cluster)} of each other)" if several else ""
@@ -260,6 +262,7 @@ def _departing(departure: ClusterDeparture) -> str:
     if departure.contact:
         cause = f", after {'–'.join(departure.contact)} contact"
     verb = "differ" if several else "differs"
+    verb += f" from {departure.reference}" if alone else ""
     return f"{engines} {verb} by {size} at {time:.3g}{NBSP}s ({name}), from {_since(departure):.3g}{NBSP}s{cause}"
 
 

@@ -113,7 +113,7 @@ def test_the_exceeded_tolerance_is_named():
 
     runs = {name: run(turned, spun(angle), engine=name) for name, angle in {"a": 0.0, "b": 0.05}.items()}
     study = Study(turned, None, runs, {}, {}, dict.fromkeys(runs, ()), (diff(runs["a"], runs["b"]),))
-    assert "b differs by 0.05 rad at 1 s (mover), from 0.1 s, in free motion" in by_label(study)["motion"]
+    assert "b differs from a by 0.05 rad at 1 s (mover), from 0.1 s, in free motion" in by_label(study)["motion"]
 
 
 def test_the_earliest_departure_has_all_figures_and_the_others_are_short():
