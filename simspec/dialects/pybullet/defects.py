@@ -474,6 +474,11 @@ TABLE = MutationTable(
             ("scaled",),
             "sidecar.json",
         ),
+        Inert("collision_filter.classes.*.mask", "links collide where both masks allow it", ("moved",), "sidecar.json"),
+        Inert(
+            "collision_filter.excluded.*", "a pair that the masks exclude, too", ("element removed",), "sidecar.json"
+        ),
+        Inert("collision_filter.excluded.*.*", "a pair that the masks exclude, too", ("word",), "sidecar.json"),
         Inert(
             "instances.*.base.quaternion.*",
             "the negated quaternion is the same rotation",
