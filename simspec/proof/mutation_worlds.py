@@ -294,6 +294,8 @@ def _other(setting: Setting) -> bool | int | float | str:
     half = value // 2 if isinstance(value, int) else value / 2.0
     if half == value or (setting.minimum is not None and half < setting.minimum):
         half = value + 1 if isinstance(value, int) else value * 2.0 or 0.01
+        if setting.maximum is not None and half > setting.maximum:
+            half = type(half)(setting.maximum)
     return half
 
 

@@ -6,7 +6,10 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
-from simspec.engines.kit.registry import engines
+import pytest
+
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.proof import mutation_worlds
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
@@ -80,3 +83,13 @@ def test_every_field_of_a_world_is_used_with_a_value_that_is_not_its_default():
         for name, other in fields_of(world):
             found[name] = found.get(name, False) or other
     assert {name for name, other in found.items() if not other} == set(UNSAID)
+
+
+@pytest.mark.parametrize("engine", engines())
+def test_other_values_of_settings_are_allowed(engine):
+    """A value beyond its bound once made the world of settings one that the engine refuses: it was left out in silence."""
+    for name, setting in find_engine(engine).SETTINGS.items():
+        value = mutation_worlds._other(setting)
+        assert setting.minimum is None or value >= setting.minimum, name
+        assert setting.maximum is None or value <= setting.maximum, name
+        assert value != setting.default or not mutation_worlds._free(setting), name
