@@ -53,15 +53,10 @@ class Agreement:
     clusters: tuple[Cluster, ...]
     departures: tuple[ClusterDeparture, ...]
 
-    @property
-    def agrees(self) -> bool:
-        """Whether there are several runs, and all agree with each other."""
-        return len(self.clusters) == 1 and len(self.clusters[0].engines) > 1
-
 
 def agreement(study: Study) -> Agreement:
     """The clusters of a study: its largest set of runs that agree pairwise, then the largest set of the rest, and so on; of
-    equal sets the one that comes first. Agreement isn't transitive: a run that agrees with a part of a cluster is outside of
+    equal sets the one that comes first. Agreement is not transitive: a run that agrees with a part of a cluster is outside of
     it."""
     names = {run.label: name for name, run in study.runs.items() if run.recorded}
     compared = (diff for diff in study.diffs if {diff.first, diff.second} <= names.keys())
@@ -80,7 +75,7 @@ def _largest(names: Sequence[str], diffs: Mapping[tuple[str, str], Diff]) -> tup
     """The largest set of ``names`` whose pairs are all within tolerance. There are at most some twenty engines."""
     for size in range(len(names), 1, -1):
         for chosen in itertools.combinations(names, size):
-            compared = [diffs.get(pair) for pair in itertools.combinations(chosen, 2)]
+            compared = (diffs.get(pair) for pair in itertools.combinations(chosen, 2))
             if all(diff is not None and diff.verdict == WITHIN for diff in compared):
                 return chosen
     return (names[0],)

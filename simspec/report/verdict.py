@@ -26,7 +26,7 @@ from simspec.world.contact_pairs import meeting_laws
 
 if TYPE_CHECKING:
     from simspec.comparison.study import Study
-    from simspec.proof.certificate import Certificate, EngineProof
+    from simspec.proof.certificate import EngineProof
 
 LABEL = 14
 """Columns of the labels."""
@@ -67,7 +67,7 @@ def verdict(
     ``skipped``: the option by which contact and noise were not measured.
     """
     found = agreement(study)
-    parts = [*_failed(study), *_unphysical(study), *_model(study.certificate), *_contact(study, skipped)]
+    parts = [*_failed(study), *_unphysical(study), *_model(study), *_contact(study, skipped)]
     parts += [*_motion(found, study), *_expectations(study.outcomes), *_speed(study)]
     if words := grouped(not_run):
         parts.append(VerdictPart("not run", words, WARNING, brief=False))
@@ -140,7 +140,8 @@ def _unphysical(study: Study) -> list[VerdictPart]:
 # --- the model ---
 
 
-def _model(certificate: Certificate | None) -> list[VerdictPart]:
+def _model(study: Study) -> list[VerdictPart]:
+    certificate = study.certificate
     if certificate is None:
         return [VerdictPart("model", "not proven to be the same: the proof was skipped", WARNING)]
     proofs = certificate.engines
@@ -149,7 +150,8 @@ def _model(certificate: Certificate | None) -> list[VerdictPart]:
     if valid:
         count = sum(check.count for proof in valid.values() for check in proof.checks)
         singles = [name for name, proof in valid.items() if proof.precision != DOUBLE]
-        names = ", ".join(valid) if len(valid) <= NAMED or len(valid) < len(proofs) else f"all {len(valid)} engines"
+        whole = valid.keys() == proofs.keys() | study.runs.keys()
+        names = f"all {len(valid)} engines" if whole and len(valid) > NAMED else ", ".join(valid)
         text = f"same in {names} ({count:,} comparisons)"
         text += f"; {', '.join(singles)} in single precision" if singles else ""
         parts.append(VerdictPart("model", text, GOOD))
@@ -157,6 +159,9 @@ def _model(certificate: Certificate | None) -> list[VerdictPart]:
         parts.append(VerdictPart("" if parts else "model", f"differs in {'; '.join(different)}", BAD))
     if unproven := [name for name, proof in proofs.items() if proof.passed and proof.files_alone]:
         text = f"not proven in {listed(unproven)}: the files alone were checked"
+        parts.append(VerdictPart("" if parts else "model", text, WARNING))
+    if without := [name for name in study.runs if name not in proofs]:
+        text = f"not proven in {listed(without)}: the certificate does not contain it"
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
     accepted: dict[str, list[str]] = {}
     for name, proof in proofs.items():
@@ -238,7 +243,9 @@ def _since(departure: ClusterDeparture) -> float:
 
 def _order(departure: ClusterDeparture) -> tuple[float, float]:
     """The earliest departure first, of several at one time the largest."""
-    return _since(departure), -max(body.position_largest for body in departure.diff.bodies)
+    worst = departure.diff.worst
+    size = worst.position_largest if worst is not None else 0.0
+    return _since(departure), -size if math.isfinite(size) else -math.inf
 
 
 def _agreeing(cluster: Cluster) -> str:
@@ -268,11 +275,12 @@ def _departing(departure: ClusterDeparture, alone: bool) -> str:
 
 def _largest(departure: ClusterDeparture) -> tuple[str, float, str]:
     """The largest difference in the quantity that first exceeded its tolerance, with its unit; its time (s), and its body."""
-    body, bodies = departure.diff.first_out, departure.diff.bodies
+    diff = departure.diff
+    body, worst, turned = diff.first_out, diff.worst, diff.worst_angle
+    assert worst is not None, "a body is out of tolerance"
+    assert turned is not None, "a body is out of tolerance"
     if body is not None and "position" not in body.exceeded:
-        worst = max(bodies, key=lambda entry: entry.angle_largest)
-        return f"{worst.angle_largest:.3g}{NBSP}rad", worst.time_of_largest_angle, worst.body
-    worst = max(bodies, key=lambda entry: entry.position_largest)
+        return f"{turned.angle_largest:.3g}{NBSP}rad", turned.time_of_largest_angle, turned.body
     return _size(worst.position_largest), worst.time_of_largest, worst.body
 
 
@@ -283,8 +291,8 @@ def _size(value: float) -> str:
 
 def _hidden(diff: Diff) -> str:
     body = diff.inconclusive_body
-    noise = _size(body.floor) if body is not None and body.floor else "noise"
-    return f"the engines' noise, {noise}, hides differences of the tolerance's size"
+    noise = f" of {_size(body.floor)}" if body is not None and body.floor else ""
+    return f"the engines' noise{noise} hides differences of the tolerance's size"
 
 
 # --- expectations and speed ---
