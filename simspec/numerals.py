@@ -1,4 +1,4 @@
-"""The reader of numbers in the texts of files, command lines and variables, in every language.
+"""The reader of numbers in the texts of files, command lines and variables, in every language; numbers for reading.
 
 A number has the digits 0 to 9, a point, an exponent and a sign, between spaces of ASCII. Other texts that Python reads are
 numbers in no language that simspec reads: digits of other scripts (Arabic, full-width), underscores (``1_000``), other kinds of
@@ -96,3 +96,13 @@ def whole(text: str) -> int:
 def parts_of(text: str) -> list[str]:
     """The parts of a text between spaces of ASCII."""
     return [part for part in re.split(f"[{SPACE}]+", text) if part]
+
+
+def rounded(value: float, digits: int) -> str:
+    """A finite number with ``digits`` significant digits, without an exponent between 1e-4 and 1e15: ``1,840``, ``0.52``."""
+    figure = float(f"{value:.{digits}g}")
+    if figure and not 1e-4 <= abs(figure) < 1e15:
+        return f"{figure:.{digits}g}"
+    decimals = max(digits - 1 - math.floor(math.log10(abs(figure))), 0) if figure else 0
+    text = f"{figure:,.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if decimals else text

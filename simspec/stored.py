@@ -194,6 +194,17 @@ class FloorFacts(Stored):
     sha256: str
 
 
+class CachedNoise(Stored):
+    """An engine's noise in the user's cache; ``numbers``: position and angle (2, rows, bodies), packed; ``sha256``: of them."""
+
+    simspec_noise: int
+    key: str
+    bitwise: bool | None
+    perturbation: float | None
+    sha256: str
+    numbers: str
+
+
 class StoredMachine(Stored):
     """The machine that a baseline was made on; memory in bytes."""
 

@@ -19,7 +19,7 @@ from simspec.language.load import Spec, load
 from simspec.language.quantities import UnitError, parse
 from simspec.meshes.load import read_grid
 from simspec.meshes.reading import MeshError, open_mesh
-from simspec.numerals import NumeralError, number, numbers, whole
+from simspec.numerals import NumeralError, number, numbers, rounded, whole
 from simspec.resolve.tables import _number as table_number
 from tests.modules import PACKAGE, offences
 
@@ -307,3 +307,23 @@ def test_numbers_in_texts_are_read_by_a_single_module():
 @pytest.mark.parametrize("text", ["float(text)", "int(match[1])", "list(map(float, line.split()))", "int(e.text)"])
 def test_another_reader_is_seen(text):
     assert reads_text(ast.parse(text))
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (1842.3, 3, "1,840"),
+        (332.0, 2, "330"),
+        (9.96, 2, "10"),
+        (0.523, 2, "0.52"),
+        (5.9, 3, "5.9"),
+        (0.0, 3, "0"),
+        (-41.27, 3, "-41.3"),
+        (1234567.0, 3, "1,230,000"),
+        (0.00012345, 3, "0.000123"),
+        (1.2345e-7, 3, "1.23e-07"),
+        (1.5e16, 2, "1.5e+16"),
+    ],
+)
+def test_numbers_for_reading_have_no_exponent_where_digits_suffice(value, digits, text):
+    assert rounded(value, digits) == text

@@ -285,6 +285,7 @@ def run_world(
                 prove=not options.no_verify,
                 levels=LEVELS_OF_QUICK if options.quick else None,
                 repeats=options.repeats and not options.quick,
+                cache=not (options.no_cache or options.baseline or options.write_baseline),
                 keep_going=options.keep_going,
                 tolerance=_tolerance(options),
                 pythons=selection.pythons,

@@ -299,6 +299,9 @@ class RunOptions(Options):
         bool,
         Option("--repeats/--no-repeats", help="Repeat runs, also with a perturbed initial state, to measure noise."),
     ] = True
+    no_cache: Annotated[
+        bool, Option("--no-cache", help="Measure contact and noise again, even where results are cached.")
+    ] = False
     no_verify: NoVerify = False
     tolerance: Tolerance = 1e-3
     fail_on_diff: Annotated[

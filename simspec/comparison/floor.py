@@ -55,7 +55,8 @@ class Floor:
     """An engine's own noise: for every recorded time and body the largest position (m) and angle (rad) deviation so far
     of the repeats from the run, (rows, bodies).
 
-    ``bitwise``: whether the unchanged repeat gave the same bits everywhere; None when there was none.
+    ``bitwise``: whether the unchanged repeat gave the same bits everywhere; None when there was none. ``cached``: whether
+    it was measured for an earlier run with the same bits.
     """
 
     engine: str
@@ -64,6 +65,7 @@ class Floor:
     angle: np.ndarray = field(repr=False)
     bitwise: bool | None
     perturbation: float | None
+    cached: bool = False
 
     @property
     def largest(self) -> float:

@@ -17,6 +17,7 @@ from simspec.engines.kit.registry import find_engine, not_installed, other_versi
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.files import scratch_folder
+from simspec.numerals import rounded
 from simspec.outputs.writing import Artifacts
 from simspec.runner.execution import failed_run, run_case, run_jobs
 from simspec.runner.expectations import Outcome, evaluate
@@ -109,6 +110,7 @@ def study(
     prove: bool = True,
     levels: Iterable[str] | None = None,
     repeats: bool = True,
+    cache: bool = True,
     keep_going: bool = False,
     tolerance: float = TOLERANCE,
     pythons: Mapping[str, str] | None = None,
@@ -124,6 +126,7 @@ def study(
     prove      whether to verify first
     levels     levels of the proof (default: all)
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
+    cache      whether contact figures and noise that were measured before are taken from the user's cache
     keep_going whether the others go on when an engine is missing or fails
     tolerance  position (m) and angle (rad) tolerance of the comparison
     source     where the world came from, for the runs' provenance
@@ -155,11 +158,13 @@ def study(
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:
-            certificate = _prove(world, compiled, artifacts, levels, pythons, deadline, progress, warm)
+            certificate = _prove(world, compiled, artifacts, levels, pythons, deadline, cache, progress, warm)
             arrivals.certificate(certificate)
         runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress, arrivals)
-        again = _repeat(runs, artifacts, pythons, deadline, progress, warm) if repeats else {}
-    floors = {name: floor for name in again if (floor := measure_floor(runs[name], again[name])) is not None}
+        floors: Mapping[str, Floor] = {}
+        again: Mapping[str, tuple[Run, ...]] = {}
+        if repeats:
+            floors, again = _noise(runs, artifacts, pythons, deadline, cache, progress, warm)
     for floor in floors.values():
         arrivals.floor(floor)
     progress("comparing")
@@ -180,6 +185,7 @@ def _prove(
     levels: Iterable[str] | None,
     pythons: Mapping[str, str] | None,
     deadline: float,
+    cache: bool,
     progress: Callable[..., None],
     warm: WarmProcesses,
 ) -> Certificate:
@@ -195,6 +201,7 @@ def _prove(
         pythons=pythons or {},
         deadline=deadline,
         progress=progress,
+        cache=cache,
         warm=warm,
     )
 
@@ -213,11 +220,13 @@ def _run_each(
 ) -> dict[str, Run]:
     runs: dict[str, Run] = {}
     for name in names:
+        finished = "; ".join(f"{other} {_speed(run)}" for other, run in runs.items())
+        doing = f"running {name}" + (f" (done: {finished})" if finished else "")
         if name in absent:
             runs[name] = failed_run(world, name, EngineError(name, absent[name]), (pythons or {}).get(name))
             arrivals.run(runs[name])
             continue
-        progress(f"running {name}")
+        progress(doing)
         try:
             runs[name] = run_case(
                 Case(world, name),
@@ -225,8 +234,8 @@ def _run_each(
                 python=(pythons or {}).get(name),
                 deadline=deadline,
                 source=source,
-                progress=functools.partial(progress, f"running {name}"),
-                doing=functools.partial(at_work, progress, f"running {name}"),
+                progress=functools.partial(progress, doing),
+                doing=functools.partial(at_work, progress, doing),
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error, (pythons or {}).get(name))
@@ -236,23 +245,46 @@ def _run_each(
     return runs
 
 
-def _repeat(
+def _speed(run: Run) -> str:
+    """The result of a run in a few characters."""
+    factor = run.real_time_factor
+    return "failed" if run.failed is not None else f"{rounded(factor, 2)} × real time" if factor else "finished"
+
+
+def _noise(
     runs: Mapping[str, Run],
     artifacts: Mapping[str, Path],
     pythons: Mapping[str, str] | None,
     deadline: float,
+    cache: bool,
     progress: Callable[..., None],
     warm: WarmProcesses,
-) -> dict[str, tuple[Run, ...]]:
-    """Each engine's run again: unchanged, and with its initial state moved in the last bits."""
-    names = [name for name, run in runs.items() if run.recorded and run.failed is None]
-    if not names:
-        return {}
-    jobs = [
-        (Case(runs[name].world, name, perturb=perturb), artifacts[name])
-        for name in names
-        for perturb in (0.0, perturbation_of(name))
-    ]
-    progress(f"repeating {', '.join(names)} for the noise floor")
-    repeated = run_jobs(jobs, pythons=pythons, deadline=deadline, warm=warm)
-    return {name: tuple(repeated[2 * index : 2 * index + 2]) for index, name in enumerate(names)}
+) -> tuple[dict[str, Floor], dict[str, tuple[Run, ...]]]:
+    """The noise of each engine, and the runs that it was measured from: the engine's run again, unchanged, and with its initial
+    state moved in the last bits. Noise of an earlier run with the same bits is taken from the cache."""
+    from simspec.comparison.noise_cache import noise_key, read_noise, write_noise
+
+    usable = {name: run for name, run in runs.items() if run.recorded and run.failed is None}
+    # another interpreter is not described by the versions in the key
+    keys = {name: noise_key(run) for name, run in usable.items() if cache and name not in (pythons or {})}
+    known = {name: read_noise(usable[name], entry) for name, entry in keys.items()}
+    names = [name for name in usable if known.get(name) is None]
+    again: dict[str, tuple[Run, ...]] = {}
+    if names:
+        jobs = [
+            (Case(runs[name].world, name, perturb=perturb), artifacts[name])
+            for name in names
+            for perturb in (0.0, perturbation_of(name))
+        ]
+        progress(f"repeating {', '.join(names)} for the noise floor")
+        repeated = run_jobs(jobs, pythons=pythons, deadline=deadline, warm=warm)
+        again = {name: tuple(repeated[2 * index : 2 * index + 2]) for index, name in enumerate(names)}
+    floors = {}
+    for name in usable:
+        floor = known.get(name) or measure_floor(runs[name], again[name])
+        if floor is None:
+            continue
+        floors[name] = floor
+        if name in keys and not floor.cached and all(run.failed is None for run in again[name]):
+            write_noise(floor, keys[name])
+    return floors, again

@@ -55,7 +55,8 @@ def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     words = {True: "bitwise equal", False: "bits differ", None: "not run"}
     for name, floor in floors.items():
         moved = f"  (initial state perturbed by {floor.perturbation:g})" if floor.perturbation else ""
-        repeats.add(name, words[floor.bitwise], length(floor.largest) + moved)
+        cached = " (cached)" if floor.cached else ""
+        repeats.add(name, words[floor.bitwise] + cached, length(floor.largest) + moved)
     return repeats
 
 

@@ -257,6 +257,7 @@ def floor_data(floor: Floor) -> dict[str, Any]:
         "bitwise": floor.bitwise,
         "perturbation": floor.perturbation,
         "largest": plain(floor.largest),
+        "cached": floor.cached,
     }
 
 

@@ -16,6 +16,7 @@ from simspec.comparison.clusters import Agreement, Cluster, ClusterDeparture, ag
 from simspec.comparison.runs import OUT, Diff
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import EngineRefusal, visible
+from simspec.numerals import rounded
 from simspec.report.certificate import level_title, strain
 from simspec.report.console import STYLES
 from simspec.report.table import BAD, DIM, GOOD, WARNING, length, listed, number
@@ -215,7 +216,9 @@ def _motion(found: Agreement, study: Study) -> list[VerdictPart]:
     first = found.clusters[0]
     if len(study.diffs) == 0:
         return [VerdictPart("motion", f"only {first.engines[0]} ran: nothing to compare with", DIM)]
-    parts = [VerdictPart("motion", _agreeing(first), GOOD)] if len(first.engines) > 1 else []
+    floors = [study.floors[name] for name in first.engines if name in study.floors]
+    source = ", from the cache" if floors and all(floor.cached for floor in floors) else ""
+    parts = [VerdictPart("motion", _agreeing(first, source), GOOD)] if len(first.engines) > 1 else []
     out = sorted((departure for departure in found.departures if departure.diff.verdict == OUT), key=_order)
     first_out = out[0] if out else None
     if first_out is not None:
@@ -248,8 +251,9 @@ def _order(departure: ClusterDeparture) -> tuple[float, float]:
     return _since(departure), -size if math.isfinite(size) else -math.inf
 
 
-def _agreeing(cluster: Cluster) -> str:
-    noise = "noise not measured" if cluster.noise is None else f"noise {_size(cluster.noise)}"
+def _agreeing(cluster: Cluster, source: str) -> str:
+    """The agreement of a cluster. ``source``: of its noise, where that was not measured now."""
+    noise = "noise not measured" if cluster.noise is None else f"noise {_size(cluster.noise)}{source}"
     until = f" until {cluster.until:.3g}{NBSP}s, then chaos" if cluster.horizon else ""
     return f"{', '.join(cluster.engines)} agree within {_within(cluster)}{until} ({noise})"
 
@@ -329,8 +333,8 @@ def _speed(study: Study) -> list[VerdictPart]:
     if not known:
         return []
     best, first = known[0]
-    slower = [f"{name} {best / value:.2g}" for value, name in known[1:]]
-    text = f"{first} {best:.3g} × real time" + (f"; {', '.join(slower)} times slower" if slower else "")
+    slower = [f"{name} {rounded(best / value, 2)}" for value, name in known[1:]]
+    text = f"{first} {rounded(best, 3)} × real time" + (f"; {', '.join(slower)} times slower" if slower else "")
     return [VerdictPart("speed", text, brief=False)]
 
 

@@ -294,7 +294,6 @@ EXCLUDED = (
     "comparison",
     "generated.py",
     "runner",
-    "spec",
     "resolve",
     "outputs",
     "stored.py",
@@ -315,7 +314,7 @@ def code_digest() -> str:
     """The hash of simspec's own code that takes part in measuring."""
     package = Path(__file__).resolve().parents[2]
     files = sorted(path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in EXCLUDED)
-    return _digest(files, package)
+    return files_digest(files, package)
 
 
 def engine_digest(engine: type[Engine]) -> str:
@@ -325,10 +324,13 @@ def engine_digest(engine: type[Engine]) -> str:
 
 @functools.cache
 def _folder_digest(folder: Path) -> str:
-    return _digest(sorted([*folder.glob("*.py"), *(path for kind in COMPILED for path in folder.rglob(kind))]), folder)
+    return files_digest(
+        sorted([*folder.glob("*.py"), *(path for kind in COMPILED for path in folder.rglob(kind))]), folder
+    )
 
 
-def _digest(files: Sequence[Path], root: Path) -> str:
+def files_digest(files: Sequence[Path], root: Path) -> str:
+    """The hash of the names below ``root`` and the contents of some files."""
     digest = hashlib.sha256()
     for path in files:
         content = path.read_bytes()
