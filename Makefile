@@ -16,6 +16,7 @@
 # make study    the whole study: hours; ended at any moment, the same command does what is left
 # make study-contact   the contact law in every engine at six timesteps, towers, costs: docs/records/contact.md anew: some 25 minutes
 # make corpora   robot files of packages that pip installs: imported, certified, audited: docs/records/corpora.md anew; hours, and ended at any moment it goes on
+# make site     the documentation as a site: build/site/index.html; fails where a link is broken
 # make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
@@ -24,7 +25,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills nightly study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills nightly study study-small study-contact site page-bundle clean
 
 setup: .venv/ready
 
@@ -165,6 +166,10 @@ study: setup
 study-contact: setup
 	$(BIN)/simspec study contact --deadline 3600 --publish docs/records/studies/contact || test $$? -eq 1
 	$(BIN)/simspec pages docs/records/contact.md
+
+site: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo build/site/index.html
 
 # page/bundle is committed: only who changes page/src needs this; tests hold it against its sources
 page-bundle:

@@ -253,6 +253,8 @@ def page(rows: Sequence[Judged], date: str) -> str:
     lines = [
         "# Random worlds of contact of several bodies",
         "",
+        "> With this page you can see how often each engine solves random contacts of several bodies.",
+        "",
         f"Seeds {seeds[0]} to {seeds[-1]} ({len(seeds)} worlds; `tests/coupled_specs.py` draws them), {date}, {versions}.",
         f"Command: `python tools/coupled_worlds.py --first {seeds[0]} --count {len(seeds)} --json FILE`, then `--page FILE`.",
         "",

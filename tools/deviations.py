@@ -263,6 +263,8 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
     lines = [
         "# Contact of several bodies, measured",
         "",
+        "> With this page you can look up how exactly an engine solves contacts of several bodies.",
+        "",
         "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.05 to 1.2, "
         "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it.",
         "The probes are defined in [proof.md](../concepts/proof.md). "

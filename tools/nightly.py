@@ -31,6 +31,8 @@ PARTS = {
 """Commands, from the root of the project, by the name of their row."""
 HEAD = """# Nightly checks
 
+> With this page you can see when each exhaustive check last ran, and its outcome.
+
 Exhaustive checks that no commit runs: every planted defect in every engine, killed commands, random worlds, damaged
 files. Written by `make nightly`; each row has its own date.
 

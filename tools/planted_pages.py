@@ -23,6 +23,8 @@ Row = Mapping[str, Any]
 ABOUT = """\
 # Defects planted in contact of several bodies
 
+> With this page you can see which defects of contact the proof detects.
+
 Each cell: the figures of coupled probes that fail, of the law at 1 ms with μ = 0.5, e = 0, masses 1 : 10, where a defect
 does not name another. A dash: not planted, or refused.
 

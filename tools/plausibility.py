@@ -315,6 +315,8 @@ def page(rows: Sequence[tuple[str, Mapping[str, Any], Plausibility | None, str]]
     lines = [
         "# Plausibility of robot files, side by side with another checker",
         "",
+        "> With this page you can compare the findings of simspec about robot files with those of another checker.",
+        "",
         f"<!-- made by tools/plausibility.py --> simspec and simcheck {rows[0][1]['simcheck_version']} on {len(rows)} files, "
         f"{datetime.date.today().isoformat()}. Engines of simcheck: MuJoCo 4.0.0 and PyBullet 3.2.7; two files that took it "
         "longer than 150 s were checked without engines. Command: `python tools/plausibility.py --simcheck PYTHON --packages "

@@ -1,11 +1,11 @@
-"""Fill the blocks of the README and of docs/guide/sweeps.md: files as they are, commands with the output that they give now.
+"""Fill the blocks of the README and of two other pages: files as they are, commands with the output that they give now.
 
-    python tools/readme.py [README.md] [docs/guide/sweeps.md]
+    python tools/readme.py [README.md] [docs/tour.md] [docs/guide/sweeps.md]
 
-Commands of the README work each in a folder of its own; those of docs/guide/sweeps.md one after the other in one
-folder, with the
-spec that stands in the page. The engines of ``--all-engines`` must not depend on the user: engines in the user's data
-folder (MJX, MuJoCo Warp) are not seen, and the machine has to have those of ``ENGINES``, no more and no less.
+Commands of the README work each in a folder of its own; those of the other pages one after the other in one folder,
+with the spec that stands in the page. ``output 4: COMMAND`` shows the first four lines. The engines of
+``--all-engines`` must not depend on the user: engines in the user's data folder (MJX, MuJoCo Warp) are not seen, and the
+machine has to have those of ``ENGINES``, no more and no less.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BLOCK = re.compile(r"(<!-- (file|output|spec): (.*?) -->\n```\w*\n)(.*?)(```)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- (file|output(?: \d+)?|spec): (.*?) -->\n```\w*\n)(.*?)(```)", re.DOTALL)
 ENGINES = ("dart", "drake", "gazebo", "mujoco", "ode", "physx", "pybullet", "rapier")
 """Engines of a page where a command takes all: those that ``make setup`` and ``make engines`` install."""
 ALL = "--all-engines"
+PAGES = (("README.md", False, 80), ("docs/tour.md", True, 80), ("docs/guide/sweeps.md", True, 110))
+"""Pages, whether their commands work in one folder, and the width of their terminal."""
 
 
 def environment(empty: Path, columns: int = 80) -> dict[str, str]:
-    """Of commands whose output is in a page: as wide as the page, and without what the user has in the data folder."""
-    return {**os.environ, "COLUMNS": str(columns), "XDG_DATA_HOME": str(empty)}
+    """Of commands whose output is in a page: as wide as the page, and without the user's data and cache."""
+    return {**os.environ, "COLUMNS": str(columns), "XDG_DATA_HOME": str(empty), "XDG_CACHE_HOME": str(empty)}
 
 
 def simspec(words: Iterable[str], place: Path, columns: int = 80) -> str:
@@ -74,6 +76,8 @@ def fill(found: re.Match[str], place: Path, columns: int) -> str:
         (place / what).write_text(text, encoding="utf-8")
         return found.group()
     lines = [line.rstrip() for line in simspec(shlex.split(what)[1:], place, columns).splitlines()]
+    if shown := kind.removeprefix("output"):
+        lines = lines[: int(shown)]
     return head + "$ " + what + "\n" + "\n".join(lines).strip() + "\n" + end
 
 
@@ -91,7 +95,7 @@ def fill_page(page: str, together: bool, columns: int) -> str:
 
 
 def main() -> int:
-    for name, together, columns in (("README.md", False, 80), ("docs/guide/sweeps.md", True, 110)):
+    for name, together, columns in PAGES:
         path = ROOT / name
         if len(sys.argv) == 1 or name in sys.argv[1:]:
             page = path.read_text(encoding="utf-8")

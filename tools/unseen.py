@@ -123,6 +123,8 @@ def page(into: Path) -> str:
     lines = [
         "# Robot files that the project had not used",
         "",
+        "> With this page you can see how simspec imports robots that it was not developed with.",
+        "",
         f"{len(found)} files of {len({robot.package for robot, _ in found})} packages that pip installs: "
         + ", ".join(f"{count} × {kind}" for kind, count in kinds.most_common())
         + ". Command: `python tools/unseen.py --into DIR --fetch`, `--run`, `--write`. Measured on "

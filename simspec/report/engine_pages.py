@@ -150,6 +150,8 @@ LARGEST_CERTIFICATE = 64 * 2**20
 INDEX = "engines.md"
 INDEX_HEAD = f"""# Engines
 
+> With this page you can find the page of an engine and the meaning of its entries.
+
 {SIGNATURE}
 
 All features side by side: the [support matrix](support-matrix.md). Levels of a certificate: [proof.md](../concepts/proof.md).
@@ -176,7 +178,9 @@ def pages(root: Path) -> dict[str, str]:
     certificates, study = _certificates(root), study_of(root)
     made = {INDEX: _index(certificates)}
     for name, engine in engines().items():
-        lines = [f"# {engine.TITLE or name}", "", SIGNATURE, "", *_about(engine), "", *_facts(engine, certificates), ""]
+        title = engine.TITLE or name
+        ability = f"> With this page you can look up the features, settings, deviations and certificates of {title}."
+        lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", *_facts(engine, certificates), ""]
         measured = [*closeness(name, certificates), *compared(name, study)]
         lines += ["## Measured", "", *measured] if measured else []
         lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates, root)]

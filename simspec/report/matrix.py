@@ -128,6 +128,8 @@ SIGNATURE = "Generated from the declarations of formats and engines by `simspec 
 """The line by which a page is known to be simspec's, and may be replaced."""
 HEAD = f"""# Support matrix
 
+> With this page you can compare the features of all engines side by side.
+
 {SIGNATURE}
 
 | word | meaning |

@@ -30,6 +30,8 @@ COLUMNS = {
 """Which quantities stand in which column."""
 HEAD = """# What readers make of plain files
 
+> With this page you can look up what a reader ignores in a file that simspec exports.
+
 Made by `python -m tests.formats.reader_table` from the rules of each reader (`engines/NAME/`, `audit/libraries.py`), which
 `tests/formats/test_readers.py` compares with the readers themselves: each loads every file by its plain loader, and every
 difference from the world must be one that the rules foresee. Versions: the ones that the rules were measured with. Figures are

@@ -1,0 +1,57 @@
+"""docs/tour.md is correct: its commands, one after the other in one folder, print the outputs of the page."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.report.verdict import LABEL
+from tests.docs.blocks import ROOT
+
+OUTPUT = re.compile(
+    r"<!-- output(?: (?P<lines>\d+))?: (?P<command>.*?) -->\n```\n\$ (?P=command)\n(?P<text>.*?)```", re.DOTALL
+)
+FOUND = list(OUTPUT.finditer((ROOT / "docs" / "tour.md").read_text(encoding="utf-8")))
+DIFFERENT = ("contact law", "speed", "next")
+"""Labels of a verdict that differ at each run, or with ``--quick``, which this test adds."""
+VARIES = re.compile(r" \((?:noise|[\d,]+ comparisons).*?\)")
+
+
+def verdict(text: str) -> dict[str, str]:
+    """The parts of a verdict by label, without those that differ, and without noise and counts."""
+    parts: dict[str, str] = {}
+    label = ""
+    for line in text.splitlines():
+        label = line[:LABEL].strip() or label
+        parts[label] = f"{parts.get(label, '')} {line[LABEL:]}".strip()
+    return {label: VARIES.sub("", part) for label, part in parts.items() if label not in DIFFERENT}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("tour")
+
+
+def test_the_page_has_the_commands_of_a_tour():
+    assert [found["command"].split()[1] for found in FOUND] == ["new", "check", "run", "run", "run", "explain"]
+
+
+@pytest.mark.parametrize("found", FOUND, ids=lambda found: found["command"])
+def test_a_command_prints_what_the_page_shows(found, place, monkeypatch):
+    """The commands depend on each other: each needs the files of those before it."""
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("COLUMNS", "80")
+    _, name, *words = shlex.split(found["command"])
+    done = CliRunner().invoke(cli.app, [name, *words, *(["--quick"] if name == "run" else [])])
+    assert done.exit_code == 0, done.output
+    if name == "run":
+        assert verdict(found["text"])
+        assert verdict(done.stdout) == verdict(found["text"])
+    else:
+        lines = [line.rstrip() for line in done.stdout.splitlines()]
+        shown = lines[: int(found["lines"] or len(lines))]
+        assert shown == found["text"].splitlines()
