@@ -2,16 +2,70 @@
 
 export type Triple = [number, number, number];
 
-/** A shape of a body, at a pose in the body's frame. `size`: as in simspec's table of shapes. */
+export type Quad = [number, number, number, number];
+
+/** A shape of a body, at a pose in the body's frame. `size`: as in simspec's table of shapes. `seen`, `solid`: whether it is drawn as
+ * what is seen, and as what collides. */
 export interface Shape {
   body: number;
   kind: "sphere" | "box" | "cylinder" | "capsule" | "ellipsoid" | "plane" | "mesh";
+  seen: boolean;
+  solid: boolean;
   size: number[];
   /** Of a mesh: names of packed numbers, x y z of its vertices and the triangles' indices of them, wound outwards. */
   hull?: { vertices: string; triangles: string };
   position: Triple;
-  quaternion: [number, number, number, number];
-  colour: [number, number, number, number];
+  quaternion: Quad;
+  colour: Quad;
+}
+
+/** A joint between `body` and `parent` (-1: the world), whose frame is at a pose in the parent's; `limits` of a hinge or slide (rad, m),
+ * `cone` the largest angle of a ball. */
+export interface Joint {
+  name: string;
+  kind: "fixed" | "hinge" | "slide" | "ball" | "free";
+  body: number;
+  parent: number;
+  position: Triple;
+  quaternion: Quad;
+  axis: Triple;
+  limits: [number, number] | null;
+  cone: number | null;
+  start: number[];
+}
+
+/** A loop that is closed where `point` of `second` is at `position` of `first`; a weld has its orientation there, too. */
+export interface Loop {
+  name: string;
+  first: number;
+  second: number;
+  position: Triple;
+  quaternion: Quad;
+  point: Triple;
+  weld: boolean;
+}
+
+/** A force (N) and a torque (N m), world axes, at a point of a body, during a time (s). */
+export interface Load {
+  body: number;
+  force: Triple;
+  torque: Triple;
+  at: Triple;
+  start: number;
+  until: number | null;
+}
+
+/** Joints are those of bodies, in their order; of a scene that was run without fixed and free ones. */
+export interface Model {
+  joints: Joint[];
+  /** The joint of `body` follows that of `leader`. */
+  follows: { body: number; leader: number; ratio: number; offset: number }[];
+  loops: Loop[];
+  sums: { name: string; parts: [number, number][]; limits: [number, number] }[];
+  frames: { name: string; body: number; position: Triple; quaternion: Quad }[];
+  /** Bodies that may touch the same others, and the pairs of such classes that may touch; of how many bodies. */
+  contacts: { classes: number[][]; pairs: [number, number][]; bodies: number };
+  loads: Load[];
 }
 
 /** Motions of some bodies: names of packed numbers (`packing.ts`), `turn` null where no body turns. */
@@ -64,6 +118,7 @@ export interface Scene {
   frames: number;
   bodies: string[];
   shapes: Shape[];
+  model: Model;
   /** The box that positions are packed in. */
   low: Triple;
   high: Triple;
@@ -71,6 +126,7 @@ export interface Scene {
   rest: number[][];
   moving: number[];
   turning: number[];
+  /** None of a scene that was not run. */
   runs: RunData[];
   /** Where the targets of driven joints would have the bodies `ghost.bodies`. */
   ghost: { bodies: number[]; motion: Motion } | null;

@@ -23,7 +23,13 @@ export function momentOf(times: Float32Array, time: number): Moment {
   return { frame: low, share: Math.max(0, (time - times[low]) / (times[high] - times[low])) };
 }
 
-export class Poses {
+/** Where bodies are. */
+export interface Posed {
+  /** Write the pose of a body at a moment. */
+  at(body: number, moment: Moment, position: Vector3, quaternion: Quaternion): void;
+}
+
+export class Poses implements Posed {
   private readonly places = new Map<number, number>();
   private readonly turns = new Map<number, number>();
 

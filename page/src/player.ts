@@ -1,9 +1,13 @@
 /** The controls of one scene: time, speed, what is shown, the camera. */
 
+import { chooseContacts, listContacts } from "./contacts";
 import type { PageData, Scene } from "./data";
+import { Kinematics } from "./kinematics";
 import { float32 } from "./packing";
 import { fill } from "./palette";
 import { Plots } from "./plots";
+import { Sliders } from "./sliders";
+import { MODES } from "./solids";
 import { Stage, VIEWS } from "./stage";
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10, 30];
@@ -53,6 +57,8 @@ export class Player {
   private last = 0;
   private speed = 1;
   private plots: Plots | null = null;
+  /** Of a scene that was not run. */
+  joints: Sliders | null = null;
   private readonly slider = document.createElement("input");
   private readonly clock = document.createElement("output");
   private readonly play: HTMLButtonElement;
@@ -70,16 +76,21 @@ export class Player {
     const times = await float32(page, scene.times);
     const box = section.querySelector<HTMLElement>(".stage");
     const controls = section.querySelector<HTMLElement>(".controls");
-    const charts = section.querySelector<HTMLElement>(".plots");
-    if (box === null || controls === null || charts === null) throw new Error("the page's outline is incomplete");
-    const stage = await Stage.open(page, scene, times, box);
+    const charts = section.querySelector<HTMLElement>(".plots:not(.charts)");
+    const joints = section.querySelector<HTMLElement>(".joints");
+    const contacts = section.querySelector<HTMLDetailsElement>(".contacts");
+    if (box === null || controls === null) throw new Error("the page's outline is incomplete");
+    const kinematics = scene.runs.length ? null : new Kinematics(scene.model, scene.view.radius);
+    const stage = await Stage.open(page, scene, times, box, kinematics);
     const player = new Player(scene, times, stage);
     if (stage === null) {
       box.classList.add("empty");
       box.textContent = NO_WEBGL;
     }
     player.build(controls);
-    player.plots = await Plots.open(page, scene.plots, times, charts, section.id, (time) => player.seek(time));
+    if (contacts !== null) listContacts(scene, stage, contacts);
+    if (kinematics !== null && joints !== null) player.joints = new Sliders(scene, kinematics, stage, joints);
+    if (charts !== null) player.plots = await Plots.open(page, scene.plots, times, charts, section.id, (time) => player.seek(time));
     player.seek(times[0]);
     section.addEventListener("keydown", (event) => player.key(event));
     return player;
@@ -102,7 +113,7 @@ export class Player {
     speed.setAttribute("aria-label", "speed");
     for (const factor of SPEEDS) speed.add(new Option(`${factor}×`, String(factor), factor === 1, factor === 1));
     speed.addEventListener("change", () => (this.speed = Number(speed.value)));
-    controls.append(group("playback", this.play, slider, this.clock, speed));
+    if (scene.runs.length) controls.append(group("playback", this.play, slider, this.clock, speed));
     if (stage === null) return;
     const show = (split: boolean) => {
       stage.split = split;
@@ -131,7 +142,20 @@ export class Player {
       stage.exaggeration = Number(larger.value);
       stage.ask();
     });
-    controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart, larger] : []), ...shown));
+    if (scene.runs.length) controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart, larger] : []), ...shown));
+    const again = <T>(change: (value: T) => void) => (value: T) => { change(value); stage.ask(); };
+    const { marks } = stage;
+    const { loads } = scene.model;
+    const layers = document.createElement("select");
+    layers.setAttribute("aria-label", "shapes");
+    for (const mode of MODES) layers.add(new Option(`${mode === "both" ? "visual and collision" : mode} shapes`, mode));
+    layers.addEventListener("change", again(() => (stage.mode = MODES[layers.selectedIndex])));
+    const extras: HTMLElement[] = [layers, checkbox("frames", false, again((on) => (marks.frames = on)))];
+    if (marks.moved.length) extras.push(checkbox("joint axes", false, again((on) => (marks.axes = on))));
+    const choice = chooseContacts(scene, stage);
+    if (choice !== null) extras.push(choice);
+    if (loads.length) extras.push(checkbox("loads", true, again((on) => (marks.loads = on))));
+    controls.append(group("layers", ...extras));
     const views = Object.keys(VIEWS).map((name) => button(name, `camera: ${name}`, () => stage.look(name)));
     const moves = [
       button("⟲", "camera: turn left", () => stage.turn(-TURN)),
@@ -175,6 +199,7 @@ export class Player {
   }
 
   private key(event: KeyboardEvent): void {
+    if (!this.scene.runs.length) return;
     const target = event.target as HTMLElement;
     if (event.key !== " " || ["BUTTON", "SELECT", "SUMMARY", "A"].includes(target.tagName)) return;
     if (target instanceof HTMLInputElement && target.type === "checkbox") return;

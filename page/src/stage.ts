@@ -1,24 +1,24 @@
 /** The playback of one scene: all runs overlaid, or side by side. Draws only when something changed. */
 
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, GridHelper, Group, HemisphereLight,
-  InstancedMesh, Matrix4, MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene as Space, SphereGeometry, Vector3, WebGLRenderer,
+  Box3, Color, DirectionalLight, GridHelper, Group, HemisphereLight, PerspectiveCamera, Quaternion, Scene as Space, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import type { PageData, RunData, Scene, Shape } from "./data";
+import type { PageData, RunData, Scene } from "./data";
 import { ForceBars } from "./forces";
+import type { Kinematics } from "./kinematics";
+import { Marks } from "./marks";
 import { colour, fill } from "./palette";
-import { type Moment, momentOf, Poses } from "./motion";
-import { float32, uint16 } from "./packing";
+import { type Moment, momentOf, type Posed, Poses } from "./motion";
+import { Geometries, type Mode, Solids } from "./solids";
 
-const ONE = new Vector3(1, 1, 1);
 const FIELD_OF_VIEW = 40;
 /** Of the bodies of one run after the other, where several are at the same place: each is about as much of what is seen. */
 const OVERLAID_OPACITY = [0.85, 0.52, 0.37, 0.29, 0.25, 0.22];
-/** How far each run is drawn before the one before it, in the least steps of depth: surfaces at the same place do not flicker. */
-const NEARER = 8;
 const GHOST_OPACITY = 0.25;
 const GHOST_COLOUR = "#888888";
+const HIGHLIGHT = "#f0e442";
+const RELATED = "#56b4e9";
 /** The ball that is looked at fills the view a bit more than wholly: most of what moves is nearer its centre. */
 const FILLING = 0.8;
 /** Longest bar of a contact force, of the radius of the view. */
@@ -32,73 +32,8 @@ export const VIEWS: Record<string, [number, number, number]> = {
   top: [0, -0.001, 1],
 };
 
-async function geometryOf(page: PageData, shape: Shape): Promise<BufferGeometry | null> {
-  const [a, b, c] = shape.size;
-  switch (shape.kind) {
-    case "sphere":
-      return new SphereGeometry(a, 20, 14);
-    case "box":
-      return new BoxGeometry(a, b, c);
-    case "cylinder":
-      return new CylinderGeometry(a, a, b, 28).rotateX(Math.PI / 2);
-    case "capsule":
-      return new CapsuleGeometry(a, b, 8, 18).rotateX(Math.PI / 2);
-    case "ellipsoid":
-      return new SphereGeometry(1, 24, 16).scale(a, b, c);
-    case "mesh": {
-      if (shape.hull === undefined) return null;
-      const hull = new BufferGeometry();
-      hull.setAttribute("position", new BufferAttribute(await float32(page, shape.hull.vertices), 3));
-      hull.setIndex(new BufferAttribute(await uint16(page, shape.hull.triangles), 1));
-      const faces = hull.toNonIndexed(); // each with a normal of its own
-      faces.computeVertexNormals();
-      return faces;
-    }
-    default:
-      return null; // a plane has no end: the grid stands for it
-  }
-}
-
-/** Shapes of one geometry, drawn at once. */
-interface Batch {
-  mesh: InstancedMesh;
-  shapes: { shape: Shape; local: Matrix4 }[];
-}
-
-async function batches(page: PageData, shapes: Shape[], opacity: number): Promise<Batch[]> {
-  const groups = new Map<string, Shape[]>();
-  for (const shape of shapes) {
-    const key = `${shape.kind} ${shape.size.join(" ")} ${shape.hull?.vertices ?? ""}`;
-    groups.set(key, [...(groups.get(key) ?? []), shape]);
-  }
-  const made: Batch[] = [];
-  for (const group of groups.values()) {
-    const geometry = await geometryOf(page, group[0]);
-    if (geometry === null) continue;
-    const mesh = new InstancedMesh(geometry, new MeshLambertMaterial({ transparent: opacity < 1, opacity }), group.length);
-    mesh.frustumCulled = false;
-    const placed = group.map((shape) => {
-      const [w, x, y, z] = shape.quaternion;
-      return { shape, local: new Matrix4().compose(new Vector3(...shape.position), new Quaternion(x, y, z, w), ONE) };
-    });
-    made.push({ mesh, shapes: placed });
-  }
-  return made;
-}
-
-/** Colours: one for all (`single`), or those that the shapes have. */
-function paint(batch: Batch, single: string | null): void {
-  const made = new Color();
-  batch.shapes.forEach(({ shape }, index) => {
-    const [red, green, blue] = shape.colour;
-    batch.mesh.setColorAt(index, single === null ? made.setRGB(red, green, blue, "srgb") : made.set(single));
-  });
-  if (batch.mesh.instanceColor !== null) batch.mesh.instanceColor.needsUpdate = true;
-}
-
 const POSITION = new Vector3();
 const QUATERNION = new Quaternion();
-const MATRIX = new Matrix4();
 const FIRST_POSITION = new Vector3();
 const FIRST_QUATERNION = new Quaternion();
 const TURN = new Quaternion();
@@ -116,21 +51,16 @@ function exaggerate(factor: number): void {
   QUATERNION.copy(FIRST_QUATERNION).premultiply(TURN);
 }
 
-function place(batch: Batch, pose: (body: number) => void): void {
-  batch.shapes.forEach(({ shape, local }, index) => {
-    pose(shape.body);
-    batch.mesh.setMatrixAt(index, MATRIX.compose(POSITION, QUATERNION, ONE).multiply(local));
-  });
-  batch.mesh.instanceMatrix.needsUpdate = true;
-}
-
 interface Actor {
   data: RunData;
   group: Group;
-  batches: Batch[];
-  poses: Poses;
+  solids: Solids;
+  poses: Posed;
   forces: ForceBars | null;
 }
+
+/** A scene that was not run, as if it were one. */
+const INITIAL: RunData = { engine: "", label: "", colour: 0, frames: 1, motion: null, forces: null };
 
 export class Stage {
   split = false;
@@ -138,12 +68,17 @@ export class Stage {
   showGhost = true;
   /** By how much the differences of the other runs from the first shown one are drawn larger than they are. */
   exaggeration = 1;
+  mode: Mode = "visual";
   readonly shown: Set<number>;
+  readonly marks: Marks;
+  private highlighted: ReadonlyMap<number, string> = new Map();
+  private readonly runs: RunData[];
   private readonly space = new Space();
   private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 2, 0.005, 500);
   private readonly controls: OrbitControls;
   private readonly actors: Actor[] = [];
-  private ghost: { group: Group; batches: Batch[]; poses: Poses } | null = null;
+  private still: Solids | null = null;
+  private ghost: { solids: Solids; poses: Poses } | null = null;
   private moment: Moment = { frame: 0, share: 0 };
   private asked = false;
   private tags: HTMLElement[] = [];
@@ -154,8 +89,11 @@ export class Stage {
     private readonly times: Float32Array,
     private readonly box: HTMLElement,
     private readonly renderer: WebGLRenderer,
+    private readonly kinematics: Kinematics | null,
   ) {
-    this.shown = new Set(scene.runs.map((_, index) => index));
+    this.runs = kinematics === null ? scene.runs : [INITIAL];
+    this.shown = new Set(this.runs.map((_, index) => index));
+    this.marks = new Marks(scene);
     renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     renderer.domElement.setAttribute("aria-hidden", "true");
     box.append(renderer.domElement);
@@ -165,13 +103,15 @@ export class Stage {
     new ResizeObserver(() => this.ask()).observe(box);
   }
 
-  /** The stage, or null where the browser has no WebGL. */
-  static async open(page: PageData, scene: Scene, times: Float32Array, box: HTMLElement): Promise<Stage | null> {
+  /** The stage, or null where the browser has no WebGL. `kinematics`: of a scene that was not run. */
+  static async open(
+    page: PageData, scene: Scene, times: Float32Array, box: HTMLElement, kinematics: Kinematics | null,
+  ): Promise<Stage | null> {
     const canvas = document.createElement("canvas");
     const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
     if (context === null) return null;
     const renderer = new WebGLRenderer({ canvas, context });
-    const stage = new Stage(page, scene, times, box, renderer);
+    const stage = new Stage(page, scene, times, box, renderer, kinematics);
     await stage.build();
     stage.look("fit");
     return stage;
@@ -184,23 +124,18 @@ export class Stage {
     const sun = new DirectionalLight("#ffffff", 1.7);
     sun.position.set(3, -4, 8);
     space.add(sun);
-    this.addGrid();
-    for (const batch of await batches(page, scene.shapes.filter((shape) => !moving.has(shape.body)), 1)) {
-      paint(batch, null);
-      place(batch, (body) => {
-        const [x, y, z, qw, qx, qy, qz] = scene.rest[body];
-        POSITION.set(x, y, z);
-        QUATERNION.set(qx, qy, qz, qw);
-      });
-      space.add(batch.mesh);
-    }
+    const geometries = new Geometries(page);
+    this.still = await Solids.open(geometries, scene.shapes.filter((shape) => !moving.has(shape.body)));
+    space.add(this.still.group);
     const movingShapes = scene.shapes.filter((shape) => moving.has(shape.body));
-    for (const data of scene.runs) {
-      if (data.motion === null) continue;
-      const poses = await Poses.load(page, scene, data.motion, data.frames, scene.moving, scene.turning);
+    for (const data of this.runs) {
+      if (data.motion === null && this.kinematics === null) continue;
+      const poses =
+        this.kinematics ?? (data.motion && (await Poses.load(page, scene, data.motion, data.frames, scene.moving, scene.turning)));
+      if (poses === null) continue;
       const forces = data.forces && (await ForceBars.load(page, scene, data.forces, colour(data.colour)));
-      const actor: Actor = { data, group: new Group(), batches: await batches(page, movingShapes, 1), poses, forces };
-      for (const batch of actor.batches) actor.group.add(batch.mesh);
+      const actor: Actor = { data, group: new Group(), solids: await Solids.open(geometries, movingShapes), poses, forces };
+      actor.group.add(actor.solids.group);
       if (forces) actor.group.add(forces.mesh);
       space.add(actor.group);
       this.actors.push(actor);
@@ -209,15 +144,12 @@ export class Stage {
       const bodies = scene.ghost.bodies;
       const of = new Set(bodies);
       const poses = await Poses.load(page, scene, scene.ghost.motion, scene.frames, bodies, bodies);
-      const made = await batches(page, scene.shapes.filter((shape) => of.has(shape.body)), GHOST_OPACITY);
-      this.ghost = { group: new Group(), batches: made, poses };
-      for (const batch of made) {
-        paint(batch, GHOST_COLOUR);
-        (batch.mesh.material as MeshLambertMaterial).depthWrite = false;
-        this.ghost.group.add(batch.mesh);
-      }
-      space.add(this.ghost.group);
+      const solids = await Solids.open(geometries, scene.shapes.filter((shape) => of.has(shape.body)));
+      this.ghost = { solids, poses };
+      space.add(solids.group);
     }
+    space.add(this.marks.group);
+    this.addGrid();
   }
 
   private addGrid(): void {
@@ -227,10 +159,18 @@ export class Stage {
     const grid = new GridHelper(lines * step, lines, "#8a8a85", "#a9a9a3");
     grid.rotation.x = Math.PI / 2;
     const level = shapes.find((shape) => shape.kind === "plane");
-    const height = level ? rest[level.body][2] + level.position[2] : 0;
+    const height = level ? rest[level.body][2] + level.position[2] : this.lowest();
     const snapped = (value: number) => Math.round(value / step) * step;
     grid.position.set(snapped(view.centre[0]), snapped(view.centre[1]), height - 0.001 * view.radius);
     this.space.add(grid);
+  }
+
+  /** The level of the grid where there is no plane: below all of a scene that was not run, else 0. */
+  private lowest(): number {
+    if (this.kinematics === null) return 0;
+    this.draw();
+    const all = new Box3().setFromObject(this.space);
+    return all.isEmpty() ? 0 : all.min.z;
   }
 
   /** Look from one of the directions in `VIEWS` at all there is to see. */
@@ -266,8 +206,8 @@ export class Stage {
 
   /** The position (m) that is shown of a body, in a run. */
   position(run: number, body: number): number[] | null {
-    const actor = this.actors.find(({ data }) => data === this.scene.runs[run]);
-    const first = this.actors.find(({ data }) => this.shown.has(this.scene.runs.indexOf(data)));
+    const actor = this.actors.find(({ data }) => data === this.runs[run]);
+    const first = this.actors.find(({ data }) => this.shown.has(this.runs.indexOf(data)));
     if (actor === undefined) return null;
     actor.poses.at(body, this.moment, POSITION, QUATERNION);
     if (first !== undefined && actor !== first && this.exaggeration !== 1) {
@@ -275,6 +215,20 @@ export class Stage {
       exaggerate(this.exaggeration);
     }
     return POSITION.toArray();
+  }
+
+  /** Show which bodies are meant, and others in another colour. */
+  highlight(bodies: number[], others: number[] = []): void {
+    const colours = (chosen: number[], colour: string): [number, string][] => chosen.map((body) => [body, colour]);
+    this.highlighted = new Map([...colours(others, RELATED), ...colours(bodies, HIGHLIGHT)]);
+    this.ask();
+  }
+
+  /** The pose of a body that does not move. */
+  private resting(body: number, position: Vector3, quaternion: Quaternion): void {
+    const [x, y, z, qw, qx, qy, qz] = this.scene.rest[body];
+    position.set(x, y, z);
+    quaternion.set(qx, qy, qz, qw);
   }
 
   /** Draw at the next opportunity. */
@@ -288,14 +242,22 @@ export class Stage {
   }
 
   draw(): void {
-    const on = this.actors.filter(({ data }) => this.shown.has(this.scene.runs.indexOf(data)));
+    const on = this.actors.filter(({ data }) => this.shown.has(this.runs.indexOf(data)));
     const alone = this.split || on.length === 1;
     on.forEach((actor, order) => this.pose(actor, on[0], alone, order));
+    const plain = { colour: null, opacity: 1, order: 0, hides: true, mode: this.mode, highlighted: this.highlighted };
+    this.still?.appear(plain);
+    this.still?.place((body, position, quaternion) => this.resting(body, position, quaternion));
     if (this.ghost !== null) {
-      const ghost = this.ghost;
-      ghost.group.visible = this.showGhost;
-      for (const batch of ghost.batches) place(batch, (body) => ghost.poses.at(body, this.moment, POSITION, QUATERNION));
+      const { solids, poses } = this.ghost;
+      solids.group.visible = this.showGhost;
+      const mode = this.mode === "both" ? "visual" : this.mode;
+      solids.appear({ ...plain, colour: GHOST_COLOUR, opacity: GHOST_OPACITY, hides: false, mode });
+      solids.place((body, position, quaternion) => poses.at(body, this.moment, position, quaternion));
     }
+    const leading: Posed = on[0]?.poses ?? { at: (body, _, position, quaternion) => this.resting(body, position, quaternion) };
+    const time = this.kinematics === null ? this.times[this.moment.frame] : null;
+    this.marks.draw((body, position, quaternion) => leading.at(body, this.moment, position, quaternion), time);
     const width = this.box.clientWidth;
     const height = this.box.clientHeight;
     if (!width || !height) return;
@@ -321,22 +283,23 @@ export class Stage {
   }
 
   private pose(actor: Actor, first: Actor, alone: boolean, order: number): void {
-    for (const batch of actor.batches) {
-      const material = batch.mesh.material as MeshLambertMaterial;
-      material.transparent = !alone;
-      material.opacity = alone ? 1 : OVERLAID_OPACITY[Math.min(order, OVERLAID_OPACITY.length - 1)];
-      material.polygonOffset = !alone;
-      material.polygonOffsetUnits = -NEARER * order;
-      material.polygonOffsetFactor = -order;
-      batch.mesh.renderOrder = order;
-      paint(batch, alone ? null : colour(actor.data.colour));
-      place(batch, (body) => {
-        actor.poses.at(body, this.moment, POSITION, QUATERNION);
-        if (actor === first || this.exaggeration === 1) return;
+    actor.solids.appear({
+      colour: alone ? null : colour(actor.data.colour),
+      opacity: alone ? 1 : OVERLAID_OPACITY[Math.min(order, OVERLAID_OPACITY.length - 1)],
+      order,
+      hides: true,
+      mode: this.mode,
+      highlighted: this.highlighted,
+    });
+    actor.solids.place((body, position, quaternion) => {
+      actor.poses.at(body, this.moment, POSITION, QUATERNION);
+      if (actor !== first && this.exaggeration !== 1) {
         first.poses.at(body, this.moment, FIRST_POSITION, FIRST_QUATERNION);
         exaggerate(this.exaggeration);
-      });
-    }
+      }
+      position.copy(POSITION);
+      quaternion.copy(QUATERNION);
+    });
     if (actor.forces !== null) {
       actor.forces.mesh.visible = this.showForces;
       const frame = this.moment.frame + Math.round(this.moment.share);
@@ -345,6 +308,7 @@ export class Stage {
   }
 
   private tag(run: RunData, left: number, top: number): void {
+    if (!run.label) return;
     const tag = document.createElement("div");
     tag.className = "tag";
     fill(tag, run.colour);

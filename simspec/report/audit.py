@@ -9,7 +9,8 @@ from typing import Any
 from simspec.audit import AuditFinding, EngineAudit, FileAudit, FindingGroup, FindingSeverity, What, grouped
 from simspec.audit.audit import PairAudit
 from simspec.errors import clipped, visible
-from simspec.report.page.document import Section, Sentence
+from simspec.report.page.document import Section
+from simspec.report.page.sentences import Sentence
 from simspec.report.problems import plausibility_data, plausibility_lines
 from simspec.report.screen import console, plain
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell

@@ -137,7 +137,7 @@ def choose_frames(world: World, runs: Sequence[Run]) -> ShownFrames:
         rows = np.append(rows, count - 1)
     shown = tuple(int(np.searchsorted(rows, number)) for number in usable)
     everywhere = [run.arrays["pose"][rows[:number], :, :3] for run, number in zip(runs, shown, strict=True)]
-    low, high, centre, radius, beyond = _box(world, everywhere, moving)
+    low, high, centre, radius, beyond = box_of(world, everywhere, moving)
     time = np.asarray(runs[longest].time[rows], dtype=np.float64)
     return ShownFrames(rows, shown, time, low, high, centre, radius, every, beyond)
 
@@ -164,7 +164,7 @@ def turns_unseen(world: World, body: int) -> bool:
     return all(shape.kind == "sphere" and not any(shape.pose.position) for shape in shapes)
 
 
-def _box(world: World, everywhere: Sequence[Numbers], moving: Rows) -> tuple[Numbers, Numbers, Numbers, float, bool]:
+def box_of(world: World, everywhere: Sequence[Numbers], moving: Rows) -> tuple[Numbers, Numbers, Numbers, float, bool]:
     """The box of all positions, what the camera looks at, and whether the box had to be limited."""
     margin = 1e-6
     of_moving = np.concatenate([_clean(values[:, moving].reshape(-1, 3)) for values in everywhere])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from simspec.comparison.floor import FLOOR_FACTOR, deviations
 from simspec.comparison.study import Study
 from simspec.errors import visible
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.report.page.model import DIGITS, model_data
 from simspec.report.page.packing import (
     FARTHEST,
     Numbers,
@@ -25,15 +25,14 @@ from simspec.report.page.packing import (
     turns,
     turns_unseen,
 )
+from simspec.report.page.shapes import drawn_shapes
 from simspec.report.table import length
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.runner.store import driven_joints
-from simspec.world.hull import mesh_triangles, mesh_vertices
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import exponential, multiply, rotate
-from simspec.world.shapes import SHAPES, field_of
-from simspec.world.types import Body, Shape, World
+from simspec.world.types import Body, World
 
 # Ghost: poses of bodies at the targets of driven joints.
 
@@ -99,10 +98,6 @@ MOST_FORCES = 9_000
 """Contact forces of a run that are shown: about 0.1 MB packed. Where there are more, every second frame has them, or third …"""
 LEAST_TURN = 1e-4
 """Change of a quaternion's parts below which a body is drawn as not turning."""
-MOST_ROWS = 200
-"""Rows, and columns, of a height field that are drawn: its points are indexed by numbers of 16 bits."""
-DIGITS = 7
-"""Of lengths in the page's own text: more than a screen shows."""
 
 
 def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: PackedNumbers) -> dict[str, Any]:
@@ -115,7 +110,8 @@ def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: P
         "times": packed.floats(frames.time),
         "frames": len(frames.rows),
         "bodies": [visible(body.name) for body in world.bodies],
-        "shapes": _shapes(world, packed),
+        "shapes": drawn_shapes(world, packed),
+        "model": model_data(world),
         "low": frames.low.tolist(),
         "high": frames.high.tolist(),
         "rest": np.round(_rest(poses), DIGITS).tolist(),
@@ -135,53 +131,6 @@ def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: P
         "ghost": ghost,
         "view": {"centre": np.round(frames.centre, DIGITS).tolist(), "radius": round(frames.radius, DIGITS)},
     }
-
-
-def _shapes(world: World, packed: PackedNumbers) -> list[dict[str, Any]]:
-    """The visual shapes, and planes; of a body without any, those that collide. Not those that are too large to be drawn."""
-    shown = []
-    hulls: dict[tuple[float, ...], dict[str, str]] = {}
-    for index, body in enumerate(world.bodies):
-        visual = [shape for shape in body.shapes if shape.visual or shape.kind == "plane"]
-        for shape in filter(is_drawn, visual or body.shapes):
-            shown.append(
-                {
-                    "body": index,
-                    "kind": "mesh" if SHAPES[shape.kind].grid else shape.kind,  # drawn as its triangles
-                    **_size(shape, hulls, packed),
-                    "position": [round(length, DIGITS) for length in shape.pose.position],
-                    "quaternion": [round(part, DIGITS) for part in shape.pose.quaternion],
-                    "colour": [round(part, 3) for part in shape.colour],
-                }
-            )
-    return shown
-
-
-def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: PackedNumbers) -> dict[str, Any]:
-    """A shape's lengths; of a mesh or a height field its vertices and faces, packed once for each size."""
-    if not (SHAPES[shape.kind].points or SHAPES[shape.kind].grid):
-        return {"size": [round(length, DIGITS) for length in shape.size]}
-    if shape.size not in hulls:
-        points, corners = (
-            _drawn_field(shape.size)
-            if SHAPES[shape.kind].grid
-            else (mesh_vertices(shape.size), mesh_triangles(shape.size))
-        )
-        vertices, triangles = packed.floats(points), packed.codes(corners.astype(np.uint16).view(np.int16))
-        hulls[shape.size] = {"vertices": vertices, "triangles": triangles}
-    return {"size": [], "hull": hulls[shape.size]}
-
-
-def _drawn_field(size: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """The boundary of a height field, of a large one with some of its rows and columns."""
-    field = field_of(size)
-    kept = [np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).round().astype(int)) for count in field.shape]
-    return dataclasses.replace(field, heights=field.heights[np.ix_(*kept)]).closed()
-
-
-def is_drawn(shape: Shape) -> bool:
-    """Whether a shape and its place are small enough to be drawn."""
-    return all(abs(length) < FARTHEST for length in (*shape.size, *shape.pose.position))
 
 
 def _movers(world: World, poses: Sequence[Numbers], frames: ShownFrames) -> tuple[Rows, Rows]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from simspec.analysis.validity import measure_words, measured_name
 from simspec.errors import Problem, SpecError, visible
-from simspec.report.page.document import Sentence
+from simspec.report.page.sentences import Sentence
 from simspec.report.study.runs import Record, milliseconds
 from simspec.report.study.speed import ranking
 from simspec.report.table import BAD, GOOD, PLAIN, WARNING, listed, number

@@ -17,9 +17,9 @@ import pytest
 from simspec.errors import SpecError, visible
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
-from simspec.report.page import playback
 from simspec.report.page.document import MOST_STUDIES, page
 from simspec.report.page.packing import PackedNumbers
+from simspec.report.page.shapes import drawn_field, drawn_shapes
 from simspec.report.studies import StoredStudy, load_study
 from simspec.world import shapes
 from simspec.world.canonical import sha256
@@ -280,7 +280,7 @@ def test_hulls_of_meshes_are_packed_once_with_their_faces():
         for body, size in zip(world.bodies[:3], (mesh, mesh, other), strict=True)
     )
     packed = PackedNumbers()
-    shown = playback._shapes(dataclasses.replace(world, bodies=bodies), packed)
+    shown = drawn_shapes(dataclasses.replace(world, bodies=bodies), packed)
     hulls = [shape["hull"] for shape in shown if shape["kind"] == "mesh"]
     assert hulls[0] == hulls[1] != hulls[2]
     assert len(packed.entries) == 4
@@ -298,9 +298,9 @@ def test_height_fields_are_drawn_as_triangles_and_large_fields_with_fewer():
     generator = np.random.default_rng(2)
     small = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (4, 5)))
     large = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (300, 500)))
-    points, triangles = playback._drawn_field(small)
+    points, triangles = drawn_field(small)
     assert len(triangles) == len(shapes.field_of(small).closed()[1])
-    points, triangles = playback._drawn_field(large)
+    points, triangles = drawn_field(large)
     assert triangles.max() == len(points) - 1 < 2**16
     assert np.ptp(points[:, :2], axis=0).tolist() == [2.0, 1.0]
     assert points[:, 2].min() == -0.5

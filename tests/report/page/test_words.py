@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from simspec.errors import EngineError
-from simspec.report.page.document import MOST_SENTENCES, Sentence, remarks, short_verdict, summary
+from simspec.report.page.sentences import MOST_SENTENCES, Sentence, remarks, short_verdict, summary
 from simspec.report.studies import StoredStudy
 from simspec.report.table import BAD, GOOD, WARNING, listed
 from simspec.runner.execution import failed_run
