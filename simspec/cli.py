@@ -20,7 +20,7 @@ from simspec.processes import exit_if_signalled, in_order
 
 ORDER = (
     "new list check import export accept fmt schema compile verify run sweep study pages explain bisect audit report view "
-    "diff"
+    "diff help"
 )
 """The commands in the order of ``simspec --help``; ``trust`` and the group ``engines`` follow."""
 HELP_NAMES = {"help_option_names": ["--help", "-h"]}
@@ -43,7 +43,7 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
         except OSError as error:
             if error.filename is None:  # not about a file: standard output is closed
                 raise
-            problem = Problem(f"{error.filename}: {error.strerror or error}")
+            problem = Problem(f"{error.filename}: {error.strerror or error}", code="C104")
             code = report_error(SpecError([problem]), keywords.get("as_json", False))
         if code:
             raise typer.Exit(code)
@@ -140,6 +140,8 @@ def _main(arguments: list[str]) -> int:
 
         print(f"simspec {simspec_version()}")
         return EXIT_OK
+    if arguments[:1] == ["help"] and len(arguments) > 1 and " ".join(arguments[1:]) in COMMANDS:
+        arguments = [*arguments[1:], "--help"]
     problem = _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)
     if problem is not None:
         return report_error(SpecError([problem]), "--json" in arguments)
@@ -161,6 +163,7 @@ def _empty(arguments: list[str]) -> Problem | None:
                 f"an argument of the command line is empty: the word {index + 1}{before}",
                 found=" ".join(map(repr, arguments)),
                 hint="is a variable of the shell empty? write . for the current folder",
+                code="C103",
             )
     return None
 
@@ -174,7 +177,9 @@ def _not_text(arguments: list[str]) -> Problem | None:
         try:
             word.encode()
         except UnicodeEncodeError:
-            return Problem(f"{name} is not UTF-8 text", found=repr(word), hint="rename the file or the folder")
+            return Problem(
+                f"{name} is not UTF-8 text", found=repr(word), hint="rename the file or the folder", code="C116"
+            )
     return None
 
 
@@ -190,7 +195,7 @@ def _not_numbers(words: list[str]) -> Problem | None:
             kind(text)
         except NumeralError as error:
             number = "a whole number" if kind is whole else "a finite number"
-            return Problem(f"{option} should be {number}: {error}", found=repr(text))
+            return Problem(f"{option} should be {number}: {error}", found=repr(text), code="C103")
     return None
 
 

@@ -120,6 +120,7 @@ def _located(error: UnsupportedError, label: str, locate: Callable[[str], Locati
             problem.allowed,
             problem.hint,
             engine_name(label),
+            code=problem.code,
         )
         for problem in located
     ]
@@ -253,6 +254,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
                 f"contact.pairs.{first}.{second}.{quantity}",
                 found=f"{word} {kind}",
                 hint=hint,
+                code="E104",
             )
         )
     if problems:

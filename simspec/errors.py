@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
@@ -75,7 +75,8 @@ class Problem:
     """One thing that is wrong.
 
     ``path`` is the dotted path in the spec (``bodies.ball.mass``), ``found`` and ``allowed`` say what was
-    there and what may be, ``hint`` is the way out (the nearest valid word, the key to write instead).
+    there and what may be, ``hint`` is the way out (the nearest valid word, the key to write instead). ``code`` is that of its
+    class (:mod:`simspec.codes`), whose page ``simspec help CODE`` prints.
     """
 
     message: str
@@ -84,6 +85,7 @@ class Problem:
     found: str | None = None
     allowed: str | None = None
     hint: str | None = None
+    code: str = field(default="", kw_only=True)
 
     def __str__(self) -> str:
         place = f"{self.location}: " if self.location else ""
@@ -119,6 +121,8 @@ class SimspecError(Exception):
     """Base of every error that simspec raises on purpose; ``exit_code`` is what the command line ends with."""
 
     exit_code = EXIT_FAILED
+    code = ""
+    """That of the class of the error (:mod:`simspec.codes`), where no problem of it says one."""
 
 
 class SpecError(SimspecError):
@@ -158,7 +162,20 @@ class EngineError(SimspecError):
 
     exit_code = EXIT_ENGINE
 
-    def __init__(self, engine: str, message: str, operation: int | None = None, refused: bool = False):
+    code = "E202"
+
+    def __init__(
+        self,
+        engine: str,
+        message: str,
+        operation: int | None = None,
+        refused: bool = False,
+        *,
+        code: str = "",
+    ):
+        # an error of an engine's process is raised anew from its message
+        missing = message.startswith(("not installed", "is installed, and importing"))
+        self.code = code or ("E201" if missing else self.code)
         self.engine = engine
         self.operation = operation
         self.refused = refused

@@ -133,7 +133,9 @@ def other_engines(built: CompiledSpec, folder: Path, names: Iterable[str]) -> li
             try:
                 content = read_sidecar(folder / name)
             except ValueError as error:
-                raise SpecError([Problem(str(error), hint=f"compile for {name} too, or remove its folder")]) from None
+                raise SpecError(
+                    [Problem(str(error), hint=f"compile for {name} too, or remove its folder", code="E110")]
+                ) from None
             if content.get("world") == sha256(built.world):
                 found.append(name)
     return found
@@ -286,7 +288,9 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
     def change(real: Path | None) -> dict[str, bytes] | None:
         nonlocal found
         if real is None:
-            raise SpecError([Problem(f"{folder}: removed while its content was being verified", hint="verify again")])
+            raise SpecError(
+                [Problem(f"{folder}: removed while its content was being verified", hint="verify again", code="C111")]
+            )
         now = owned_files(real)
         hashes = engine_hashes(now)
         for engine, wanted in certificate.artifacts_sha256.items():
@@ -294,7 +298,7 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
                 message = (
                     f"{folder / engine}: the files are not those that were verified; the certificate is not written"
                 )
-                raise SpecError([Problem(message, hint="verify again")])
+                raise SpecError([Problem(message, hint="verify again", code="C111")])
         if CERTIFICATE_FILE in now:
             try:
                 found = holding_proofs(_parsed(now[CERTIFICATE_FILE], folder), world, hashes, certificate.oracle)

@@ -68,14 +68,16 @@ def pairs_without_effect(spec: Spec, world: World) -> list[Problem]:
                 law, names = laws.get(pair.materials), " and ".join(pair.materials)
                 if law is None:
                     message = f"no shapes of {names} can touch: these settings have no effect"
-                    problems.append(Problem(message, path, spec.locate(path), found=", ".join(pair.settings)))
+                    problems.append(
+                        Problem(message, path, spec.locate(path), found=", ".join(pair.settings), code="E106")
+                    )
                     continue
                 for setting in pair.settings:
                     by_pair = table[setting].by_pair if setting in table else None
                     if by_pair is not None and (why := by_pair.idle(law, cone)):
                         message = f"{setting} has no effect in contacts of {names}"
                         where = f"{path}.settings.{setting}"
-                        problems.append(Problem(message, where, spec.locate(where), found=why))
+                        problems.append(Problem(message, where, spec.locate(where), found=why, code="E106"))
     return problems
 
 
@@ -106,7 +108,9 @@ def deep_contact(spec: Spec, world: World, names: Iterable[str] | None = None) -
         allowed = f"up to {DEEP:.0%} of the inner radius of the shape, {least.inner:.3g} m"
         where = ", ".join(f"engines.{name}.settings" for name in deep)
         hint = f"{setting}: {DEEP * least.inner:.2g} in {where}"
-        problems.append(Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint))
+        problems.append(
+            Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint, code="W118")
+        )
     return problems
 
 
@@ -164,6 +168,7 @@ def check_options(world: World, locate: Callable[[str], Location | None] = nowhe
                     path,
                     allowed=", ".join(engines()),
                     hint=f"did you mean {near[0]!r}?" if near else None,
+                    code="E107",
                 )
             )
             continue
@@ -179,6 +184,7 @@ def check_options(world: World, locate: Callable[[str], Location | None] = nowhe
                             f"{path}.{key}",
                             allowed="the names of simspec's support matrix (simspec engines)",
                             hint=f"did you mean {near[0]!r}?" if near else None,
+                            code="E108",
                         )
                     )
     return [dataclasses.replace(problem, location=locate(problem.path)) for problem in problems]
@@ -196,6 +202,7 @@ def check_control(world: World, locate: Callable[[str], Location | None] = nowhe
             locate(f"control.{name}"),
             found=", ".join(joints),
             hint="use law: pd, or remove efforts (and a grasp's squeeze) from the trajectory",
+            code="S715",
         )
         for name, joints in fed.items()
     ]

@@ -141,7 +141,7 @@ class Project:
     def refusal(self, what: str) -> NotTrustedError:
         """The error of a command that needs ``what`` the file names."""
         message = f"{self.file}: {self.not_trusted}: its {what} are not used"
-        return NotTrustedError([Problem(message, hint=f"read it, then {self.trusting}")])
+        return NotTrustedError([Problem(message, hint=f"read it, then {self.trusting}", code="C113")])
 
 
 def trusting(file: Path) -> str:
@@ -174,7 +174,9 @@ def _demand_owner(file: Path, start: Path) -> None:
     owner = os.lstat(file).st_uid
     if owner not in {os.geteuid(), 0, os.stat(start).st_uid}:
         message = f"{file}: belongs to another user, and is not used"
-        raise SpecError([Problem(message, hint=f"a {PROJECT_FILE} or {REPOSITORY} of your own, nearer, comes first")])
+        raise SpecError(
+            [Problem(message, hint=f"a {PROJECT_FILE} or {REPOSITORY} of your own, nearer, comes first", code="C113")]
+        )
 
 
 def read_project(file: Path) -> Project:
@@ -192,7 +194,7 @@ def parse_project(file: Path, content: bytes) -> Project:
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > LONGEST_LINE:
             message = f"a line of {len(line):,} characters, more than the {LONGEST_LINE:,} that are read"
-            raise SpecError([Problem(message, location=Location(str(file), number, 1))])
+            raise SpecError([Problem(message, location=Location(str(file), number, 1), code="C112")])
     try:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -208,7 +210,9 @@ def parse_project(file: Path, content: bytes) -> Project:
 def _syntax(file: Path, message: str) -> Problem:
     place = _SYNTAX.search(message)
     location = Location(str(file), int(place[1]), int(place[2])) if place else None
-    return Problem(f"{'' if place else f'{file}: '}not TOML: {_SYNTAX.sub('', message)}", location=location)
+    return Problem(
+        f"{'' if place else f'{file}: '}not TOML: {_SYNTAX.sub('', message)}", location=location, code="C112"
+    )
 
 
 def _lines(text: str) -> dict[tuple[str, ...], int]:
@@ -262,31 +266,36 @@ class _ProjectReader:
         found: str | None = None,
         allowed: str | None = None,
         hint: str | None = None,
+        code: str,
     ) -> None:
         line = next((self._lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in self._lines), 1)
         place = Location(str(self._file), line, 1)
-        self._problems.append(Problem(message, ".".join(path), place, found, allowed, hint))
+        self._problems.append(Problem(message, ".".join(path), place, found, allowed, hint, code=code))
 
     def _known(self, path: tuple[str, ...], table: Mapping[str, Any], keys: Mapping[str, str]) -> None:
         for key in table:
             if key not in keys:
                 near = difflib.get_close_matches(key, keys, 1)
                 hint = f"did you mean {near[0]}?" if near else None
-                self._problem((*path, key), f"unknown key {key!r}", allowed=", ".join(keys), hint=hint)
+                self._problem((*path, key), f"unknown key {key!r}", allowed=", ".join(keys), hint=hint, code="C114")
 
     def _interpreters(self) -> Iterator[tuple[str, str]]:
         tables = self._data.get("engines", {})
         if not isinstance(tables, Mapping):
             hint = "[engines.NAME] with python = ...; a list of engines is default-engines = [...]"
-            self._problem(("engines",), "expected tables by engine", found=_shown(tables), hint=hint)
+            self._problem(("engines",), "expected tables by engine", found=_shown(tables), hint=hint, code="C114")
             return
         if len(tables) > MOST_ENGINES:
-            self._problem(("engines",), f"{len(tables):,} engines, more than the {MOST_ENGINES} that are read")
+            self._problem(
+                ("engines",), f"{len(tables):,} engines, more than the {MOST_ENGINES} that are read", code="C114"
+            )
             return
         for label, table in tables.items():
             path = ("engines", label)
             if not isinstance(table, Mapping):
-                self._problem(path, "expected a table", found=_shown(table), hint=f"[engines.{_quoted(label)}]")
+                self._problem(
+                    path, "expected a table", found=_shown(table), hint=f"[engines.{_quoted(label)}]", code="C114"
+                )
                 continue
             self._check_label(path, label)
             self._known(path, table, ENGINE_KEYS)
@@ -294,17 +303,19 @@ class _ProjectReader:
             if isinstance(python, str) and python and "\0" not in python:
                 yield label, str(self._file.parent / python)
             elif "python" in table:
-                self._problem((*path, "python"), "expected the path of an interpreter", found=_shown(python))
+                self._problem(
+                    (*path, "python"), "expected the path of an interpreter", found=_shown(python), code="C114"
+                )
             else:
-                self._problem(path, "no option", hint="python = ... names an interpreter")
+                self._problem(path, "no option", hint="python = ... names an interpreter", code="C114")
 
     def _texts(self, key: str, check: Callable[[tuple[str, ...], str], None]) -> Iterator[str]:
         texts = self._data.get(key, [])
         if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-            self._problem((key,), "expected a list of strings", found=_shown(texts))
+            self._problem((key,), "expected a list of strings", found=_shown(texts), code="C114")
             return
         if key in self._data and not texts:
-            self._problem((key,), "an empty list", hint="remove it, or list at least one")
+            self._problem((key,), "an empty list", hint="remove it, or list at least one", code="C114")
         for text in dict.fromkeys(texts):
             check((key,), text)
             yield text
@@ -313,19 +324,25 @@ class _ProjectReader:
         try:
             identity = parse(label)
         except SpecError:
-            self._problem(path, f"{label!r} is not an engine's label", allowed="NAME, or NAME@VERSION in quotes")
+            self._problem(
+                path, f"{label!r} is not an engine's label", allowed="NAME, or NAME@VERSION in quotes", code="C114"
+            )
             return
         if identity.python is not None:
             name = _quoted(identity.label)
-            self._problem(path, f"{label!r} contains an interpreter", hint=f"[engines.{name}] with python = ...")
+            self._problem(
+                path, f"{label!r} contains an interpreter", hint=f"[engines.{name}] with python = ...", code="C114"
+            )
         elif identity.name not in engines():
             near = difflib.get_close_matches(identity.name, engines(), 1)
             hint = f"did you mean {near[0]}?" if near else None
-            self._problem(path, f"unknown engine {identity.name!r}", allowed=", ".join(engines()), hint=hint)
+            self._problem(
+                path, f"unknown engine {identity.name!r}", allowed=", ".join(engines()), hint=hint, code="C114"
+            )
 
     def _check_folder(self, path: tuple[str, ...], text: str) -> None:
         if "\0" in text or not text or not (self._file.parent / text).is_dir():
-            self._problem(path, "not a folder", found=_shown(text), hint="paths are relative to this file")
+            self._problem(path, "not a folder", found=_shown(text), hint="paths are relative to this file", code="C114")
 
 
 def _shown(value: Any) -> str:

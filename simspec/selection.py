@@ -122,6 +122,7 @@ def _too_few(taken: Sequence[str], least: int, not_taken: Mapping[str, NotTaken]
         f"{words} must support this world, and {', '.join(taken) or 'none'} does",
         found="; ".join(absent) or None,
         hint=f"run it alone: --engine {taken[0]}" if taken else None,
+        code="E109",
     )
     return [*problems, problem]
 

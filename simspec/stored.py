@@ -331,7 +331,7 @@ def parse(content: bytes | str, what: str) -> Any:
     try:
         return parse_json(content)
     except NotReadableError as error:
-        raise SpecError([Problem(f"{what} cannot be read: {error}")]) from None
+        raise SpecError([Problem(f"{what} cannot be read: {error}", code="R101")]) from None
 
 
 def read_as(model: type[Model], content: bytes | str, what: str) -> Model:
@@ -340,4 +340,4 @@ def read_as(model: type[Model], content: bytes | str, what: str) -> Model:
         return model.model_validate(parse(content, what))
     except ValidationError as error:
         places = [f"{'.'.join(map(str, entry['loc'])) or 'all of it'}: {entry['msg']}" for entry in error.errors()[:3]]
-        raise SpecError([Problem(f"{what} cannot be read: {'; '.join(places)[:400]}")]) from None
+        raise SpecError([Problem(f"{what} cannot be read: {'; '.join(places)[:400]}", code="R101")]) from None

@@ -40,7 +40,8 @@ BAD = {
         + "    array: {grid: [100, 100, 10], spacing: 1}\n    shapes: ["
         + "{sphere: {radius: 1}}, " * 1000
         + "]\n",
-        "bad.yaml:6:3: error: bodies.b: too many shapes in one scenario\n  found:   100,000 × 1,000\n  allowed: up to 200,000",
+        "bad.yaml:6:3: error[S109]: bodies.b: too many shapes in one scenario\n"
+        "  found:   100,000 × 1,000\n  allowed: up to 200,000",
     ),
     "shapes of an array of models": (
         HEAD
@@ -48,7 +49,7 @@ BAD = {
         + "    bodies: {b: {mass: 1 kg, shapes: ["
         + "{sphere: {radius: 1}}, " * 5
         + "]}}\n",
-        "bad.yaml:6:3: error: models.m: too many shapes in one scenario",
+        "bad.yaml:6:3: error[S109]: models.m: too many shapes in one scenario",
     ),
     "a long name": (HEAD + BALL.replace("  b:", "  ? " + "b" * 300 + "\n  :"), "too long a name"),
     "a long material": (
@@ -169,7 +170,7 @@ def test_models_of_many_bodies_are_counted_before_they_are_looked_at(simspec, tm
     done, used = simspec(tmp_path, "check", "bad.yaml")
     assert done.returncode == 2
     assert (
-        "bad.yaml:16:3: error: models.m11: too many bodies in one scenario\n  found:   9,000, after 99,000"
+        "bad.yaml:16:3: error[S109]: models.m11: too many bodies in one scenario\n  found:   9,000, after 99,000"
         in done.stderr
     )
     assert used < MEMORY

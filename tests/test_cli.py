@@ -50,6 +50,7 @@ COMMANDS = (
     "import",
     "export",
     "trust",
+    "help",
 )
 FALL = """\
 simspec: 1

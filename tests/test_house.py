@@ -18,6 +18,7 @@ ORDER = (
     "processes",
     "confinement",
     "errors",
+    "codes",
     "files",
     "numerals",
     "plugins",

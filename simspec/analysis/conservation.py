@@ -254,9 +254,9 @@ def displacement(run: Run) -> BodyDisplacement:
     collision shape. A place that is not a number is infinitely far away."""
     places = {index: body for index, body in enumerate(run.world.bodies) if body.joint.kind == "free" and _size(body)}
     if not places:
-        raise SpecError([Problem(f"{run.world.name}: no free body has a collision shape")])
+        raise SpecError([Problem(f"{run.world.name}: no free body has a collision shape", code="R106")])
     if "pose" not in run.arrays or not len(run.time):
-        raise SpecError([Problem(f"{run.world.name} in {run.engine}: poses were not recorded")])
+        raise SpecError([Problem(f"{run.world.name} in {run.engine}: poses were not recorded", code="R107")])
     gravity = np.asarray(run.world.physics.gravity, dtype=float)
     size = float(np.linalg.norm(gravity))
     along = gravity / size if size else np.zeros(3)

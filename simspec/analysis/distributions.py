@@ -45,10 +45,10 @@ def run_summary(run: Run, row: int = -1) -> Numbers:
     """The quantities of :data:`SUMMARY` (5,) of a run at a recorded row. Raises SpecError for a run that failed or in which
     nothing moves."""
     if run.failed is not None or not run.recorded:
-        raise SpecError([Problem(f"{run.label} has no whole result to summarise: {run.failed}")])
+        raise SpecError([Problem(f"{run.label} has no whole result to summarise: {run.failed}", code="R106")])
     moving = metrics.moving_bodies(run.world)
     if not len(moving):
-        raise SpecError([Problem(f"no body of {run.world.name!r} can move")])
+        raise SpecError([Problem(f"no body of {run.world.name!r} can move", code="R106")])
     values = {name: np.asarray(run.arrays[name][[row]]) for name in ("q", "v", "pose", "velocity")}
     centres = metrics.motion(run.world, values).centre[0, moving]
     radii = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
@@ -73,7 +73,7 @@ def summary_scales(run: Run) -> Numbers:
         start = run_summary(run, 0)
         speed, energy = float(start[3]), float(start[4])
     if not (size > 0.0 and speed > 0.0 and energy > 0.0):
-        raise SpecError([Problem(f"{run.world.name!r} has no scale of length, speed or energy")])
+        raise SpecError([Problem(f"{run.world.name!r} has no scale of length, speed or energy", code="R106")])
     return np.array([size, size, size, speed, energy])
 
 
@@ -89,7 +89,9 @@ def paired(first: Mapping[int, Numbers], second: Mapping[int, Numbers]) -> tuple
     alone = sorted(first.keys() ^ second.keys())
     if alone or not first:
         text = ", ".join(map(str, alone)) or "none at all"
-        raise SpecError([Problem("pairs need the same seeds in both engines", found=f"in one only: {text}")])
+        raise SpecError(
+            [Problem("pairs need the same seeds in both engines", found=f"in one only: {text}", code="R105")]
+        )
     seeds = sorted(first)
     return np.array([first[seed] for seed in seeds]), np.array([second[seed] for seed in seeds])
 
@@ -233,7 +235,7 @@ def demand_contacts(run: Run) -> None:
     """Raises SpecError where a run did not record its contacts."""
     if "contact.row" not in run.arrays:
         hint = "add contacts to record.channels"
-        raise SpecError([Problem(f"{run.label} did not record contacts", "record.channels", hint=hint)])
+        raise SpecError([Problem(f"{run.label} did not record contacts", "record.channels", hint=hint, code="R107")])
 
 
 def durations(run: Run) -> NDArray[np.float64]:

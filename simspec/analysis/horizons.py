@@ -63,7 +63,7 @@ def perturbation_of(world: World, size: float) -> float:
     # an exact zero is moved by the amount itself
     reach = float(np.where(q == 0.0, 1.0, np.abs(q)).max(initial=0.0))
     if not reach:
-        raise SpecError([Problem(f"no body of {world.name!r} can move")])
+        raise SpecError([Problem(f"no body of {world.name!r} can move", code="R106")])
     return size / reach
 
 
@@ -193,9 +193,9 @@ def consistency(coarse: Run, fine: Run) -> Consistency:
     """
     steps = [run.world.physics.timestep for run in (coarse, fine)]
     if coarse.label != fine.label or _scenario(coarse.world) != _scenario(fine.world):
-        raise SpecError([Problem(f"{coarse.label} and {fine.label} are not one scenario in one engine")])
+        raise SpecError([Problem(f"{coarse.label} and {fine.label} are not one scenario in one engine", code="R105")])
     if not steps[1] < steps[0]:
-        raise SpecError([Problem("the second run needs a smaller timestep than the first")])
+        raise SpecError([Problem("the second run needs a smaller timestep than the first", code="R106")])
     common = Common(coarse, fine, moving_in_common(coarse, fine), [])
     time, rms, largest = (np.zeros(common.rows) for _ in range(3))
     for part in common.blocks(common.rows):
@@ -241,14 +241,16 @@ def convergence(runs: Sequence[Run]) -> Convergence:
     if len(steps) != 3 or not math.isclose(steps[0] * steps[2], steps[1] ** 2, rel_tol=NEAR) or steps[0] == steps[1]:
         text = ", ".join(f"{1e3 * step:g} ms" for step in steps)
         hint = "for example 4, 2 and 1 ms"
-        raise SpecError([Problem("an order needs three timesteps with one ratio", found=text, hint=hint)])
+        raise SpecError([Problem("an order needs three timesteps with one ratio", found=text, hint=hint, code="R106")])
     outer, inner = consistency(ordered[0], ordered[1]), consistency(ordered[1], ordered[2])
     # times that all three recorded, to half of the smallest timestep
     at = np.clip(np.searchsorted(inner.time, outer.time - 0.5 * steps[2]), 0, len(inner.time) - 1)
     same = np.abs(inner.time[at] - outer.time) <= 0.5 * steps[2]
     if not (outer.time[same] > 0.0).any():
         hint = "a record.every that is a whole number of all three timesteps"
-        raise SpecError([Problem("the three runs have no recorded time in common but the beginning", hint=hint)])
+        raise SpecError(
+            [Problem("the three runs have no recorded time in common but the beginning", hint=hint, code="R106")]
+        )
     coarse, fine = outer.rms[same], inner.rms[at[same]]
     ratio = steps[0] / steps[1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -302,16 +304,20 @@ def determinism(runs: Sequence[Run]) -> Determinism:
     Raises SpecError for fewer than two runs, for runs that are not repeats of each other, and for runs that recorded nothing.
     """
     if len(runs) < 2:
-        raise SpecError([Problem("determinism needs at least two runs")])
+        raise SpecError([Problem("determinism needs at least two runs", code="R106")])
     first = runs[0]
     for run in runs:
         if not run.recorded:
-            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}")])
+            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}", code="R106")])
         other = [name for name in SAME if run.provenance.get(name) != first.provenance.get(name)]
         if run.engine != first.engine or other:
             why = ", ".join(other) or "engine"
             raise SpecError(
-                [Problem(f"{first.label} and {run.label} are not repeats of one run", found=f"other {why}")]
+                [
+                    Problem(
+                        f"{first.label} and {run.label} are not repeats of one run", found=f"other {why}", code="R105"
+                    )
+                ]
             )
     departures = [_departure(first, run, number) for number, run in enumerate(runs[1:], 1) if not same_bits(first, run)]
     return Determinism(first.label, len(runs), tuple(departures))

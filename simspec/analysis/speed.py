@@ -118,7 +118,7 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
     was measured in some processes only.
     """
     if not runs:
-        raise SpecError([Problem("there are no runs to take the speed of")])
+        raise SpecError([Problem("there are no runs to take the speed of", code="R106")])
     _demand_single("engines", {run.label for run in runs})
     _demand_single("timesteps", {f"{run.world.physics.timestep:g} s" for run in runs})
     _demand_single("machines", {machine_of(run.provenance) for run in runs})
@@ -131,7 +131,7 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
             continue
         if len(measured) < len(values):
             missing = f"{len(values) - len(measured)} of {len(values)} processes"
-            raise SpecError([Problem(f"{runs[0].label}: {name} was not measured in {missing}")])
+            raise SpecError([Problem(f"{runs[0].label}: {name} was not measured in {missing}", code="R106")])
         figures[name] = spread(measured, level)
     first = runs[0]
     where = machine_of(first.provenance)
@@ -142,7 +142,9 @@ def _demand_single(what: str, values: Iterable[str]) -> None:
     given = sorted(values)
     if len(given) > 1:
         hint = "take the speed of each alone"
-        raise SpecError([Problem(f"runs of several {what} have no common speed", found=" / ".join(given), hint=hint)])
+        raise SpecError(
+            [Problem(f"runs of several {what} have no common speed", found=" / ".join(given), hint=hint, code="R105")]
+        )
 
 
 def speed_ratio(first: Speed, second: Speed, name: str = "real_time_factor", level: float = LEVEL) -> Interval | None:
@@ -173,7 +175,7 @@ class Paced:
 def paced(run: Run) -> Paced:
     """That of a run. Raises SpecError where it recorded nothing."""
     if not run.recorded:
-        raise SpecError([Problem(f"{run.label} recorded nothing: {run.failed}")])
+        raise SpecError([Problem(f"{run.label} recorded nothing: {run.failed}", code="R106")])
     contacts = contact_counts(run.arrays) if "contact.row" in run.arrays else None
     seconds = None if run.seconds is None else np.array(run.seconds)
     return Paced(run.label, np.array(run.time), seconds, contacts)
@@ -222,11 +224,13 @@ def over_time(runs: Sequence[Paced], intervals: int = INTERVALS) -> Pace:
 
 def _demand_repeats(runs: Sequence[Paced]) -> None:
     if not runs:
-        raise SpecError([Problem("there are no runs to take the speed of")])
+        raise SpecError([Problem("there are no runs to take the speed of", code="R106")])
     first = runs[0]
     for run in runs:
         if run.label != first.label or not np.array_equal(run.time, first.time):
-            raise SpecError([Problem("speed over time needs runs of one engine that recorded at the same times")])
+            raise SpecError(
+                [Problem("speed over time needs runs of one engine that recorded at the same times", code="R106")]
+            )
 
 
 def _spent(run: Paced, column: int, part: tuple[int, int]) -> float | None:
@@ -317,7 +321,9 @@ def find_figure(world: World, word: str) -> str:
     if (name := found.get(_plain(word))) is not None:
         return name
     text = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
-    problem = Problem(f"no run of {world.name} has a figure {word!r}", found=word, allowed=text, hint=near(word, names))
+    problem = Problem(
+        f"no run of {world.name} has a figure {word!r}", found=word, allowed=text, hint=near(word, names), code="R108"
+    )
     raise SpecError([problem])
 
 
@@ -329,11 +335,13 @@ def read_figure(run: Run, name: str) -> RunFigure:
         if name != _expected(number, outcome.kind):
             continue
         if outcome.measured is None:
-            raise SpecError([Problem(f"{name} was not measured: {outcome.detail}")])
+            raise SpecError([Problem(f"{name} was not measured: {outcome.detail}", code="R106")])
         return RunFigure(outcome.measured, outcome.unit, _largest(run, outcome.unit, outcome.measured))
     values, units = summary(run), dict(QUANTITIES)
     if name not in values:
-        raise SpecError([Problem(f"this run has no {name}: its channels were not recorded", hint="record.channels")])
+        raise SpecError(
+            [Problem(f"this run has no {name}: its channels were not recorded", hint="record.channels", code="R107")]
+        )
     return RunFigure(values[name], units[name], alike_size(values, units[name]))
 
 

@@ -36,7 +36,9 @@ def trial(run: Run, outcomes: Sequence[Outcome]) -> TimestepTrial:
     if run.failed is not None:
         return TimestepTrial(timestep, seed, False, f"failed: {run.failed}")
     if not outcomes:
-        raise SpecError([Problem(f"{run.label}: nothing is expected of the run, so nothing says whether it is valid")])
+        raise SpecError(
+            [Problem(f"{run.label}: nothing is expected of the run, so nothing says whether it is valid", code="R106")]
+        )
     missed = [outcome for outcome in outcomes if not outcome.passed]
     if not missed:
         return TimestepTrial(timestep, seed, True)
@@ -110,12 +112,14 @@ def limit(trials: Iterable[TimestepTrial], level: float = LEVEL) -> TimestepLimi
     for entry in trials:
         by_step.setdefault(entry.timestep, []).append(entry)
     if not by_step:
-        raise SpecError([Problem("there are no runs to find a limit of validity from")])
+        raise SpecError([Problem("there are no runs to find a limit of validity from", code="R106")])
     for timestep, some in by_step.items():
         twice = [seed for seed, count in Counter(trial.seed for trial in some).items() if count > 1]
         if twice:
             name = "the run without a seed" if twice[0] is None else f"seed {twice[0]}"
-            raise SpecError([Problem(f"{name} was run more than once at {1e3 * timestep:g} ms", hint="take it once")])
+            raise SpecError(
+                [Problem(f"{name} was run more than once at {1e3 * timestep:g} ms", hint="take it once", code="R105")]
+            )
     steps = sorted(by_step)
     shares = {step: share(sum(trial.valid for trial in by_step[step]), len(by_step[step]), level) for step in steps}
     bad = [step for step in steps if shares[step].value < 1.0]

@@ -158,13 +158,15 @@ def demand_same_scene(a: World, b: World) -> None:
         entry, other = (side.get(name) for side in bodies)
         if entry is None or other is None:
             found = f"only in {'the second' if entry is None else 'the first'}"
-            problems.append(Problem("the two are of different scenes", f"bodies.{name}", found=found))
+            problems.append(Problem("the two are of different scenes", f"bodies.{name}", found=found, code="R105"))
             continue
         for field in ("kind", "parent"):
             values = getattr(entry.joint, field), getattr(other.joint, field)
             if values[0] != values[1]:
                 found = f"{values[0]} in the first, {values[1]} in the second"
-                problems.append(Problem("the two are of different scenes", f"bodies.{name}.joint.{field}", found=found))
+                problems.append(
+                    Problem("the two are of different scenes", f"bodies.{name}.joint.{field}", found=found, code="R105")
+                )
     if problems:
         raise SpecError(problems)
 
@@ -257,7 +259,7 @@ def world_of(named: Mapping[str, Any]) -> World:
     try:
         world: World = from_plain(World, plain)
     except (KeyError, TypeError, ValueError) as error:
-        raise SpecError([Problem(f"the two worlds' values do not go together: {error}")]) from None
+        raise SpecError([Problem(f"the two worlds' values do not go together: {error}", code="R105")]) from None
     return world
 
 

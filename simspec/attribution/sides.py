@@ -24,7 +24,7 @@ def side_of_run(run: Run, pythons: Mapping[str, str] | None = None, name: str = 
     if not run.recorded:
         why = f": {run.failed}" if run.failed is not None else ""
         message = f"{name or repr(run)} has no rows{why}"
-        raise SpecError([Problem(message, hint="run it again: simspec run")])
+        raise SpecError([Problem(message, hint="run it again: simspec run", code="R101")])
     start = np.array(run.arrays["q"][0]), np.array(run.arrays["v"][0])
     both = zip(start, initial_state(run.world), strict=True)
     same = not run.provenance.get("perturb") and all(

@@ -67,7 +67,9 @@ class Windows:
         """Steps of ``world`` in a window. Raises SpecError where that is no whole number."""
         steps = self.length / exact(world.physics.timestep)
         if steps.denominator != 1:
-            raise SpecError([Problem(f"a window of {float(self.length):g} s is not a whole number of its steps")])
+            raise SpecError(
+                [Problem(f"a window of {float(self.length):g} s is not a whole number of its steps", code="R105")]
+            )
         return steps.numerator
 
     def only(self, kept: NDArray[np.bool_]) -> Windows:
@@ -122,7 +124,9 @@ def window_length(worlds: Sequence[World], duration: Fraction) -> Fraction:
     if common > max(LONGEST, *steps) or common > duration:
         text = " and ".join(f"{world.physics.timestep:g} s" for world in worlds)
         allowed = f"timesteps with a common multiple of at most {float(min(max(LONGEST, *steps), duration)):g} s"
-        raise SpecError([Problem("there is no window that both can step through", found=text, allowed=allowed)])
+        raise SpecError(
+            [Problem("there is no window that both can step through", found=text, allowed=allowed, code="R105")]
+        )
     most = math.floor(duration / common)
     return common * min(max(1, math.ceil(LENGTH / common)), most)
 
@@ -136,7 +140,7 @@ def take_windows(
     worlds = (world, second.world)
     duration = min(exact(world.physics.timestep) * world.physics.steps for world in worlds)
     if duration == 0:
-        raise SpecError([Problem("there is no motion to explain: the duration is 0", "physics.duration")])
+        raise SpecError([Problem("there is no motion to explain: the duration is 0", "physics.duration", code="R106")])
     length = window_length(worlds, duration)
     steps = (length / timestep).numerator
     count = math.floor(duration / length)

@@ -264,12 +264,14 @@ def pair(
     names = file_name(*first), file_name(*second)
     for meaning in meanings:
         if not meaning.bodies:
-            problems = meaning.defects or (Problem(f"{meaning.path}: simspec does not import files of this language"),)
+            problems = meaning.defects or (
+                Problem(f"{meaning.path}: simspec does not import files of this language", code="I114"),
+            )
             raise SpecError(problems)
     entry, other = meanings
     matched = match(entry.bodies, other.bodies)
     if not matched.partners:
-        raise SpecError([Problem(f"{names[0]} and {names[1]} have no body of the same name")])
+        raise SpecError([Problem(f"{names[0]} and {names[1]} have no body of the same name", code="R105")])
     shared = frozenset(matched.partners)
     partners = frozenset(body.name for body in matched.partners.values())
     read_back = ReadBack(tuple(map(_as_read_back, other.bodies)), other.gravity or (0.0, 0.0, 0.0), 0.0)

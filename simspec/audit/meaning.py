@@ -218,13 +218,13 @@ def language_of(path: Path, content: bytes) -> str:
     }
     if not fitting:
         allowed = " ".join(sorted({end for engine in engines().values() for end in suffixes_of(engine)}))
-        raise SpecError([Problem(f"{path}: no engine reads such files", allowed=allowed)])
+        raise SpecError([Problem(f"{path}: no engine reads such files", allowed=allowed, code="I114")])
     root = parse(content, str(path)).tag
     for language, reads in fitting.items():
         if reads.root == root:
             return language
     allowed = ", ".join(f"<{reads.root}>" for reads in fitting.values())
-    raise SpecError([Problem(f"{path}: the outermost element is <{root[:60]}>", allowed=allowed)])
+    raise SpecError([Problem(f"{path}: the outermost element is <{root[:60]}>", allowed=allowed, code="I114")])
 
 
 def suffixes_of(engine: type[Engine]) -> set[str]:
@@ -237,9 +237,9 @@ def content_of(path: Path) -> bytes:
     try:
         return read_bytes(path, LARGEST, links=True)
     except NotReadableError as error:
-        raise SpecError([Problem(f"{path}: cannot be read: {error}")]) from None
+        raise SpecError([Problem(f"{path}: cannot be read: {error}", code="C104")]) from None
     except OSError as error:
-        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror or error}")]) from None
+        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror or error}", code="C104")]) from None
 
 
 def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) -> Meaning:
@@ -251,7 +251,7 @@ def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) 
     importer = importers().get(language)
     if importer is None:
         why = importers().broken().get(language)
-        return dataclasses.replace(bare, defects=(Problem(why),) if why else ())
+        return dataclasses.replace(bare, defects=(Problem(why, code="I101"),) if why else ())
     try:
         return _read(bare, options, allow_outside)
     except SpecError as error:

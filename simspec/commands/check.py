@@ -172,16 +172,16 @@ def _writable_file(spec: Spec) -> Path:
     """The file of a spec that is the user's own."""
     path = spec.path
     if path is None:
-        raise SpecError([Problem("a spec made in Python has no file to write")])
+        raise SpecError([Problem("a spec made in Python has no file to write", code="C105")])
     if spec.source.imported is not None:
         hint = f"simspec import {path} -o {path.stem}.yaml; then simspec accept {path.stem}.yaml"
-        raise SpecError([Problem(f"{path} is no spec, and is not changed", hint=hint)])
+        raise SpecError([Problem(f"{path} is no spec, and is not changed", hint=hint, code="C105")])
     if spec.source.package is not None:
         message = f"{path.name} belongs to {spec.source.package.name} and is not changed"
-        raise SpecError([Problem(message, hint="use it in a spec of your own")])
+        raise SpecError([Problem(message, hint="use it in a spec of your own", code="C105")])
     if path.resolve().is_relative_to(resource_folder("specs").resolve()):
         hint = "copy it to a file of your own"
-        raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])
+        raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint, code="C105")])
     return path
 
 
@@ -229,7 +229,9 @@ def _block(lines: list[str]) -> tuple[int, int]:
     keys = [k for k, line in enumerate(lines) if _TOP.match(line)]
     if not any(lines[k].startswith("simspec:") for k in keys):
         hint = "add the entries by hand, or run simspec fmt first"
-        raise SpecError([Problem("this file is not in YAML block style: its keys do not begin lines", hint=hint)])
+        raise SpecError(
+            [Problem("this file is not in YAML block style: its keys do not begin lines", hint=hint, code="C105")]
+        )
     start = next((k for k in keys if _ENGINES.match(lines[k])), None)
     if start is None:
         return len(lines), len(lines)

@@ -37,10 +37,12 @@ def compile_specs(options: CompileOptions) -> int:
     """Compile specs, by default all of the folder ``specs``, for engines, or to plain files of a format."""
     if options.format_name is not None and (options.engine or options.explain):
         other = "--engine" if options.engine else "--explain"
-        raise SpecError([Problem(f"--format writes plain files for any tool, {other} is about those of engines")])
+        raise SpecError(
+            [Problem(f"--format writes plain files for any tool, {other} is about those of engines", code="C101")]
+        )
     names = options.specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
-        raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
+        raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder", code="C102")])
     if options.format_name is not None:
         shared = {name: getattr(options, name) for name in ExportOptions.TAKES if name not in ("specs", "profile")}
 
@@ -58,7 +60,9 @@ def _compile(options: CompileOptions, names: Sequence[str]) -> int:
     worlds = [entry.world.name for entry in loaded]
     twice = sorted({name for name in worlds if worlds.count(name) > 1})
     if twice:
-        problems.append(Problem(f"several specs are called {', '.join(twice)}, and would write to one folder"))
+        problems.append(
+            Problem(f"several specs are called {', '.join(twice)}, and would write to one folder", code="C107")
+        )
     folders = [out if alone and out is not None else (out or GENERATED) / name for name in worlds]
     sources = [entry.file for entry in loaded]
     refused = [] if options.check else [folder_problem(folder, COMPILED, sources) for folder in folders]
@@ -252,6 +256,7 @@ class Export:
                     path,
                     self.loaded.spec.locate(path),
                     hint="leave it out of the spec, or run without --strict",
+                    code="C108",
                 )
 
     def show(self) -> None:
@@ -266,12 +271,12 @@ def export(options: ExportOptions) -> int:
     """Write the plain files of specs, or see whether they are current. The problems of all specs come together."""
     name, out, profile = options.format_name, options.out, options.profile
     if name not in formats():
-        raise SpecError([Problem(f"no format is called {name!r}", allowed=", ".join(sorted(formats())))])
+        raise SpecError([Problem(f"no format is called {name!r}", allowed=", ".join(sorted(formats())), code="E111")])
     language = formats()[name] if profile is None else formats()[name].in_profile(profile)
     single = out if out is not None and out.suffix.lower() in language.SINGLE else None
     if single is not None and len(options.specs) > 1:
         message = f"{single} is one file, and there are {len(options.specs)} specs"
-        raise SpecError([Problem(message, hint="use a folder: --out DIR")])
+        raise SpecError([Problem(message, hint="use a folder: --out DIR", code="C107")])
     exports: list[Export] = []
     problems: list[Problem] = []
     for spec in options.specs:
@@ -288,7 +293,7 @@ def export(options: ExportOptions) -> int:
     folders = [entry.folder for entry in exports]
     twice = sorted({str(folder) for folder in folders if folders.count(folder) > 1})
     if twice:
-        problems.append(Problem(f"several specs would write to one folder: {', '.join(twice)}"))
+        problems.append(Problem(f"several specs would write to one folder: {', '.join(twice)}", code="C107"))
     if options.strict:
         problems.extend(problem for entry in exports for problem in entry.refused())
     sources = [entry.loaded.file for entry in exports] if not options.check and single is None else []
@@ -351,7 +356,7 @@ def _single(options: ExportOptions, export: Export, language: Format, path: Path
         return _current(options, stale, "the file is current")
     source = export.loaded.file
     same = path.exists() and source.exists() and path.samefile(source)
-    over = Problem(f"{path}: is the spec that is exported", hint="use a new file name") if same else None
+    over = Problem(f"{path}: is the spec that is exported", hint="use a new file name", code="C105") if same else None
     demand([file_problem(path, _named_by(name)), file_problem(name, _is_list), over])
     changed = any(_stored(place) != wanted for place, wanted in files.items())
     if changed:

@@ -191,7 +191,7 @@ def trust(options: TrustOptions) -> int:
     """Trust a project file (default: the one in force here) with its content of this moment; with ``--revoke``, no longer; with
     ``--list``, print the files that are trusted."""
     if options.listed and (options.revoked or options.file is not None):
-        raise SpecError([Problem("--list excludes FILE and --revoke")])
+        raise SpecError([Problem("--list excludes FILE and --revoke", code="C101")])
     if options.listed:
         return _list(options.as_json)
     place = _place(options.file)
@@ -203,12 +203,18 @@ def _place(file: Path | None) -> Path:
     if file is None:
         found = find_project(Path.cwd())
         if found is None:
-            raise SpecError([Problem(f"there is no {PROJECT_FILE} here or above", hint="simspec trust FILE")])
+            raise SpecError(
+                [Problem(f"there is no {PROJECT_FILE} here or above", hint="simspec trust FILE", code="C114")]
+            )
         return found
     place = file / PROJECT_FILE if file.is_dir() else file
     if place.name != PROJECT_FILE:
         raise SpecError(
-            [Problem(f"{file}: not a project file", allowed=f"a file called {PROJECT_FILE}, or its folder")]
+            [
+                Problem(
+                    f"{file}: not a project file", allowed=f"a file called {PROJECT_FILE}, or its folder", code="C105"
+                )
+            ]
         )
     return place.absolute()
 
@@ -217,7 +223,7 @@ def _trust(place: Path, as_json: bool) -> int:
     try:
         content = read_bytes(place, LARGEST)
     except FileNotFoundError:
-        raise SpecError([Problem(f"{place}: no such file")]) from None
+        raise SpecError([Problem(f"{place}: no such file", code="C104")]) from None
     project = parse_project(place, content)
     named = list(_named(project))
     if named:
@@ -296,13 +302,13 @@ def install(options: InstallOptions) -> int:
     """
     names, yes, as_json = options.names or [], options.yes, options.as_json
     if bool(names) == options.every:
-        raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(registry_engines()))])
+        raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(registry_engines()), code="C102")])
     rows = {}
     for word in names or registry_engines():
         label = parse(word)
         if label.python is not None:
             message = f"{word!r} has an interpreter already"
-            raise SpecError([Problem(message, allowed="NAME, NAME@VERSION")])
+            raise SpecError([Problem(message, allowed="NAME, NAME@VERSION", code="C103")])
         engine = find_engine(label.name)
         version = label.version or engine.SEPARATE_VERSION
         if version:

@@ -54,10 +54,10 @@ def explain(options: ExplainOptions) -> int:
         if b is None or not (Path(a).is_dir() and Path(b).is_dir()):
             given = ", ".join(filter(None, (a, b)))
             message = "cannot explain this difference"
-            raise SpecError([Problem(message, found=given, allowed="two run folders, or specs")])
+            raise SpecError([Problem(message, found=given, allowed="two run folders, or specs", code="C102")])
         if options.engine or options.others or options.sets or options.accept:
             message = "--engine, --set, --accept and --with are for specs: runs have their own"
-            raise SpecError([Problem(message, found=f"{a}, {b}")])
+            raise SpecError([Problem(message, found=f"{a}, {b}", code="C102")])
         options.robot_files.check_effect()
         runs = {name: load_run(name) for name in (a, b)}
         sides = [side_of_run(runs[name], pythons, name) for name in (a, b)]
@@ -105,10 +105,12 @@ def _of_specs(options: ExplainOptions, pythons: Mapping[str, str]) -> tuple[list
         allowed = (
             "--engine A --engine B; or one --engine, and what the second side has: --with PATH=VALUE, or a second spec"
         )
-        raise SpecError([Problem("explain takes one engine or two", found=", ".join(words) or "none", allowed=allowed)])
+        raise SpecError(
+            [Problem("explain takes one engine or two", found=", ".join(words) or "none", allowed=allowed, code="C102")]
+        )
     if len(words) == 1 and options.b is None and not others:
         hint = "add a second --engine, --with PATH=VALUE for the second side, or a second spec"
-        raise SpecError([Problem("there is only one side", found=words[0], hint=hint)])
+        raise SpecError([Problem("there is only one side", found=words[0], hint=hint, code="C102")])
     labels = [engine_names([word])[0] for word in words]
     demand_installed(labels, pythons)
     labels = [labels[0], labels[-1]]
@@ -212,23 +214,34 @@ def _only_engine(words: Sequence[str] | None) -> str:
     """The one engine that is named. Raises SpecError for none, several, a version or an interpreter."""
     if not words or len(words) > 1:
         raise SpecError(
-            [Problem("bisect takes one engine", found=", ".join(words or ()) or "none", allowed="--engine NAME")]
+            [
+                Problem(
+                    "bisect takes one engine",
+                    found=", ".join(words or ()) or "none",
+                    allowed="--engine NAME",
+                    code="C102",
+                )
+            ]
         )
     label = parse(words[0])
     if label.version or label.python is not None:
         message = "the versions are said by --from and --to"
-        raise SpecError([Problem(message, found=words[0], allowed=f"--engine {label.name}")])
+        raise SpecError([Problem(message, found=words[0], allowed=f"--engine {label.name}", code="C102")])
     return label.name
 
 
 def _demand_order(engine: type[Engine], first: str, last: str) -> None:
     """Raise SpecError unless ``first`` is the older version, EngineError where one is none, or too old."""
     if same_version(first, last):
-        raise SpecError([Problem(f"--from and --to are the same version, {first}", allowed="two versions")])
+        raise SpecError(
+            [Problem(f"--from and --to are the same version, {first}", allowed="two versions", code="C101")]
+        )
     ordered = in_order(engine, [first, last])
     if ordered != [first, last]:
         hint = f"--from {last} --to {first}"
-        raise SpecError([Problem("--from is younger than --to", found=f"--from {first} --to {last}", hint=hint)])
+        raise SpecError(
+            [Problem("--from is younger than --to", found=f"--from {first} --to {last}", hint=hint, code="C102")]
+        )
     if not engine.DISTRIBUTION:
         raise EngineError(engine.NAME, "comes with the machine, not with pip: it has one version there")
     if (why := too_old(engine, first)) is not None:
@@ -244,7 +257,7 @@ def _between(engine: type[Engine], every: Sequence[str], first: str, last: str, 
         outside = [name for name in every if _outside(engine, name, first, last)]
         if outside:
             message = "--versions has versions that are not between --from and --to"
-            raise SpecError([Problem(message, found=", ".join(outside), allowed=f"{first} to {last}")])
+            raise SpecError([Problem(message, found=", ".join(outside), allowed=f"{first} to {last}", code="C102")])
         return list(every)
     for end in (first, last):
         if not any(same_version(end, name) for name in every):

@@ -95,6 +95,7 @@ def write_starter(name: str, folder: Path) -> Path:
                     f"{name!r} is not a valid scenario name",
                     allowed="letters, digits, _ and -, starting with a letter or _",
                     hint=f"simspec new {clean}",
+                    code="C103",
                 )
             ]
         )
@@ -124,7 +125,9 @@ def import_file(options: ImportFileOptions) -> int:
         raise SpecError([*imported.suspicious, *problems(of_physics(imported))])
     if imported.made and meshes is None and out is not None:
         hint = f"--meshes {out.parent / f'{out.stem}-meshes'}"
-        raise SpecError([Problem(f"{path.name} has meshes within itself, which a spec names as files", hint=hint)])
+        raise SpecError(
+            [Problem(f"{path.name} has meshes within itself, which a spec names as files", hint=hint, code="I104")]
+        )
     folder = out.parent if out is not None else Path()
     if meshes is None:
         called = from_folder(imported, folder, spec.source.package)
@@ -160,11 +163,13 @@ def find_robot(name: str) -> str:
     if path.is_file() or is_packaged(name):
         if not is_foreign(name) and not name.startswith(ROBOT):
             allowed = ", ".join(suffixes())
-            raise SpecError([Problem(f"{name}: not a file of a language that simspec imports", allowed=allowed)])
+            raise SpecError(
+                [Problem(f"{name}: not a file of a language that simspec imports", allowed=allowed, code="I115")]
+            )
     elif not is_robot(name):
         hint = "is a folder" if path.is_dir() else "no such file"
         allowed = f"a file, {PACKAGE}NAME/PATH, or a name of {ROBOTS} (panda_description)"
-        raise SpecError([Problem(f"{name}: {hint}", allowed=allowed)])
+        raise SpecError([Problem(f"{name}: {hint}", allowed=allowed, code="I115")])
     else:
         name = f"{ROBOT}{name}"
     if name.startswith(ROBOT):
@@ -180,12 +185,12 @@ def _fetch(name: str) -> None:
     try:
         importlib.import_module(f"{ROBOTS}.{name}")
     except Exception as error:  # it fetches by git, which fails in ways of its own
-        raise SpecError([Problem(f"{name}: {ROBOTS} cannot fetch it: {error}")]) from None
+        raise SpecError([Problem(f"{name}: {ROBOTS} cannot fetch it: {error}", code="I116")]) from None
 
 
 def _not_over_the_source(out: Path, path: Path) -> Problem | None:
     same = out.exists() and out.samefile(path)
-    return Problem(f"{out}: is the file that is imported", hint="use a new file name") if same else None
+    return Problem(f"{out}: is the file that is imported", hint="use a new file name", code="C105") if same else None
 
 
 def _data(imported: Imported, path: Path, out: Path | None, text: str, package: Package | None) -> dict[str, Any]:
@@ -249,7 +254,9 @@ def fmt(options: FmtOptions) -> int:
     results: list[tuple[Path, bytes, str]] = []
     for path in options.files:
         if is_foreign(path.name):
-            problems.append(Problem(f"{path} is no spec", hint=f"simspec import {path} -o {path.stem}.yaml"))
+            problems.append(
+                Problem(f"{path} is no spec", hint=f"simspec import {path} -o {path.stem}.yaml", code="C105")
+            )
             continue
         try:
             before = output_files.read_bytes(path, LARGEST_FILE)
@@ -257,7 +264,7 @@ def fmt(options: FmtOptions) -> int:
             if not check and before != after.encode():
                 check_file(path, before.__eq__)
         except FileNotFoundError:
-            problems.append(Problem(f"{path}: no such file"))
+            problems.append(Problem(f"{path}: no such file", code="C104"))
         except SpecError as error:
             problems.extend(error.problems)
         else:

@@ -108,6 +108,7 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
             f"--accept {word}: no such feature",
             found=word,
             hint=near(word, [*features, EVERY]) or "simspec accept SPEC",
+            code="E108",
         )
         for word in words
         if word not in features and word != EVERY
@@ -134,7 +135,7 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
                 used.update(accepted)
     if unneeded := [word for word in words if word not in used]:
         message = f"--accept {' '.join(unneeded)}: no engine that supports {name} needs this"
-        raise SpecError([Problem(message, hint="leave it out")])
+        raise SpecError([Problem(message, hint="leave it out", code="C109")])
     return [*sets, *entries]
 
 

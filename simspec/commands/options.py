@@ -236,7 +236,9 @@ class RobotFileOptions:
         if options and not any(source.imported is not None for spec in specs for source in spec.source.all()):
             names = " and ".join(spec.name for spec in specs) or "runs without a spec"
             hint = "leave it out: there is no file of another language"
-            raise SpecError([Problem(f"{option} is without effect on {names}", hint=hint) for option in options])
+            raise SpecError(
+                [Problem(f"{option} is without effect on {names}", hint=hint, code="C109") for option in options]
+            )
 
 
 def _pairs(words: Sequence[str], option: str, form: str) -> dict[str, str]:
@@ -246,7 +248,7 @@ def _pairs(words: Sequence[str], option: str, form: str) -> dict[str, str]:
         name, equals, value = word.partition("=")
         if not name or not equals or name in values:
             why = "given twice" if name in values else f"expected {form}"
-            raise SpecError([Problem(f"{option}: {why}", found=word)])
+            raise SpecError([Problem(f"{option}: {why}", found=word, code="C103")])
         values[name] = value
     return values
 
@@ -278,13 +280,15 @@ def interpreters(
     for word in words or ():
         engine = parse(word)
         if engine.python is None:
-            raise SpecError([Problem(f"--python {word}: no interpreter given", allowed="ENGINE=/path/to/python")])
+            raise SpecError(
+                [Problem(f"--python {word}: no interpreter given", allowed="ENGINE=/path/to/python", code="C103")]
+            )
         find_engine(engine.name)
         typed[engine.label] = engine.python
     for engine in map(parse, engine_words or ()):
         if engine.python is not None and typed.setdefault(engine.label, engine.python) != engine.python:
             message = f"{engine.label} is given two interpreters"
-            raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}")])
+            raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}", code="C103")])
     project = load_project()
     return (project.known_interpreters() if starts else project.listed_interpreters()).with_named(typed)
 
@@ -310,7 +314,9 @@ def engine_names(words: list[str]) -> list[str]:
 
             if engine.name in formats():
                 hint = f"--engine ENGINE; plain files: simspec compile SPEC --format {engine.name}"
-                raise SpecError([Problem(f"{engine.name!r} is a format, not an engine", hint=hint)]) from error
+                raise SpecError(
+                    [Problem(f"{engine.name!r} is a format, not an engine", hint=hint, code="E111")]
+                ) from error
             raise
         labels[engine.label] = None
     return list(labels)
@@ -342,7 +348,13 @@ def engines_at_work(
     demand_trusted(found.engines, pythons)
     if not found.engines:
         raise SpecError(
-            [Problem("no engine is installed", hint="pip install 'simspec-physics[all]', or use --engine NAME")]
+            [
+                Problem(
+                    "no engine is installed",
+                    hint="pip install 'simspec-physics[all]', or use --engine NAME",
+                    code="E201",
+                )
+            ]
         )
     return found
 

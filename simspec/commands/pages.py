@@ -86,9 +86,9 @@ def _text(path: Path) -> str:
     try:
         return read_bytes(path, LARGEST_MARKER).decode("utf-8")
     except (FileNotFoundError, NotADirectoryError):
-        raise SpecError([Problem(f"{path}: no such page")]) from None
+        raise SpecError([Problem(f"{path}: no such page", code="C104")]) from None
     except UnicodeDecodeError:
-        raise SpecError([Problem(f"{path} is not text in UTF-8")]) from None
+        raise SpecError([Problem(f"{path} is not text in UTF-8", code="C116")]) from None
 
 
 def _published(folder: Path) -> StudyTables:
@@ -97,7 +97,9 @@ def _published(folder: Path) -> StudyTables:
     stored = tables_text(folder)
     if stored is None or hashlib.sha256(stored[1]).hexdigest() != models.study_sha256:
         message = f"{folder / PUBLISHED_FILE}: was edited or is damaged: it is not the one that was published"
-        raise SpecError([Problem(message, hint=f"simspec study {models.source} --publish {folder} writes it anew")])
+        raise SpecError(
+            [Problem(message, hint=f"simspec study {models.source} --publish {folder} writes it anew", code="R104")]
+        )
     return parsed_tables(*stored)
 
 

@@ -94,7 +94,7 @@ def reports_of(options: Options, environment: Mapping[str, str] = os.environ) ->
     step = environment.get(STEP_SUMMARY, "")
     if github and not step:
         hint = "in a step of GitHub Actions it is set; elsewhere: --annotations, --summary FILE"
-        raise SpecError([Problem(f"--github: {STEP_SUMMARY} is not set", hint=hint)])
+        raise SpecError([Problem(f"--github: {STEP_SUMMARY} is not set", hint=hint, code="C117")])
     named = summary is not None and bool(step) and os.path.abspath(summary) == os.path.abspath(step)
     return Reports(
         options.junit,
@@ -147,7 +147,7 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
 
     if out is None and len(folders) != 1:
         message = "a report of several folders needs a file of its own"
-        raise SpecError([Problem(message, hint="use -o FILE")])
+        raise SpecError([Problem(message, hint="use -o FILE", code="C107")])
     if out is not None:
         demand([file_problem(out, is_page)])
     parts: list[Part] = []
@@ -205,7 +205,7 @@ def diff(options: DiffOptions) -> int:
         options.robot_files.check_effect()
         return diff_runs(a, b, options.tolerance, options.as_json)
     if a.is_dir() or b.is_dir():
-        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
+        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs", code="R108")])
 
     from simspec.commands.loading import load_spec
 

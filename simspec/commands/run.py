@@ -219,7 +219,7 @@ def run(options: RunOptions) -> int:
     """Study a spec in all engines, in those that are named or in the project's, and write the folder of results."""
     with reporting(options, options.spec):
         if options.verbose and options.quiet:
-            raise SpecError([Problem("--verbose and --quiet exclude each other")])
+            raise SpecError([Problem("--verbose and --quiet exclude each other", code="C101")])
         loaded = load_spec(options, options.spec, duration=OF_A_MODEL)
         selection = _requested(options)
         pythons = selection.pythons
@@ -233,21 +233,23 @@ def _requested(options: RunOptions) -> Selection:
     every = options.all_engines or options.every_engine
     if every and options.engine:
         word = "--every-engine" if options.every_engine else "--all-engines"
-        raise SpecError([Problem(f"{word} and --engine exclude each other")])
+        raise SpecError([Problem(f"{word} and --engine exclude each other", code="C101")])
     words = None if every else options.chosen
     if not every and not words:
         allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
-        raise SpecError([Problem("no engines selected", allowed=allowed)])
+        raise SpecError([Problem("no engines selected", allowed=allowed, code="C102")])
     selection = engines_at_work(words, options.interpreters(), demand=False)
     slow = compiling(selection.engines)
     if every and not options.every_engine:
         selection = selection.leave(slow)
     without = engine_names(options.without or [])
     if absent := [name for name in without if name not in selection.engines and name not in selection.not_taken]:
-        raise SpecError([Problem(f"--without {absent[0]}: it is not selected", allowed=", ".join(selection.engines))])
+        raise SpecError(
+            [Problem(f"--without {absent[0]}: it is not selected", allowed=", ".join(selection.engines), code="C102")]
+        )
     left = [name for name in selection.engines if name not in without]
     if not left:
-        raise SpecError([Problem("--without leaves no engine", found=", ".join(without))])
+        raise SpecError([Problem("--without leaves no engine", found=", ".join(without), code="C102")])
     not_taken = {name: why for name, why in selection.not_taken.items() if name not in without}
     engines = tuple(sorted(left, key=lambda name: name in slow))
     return dataclasses.replace(selection, engines=engines, not_taken=not_taken)
@@ -272,7 +274,7 @@ def run_world(
     engines = list(selection.engines)
     if fails and len(engines) < 2:
         message = "--fail-on-diff requires two engines"
-        raise SpecError([Problem(message, found=", ".join(engines), allowed="two or more engines")])
+        raise SpecError([Problem(message, found=", ".join(engines), allowed="two or more engines", code="C102")])
     results = Results(world, folder, selection.not_taken)
     results.demand(engines, [loaded.file] if loaded is not None else [])
     try:
@@ -426,7 +428,7 @@ def _read_baseline(options: RunOptions) -> Baseline | None:
     if not options.repeats or options.quick:
         word = "--quick" if options.quick else "--no-repeats"
         message = f"a baseline requires each engine's own noise, which {word} does not measure"
-        raise SpecError([Problem(message, hint="leave one of the two out")])
+        raise SpecError([Problem(message, hint="leave one of the two out", code="C101")])
     if options.write_baseline is not None:
         demand([file_problem(options.write_baseline, is_baseline)])
     return read_baseline(options.baseline) if options.baseline is not None else None

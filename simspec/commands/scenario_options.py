@@ -46,6 +46,20 @@ class ListOptions(Options):
     """
 
 
+@command("help", "help:help_about", "words as_json")
+class HelpOptions(Options):
+    """Explain a code of an error or a warning, a word of `accept`, or a rule: print its page.
+
+    \b
+    simspec help S101
+    simspec help material.restitution
+    """
+
+    words: Annotated[
+        list[str], Argument(metavar="CODE...", help="Codes in brackets of messages, features of engines, commands.")
+    ]
+
+
 @command("check", "check:check", "specs engine sets accept ROBOTS allow_outside strict verbose as_json")
 class CheckOptions(Options):
     """Load and resolve specs; with --engine, also check that these engines support them. Writes nothing.

@@ -65,7 +65,9 @@ def study(options: StudyOptions) -> int:
     for label, why in absent.items():
         say(f"{source.name}: without {label}: {why}", error=True)
     if publish is not None and absent:
-        problem = Problem(f"engines of the study are missing: {', '.join(absent)}", hint="simspec engines install")
+        problem = Problem(
+            f"engines of the study are missing: {', '.join(absent)}", hint="simspec engines install", code="E201"
+        )
         raise SpecError([problem])
     planned = [(entry, plan_of(entry, pythons, tuple(absent))) for entry in sweeps]
     folder = RUNS / (f"{source.name}-small" if options.small else source.name)
@@ -145,7 +147,7 @@ def plan_of(
     is left."""
     named = _named(entry)
     if named is not None and not (named := [label for label in named if label not in absent]):
-        raise SpecError([Problem(f"{entry.name}: none of the engines of this sweep is installed")])
+        raise SpecError([Problem(f"{entry.name}: none of the engines of this sweep is installed", code="E201")])
     selection = engines_at_work(named, pythons, demand=not assumed)
     if not named:
         selection = selection.for_world(entry.spec.resolve(), entry.spec.locate)
@@ -376,7 +378,9 @@ def demand_publishable(folder: Path, source: StudySource, name: str) -> None:
     problem = None
     if Path(name).is_absolute():
         hint = "give a relative path"
-        problem = Problem("a published study names its file, which is to be found on other machines too", hint=hint)
+        problem = Problem(
+            "a published study names its file, which is to be found on other machines too", hint=hint, code="S804"
+        )
     demand([problem, folder_problem(folder, STUDY, source.files())])
 
 
@@ -390,16 +394,21 @@ def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], fi
     for entry in done:
         outcome = entry.outcome
         if outcome.invalid_count:
-            problems.append(Problem(f"{entry.sweep.name}: values make the scenario invalid: nothing is published"))
+            problems.append(
+                Problem(f"{entry.sweep.name}: values make the scenario invalid: nothing is published", code="S804")
+            )
         if len(outcome.plan) > MOST_MODELS:
             problems.append(
-                Problem(f"{entry.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}")
+                Problem(
+                    f"{entry.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}",
+                    code="S804",
+                )
             )
         old = list(itertools.islice(outdated_runs(outcome, entry.store), MOST_NAMED + 1))
         if old:
             named = ", ".join(old[:MOST_NAMED]) + (", …" if len(old) > MOST_NAMED else "")
             message = f"{entry.sweep.name}: the store has runs of models that this code no longer makes: {named}"
-            problems.append(Problem(message, hint="use a new --store"))
+            problems.append(Problem(message, hint="use a new --store", code="R104"))
     if problems:
         raise SpecError(problems)
     models: dict[str, Any] = {

@@ -36,7 +36,7 @@ def sweep(options: SweepOptions) -> int:
     """Do the sweep of a spec, and print its results."""
     if options.dry_run and reports_of(options):
         message = "--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply"
-        raise SpecError([Problem(message)])
+        raise SpecError([Problem(message, code="C102")])
     with reporting(options, options.spec) as reports:
         loaded = load_spec(options, options.spec)
         spec = loaded.spec
@@ -90,12 +90,18 @@ def demand_cluster(scheduler: str, jobs: int | None, plan: Plan) -> None:
     demand_address(scheduler)
     if jobs is not None:
         message = "is of this machine; how many runs a worker does side by side is said where it is started"
-        raise SpecError([Problem(message, "--jobs", None, f"--jobs {jobs} with --scheduler", "one of the two")])
+        raise SpecError(
+            [Problem(message, "--jobs", None, f"--jobs {jobs} with --scheduler", "one of the two", code="C109")]
+        )
     if plan.measure == "speed":
         message = "speed is measured on this machine, where nothing else is at work"
         place = plan.spec.locate("sweep.measure")
         raise SpecError(
-            [Problem(message, "sweep.measure", place, "--scheduler", "measure: physics, or no --scheduler")]
+            [
+                Problem(
+                    message, "sweep.measure", place, "--scheduler", "measure: physics, or no --scheduler", code="C109"
+                )
+            ]
         )
 
 

@@ -47,17 +47,19 @@ PLOTS = Path("runs")
 def verify(options: VerifyOptions) -> int:
     """Verify a spec, or test the proof itself (``complete``: with every possible change of the files)."""
     if options.accept and options.spec is None:
-        raise SpecError([Problem("--accept requires SPEC")])
+        raise SpecError([Problem("--accept requires SPEC", code="C102")])
     pythons = options.interpreters()
     if (options.spec is None) != options.self_test:
-        raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
+        raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test", code="C102")])
     if options.self_test:
         options.robot_files.check_effect()
     if options.self_test and reports_of(options):
-        raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
+        raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC", code="C102")])
     selection = engines_at_work(options.chosen, pythons, files_alone=not options.self_test)
     if options.complete and (options.spec is not None or any(map(engine_version, selection.engines))):
-        raise SpecError([Problem("--complete requires --self-test, and engines without a version in their name")])
+        raise SpecError(
+            [Problem("--complete requires --self-test, and engines without a version in their name", code="C102")]
+        )
     if options.complete:
         return complete_self_test(selection.engines, pythons, options.as_json)
     if options.spec is None:
@@ -237,7 +239,7 @@ def _robot(name: str, options: ImportOptions) -> tuple[Path, ImportOptions]:
 
 def _pair(options: AuditOptions, imports: ImportOptions) -> int:
     if len(options.files) != 2:
-        raise SpecError([Problem("--pair compares two files", found=str(len(options.files)))])
+        raise SpecError([Problem("--pair compares two files", found=str(len(options.files)), code="R108")])
     first, second = (_robot(file, imports) for file in options.files)
     found = compare_pair(first, second, options.allow_outside)
     if options.as_json:

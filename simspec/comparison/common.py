@@ -131,11 +131,11 @@ def moving_in_common(a: Run, b: Run) -> list[str]:
     """The names of the bodies that can move in both runs, in the order of the first. Raises SpecError where there are none."""
     for run in (a, b):
         if not run.recorded:
-            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}")])
+            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}", code="R106")])
     names = [{run.world.bodies[k].name for k in metrics.moving_bodies(run.world)} for run in (a, b)]
     both = [body.name for body in a.world.bodies if body.name in names[0] & names[1]]
     if not both:
-        raise SpecError([Problem(f"{a.label} and {b.label} have no moving body in common")])
+        raise SpecError([Problem(f"{a.label} and {b.label} have no moving body in common", code="R105")])
     return both
 
 
@@ -159,7 +159,11 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
         text = " / ".join(f"every {every * step:g} s at {step:g} s a step" for every, step in steps)
         hint = "a record.every that is a whole number of both timesteps" if beginning else None
         raise SpecError(
-            [Problem(f"{a.label} and {b.label} have no recorded time in common{but}", found=text, hint=hint)]
+            [
+                Problem(
+                    f"{a.label} and {b.label} have no recorded time in common{but}", found=text, hint=hint, code="R105"
+                )
+            ]
         )
     return rows_a[:count], rows_b[:count]
 

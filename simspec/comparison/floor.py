@@ -210,11 +210,13 @@ def load_floor(folder: Path) -> Floor | None:
         with os.fdopen(descriptor, "rb") as file:
             floor, facts = _read(file, os.fstat(descriptor).st_size, path)
     except (OSError, ValueError, KeyError, TypeError, MemoryError) as error:  # pyarrow's errors are ValueErrors
-        raise SpecError([Problem(f"{path} cannot be read: {str(error)[:300]}")]) from None
+        raise SpecError([Problem(f"{path} cannot be read: {str(error)[:300]}", code="R101")]) from None
     if facts.sha256 != _digest(floor):
-        raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
+        raise SpecError(
+            [Problem(f"{path}: was edited or is damaged: its content does not match its hash", code="R102")]
+        )
     if facts.run != _run_of(folder):
-        raise SpecError([Problem(f"{path}: belongs to another run than the one next to it")])
+        raise SpecError([Problem(f"{path}: belongs to another run than the one next to it", code="R101")])
     return floor
 
 

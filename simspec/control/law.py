@@ -28,6 +28,8 @@ CHUNK = 1000
 class ControlError(SimspecError):
     """A law cannot work in this world or this environment."""
 
+    code = "S705"
+
 
 class Joints(Protocol):
     """The driven joints of a live simulation."""

@@ -166,13 +166,15 @@ def read_models(folder: Path) -> StudyModels:
     path = folder / MODELS_FILE
     hint = "simspec study STUDY --publish DIR writes it"
     if marker is None or marker.kind != STUDY or not marker.owns(MODELS_FILE):
-        raise SpecError([Problem(f"{folder} is not a published study", hint=hint)])
+        raise SpecError([Problem(f"{folder} is not a published study", hint=hint, code="R101")])
     try:
         models = read_as(StudyModels, read_bytes(path, LARGEST_FILE, folder), str(path))
     except FileNotFoundError:
-        raise SpecError([Problem(f"{path} is missing", hint=hint)]) from None
+        raise SpecError([Problem(f"{path} is missing", hint=hint, code="R101")]) from None
     if models.schema_ != SCHEMA:
-        raise SpecError([Problem(f"{path}: schema {models.schema_}, this simspec reads {SCHEMA}", hint=hint)])
+        raise SpecError(
+            [Problem(f"{path}: schema {models.schema_}, this simspec reads {SCHEMA}", hint=hint, code="R104")]
+        )
     return models
 
 

@@ -154,7 +154,9 @@ def bisect(
     or the last version is not there or fails; UnsupportedError where one of these does not support the world.
     """
     if len(set(versions)) < 2 or len(set(versions)) != len(versions):
-        raise SpecError([Problem("bisect needs two versions or more, each once", found=", ".join(versions) or "none")])
+        raise SpecError(
+            [Problem("bisect needs two versions or more, each once", found=", ".join(versions) or "none", code="C102")]
+        )
     opened = Store.open(store, create=True)
     with opened.writing():
         known = pythons or {}

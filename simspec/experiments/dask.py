@@ -61,7 +61,9 @@ def demand_address(address: str) -> None:
     """Raise SpecError where that is no address of a scheduler."""
     if ADDRESS.fullmatch(address) is None or int(address.rpartition(":")[2]) > 65535:
         message = "is not an address of a Dask scheduler"
-        raise SpecError([Problem(message, "--scheduler", None, address, "tcp://HOST:PORT or tls://HOST:PORT")])
+        raise SpecError(
+            [Problem(message, "--scheduler", None, address, "tcp://HOST:PORT or tls://HOST:PORT", code="C103")]
+        )
 
 
 def do_on_worker(request: bytes) -> bytes:

@@ -69,6 +69,7 @@ class ExecutorError(SimspecError):
     """Tasks cannot be done: no worker is there, or not any more. Published results are stored."""
 
     exit_code = EXIT_ENGINE
+    code = "E204"
 
 
 class Executor(Protocol):

@@ -113,7 +113,7 @@ def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> RunRow:
         _ = row.quantities
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         message = f"{store.shown / place_of(key) / RUN_FILE} does not describe a run: {str(error)[:200]}"
-        raise SpecError([Problem(message)]) from None
+        raise SpecError([Problem(message, code="R106")]) from None
     return row
 
 

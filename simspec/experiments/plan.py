@@ -115,7 +115,9 @@ def _digest_of_table(source: Source, table: Path) -> str:
         return hashlib.sha256(read_bytes(table, LARGEST_TABLE, links=True)).hexdigest()
     except (NotReadableError, OSError) as error:
         place = ("trajectory", "file")
-        raise SpecError([source.document.problem(place, f"cannot be read: {error}", found=table.name)]) from None
+        raise SpecError(
+            [source.document.problem(place, f"cannot be read: {error}", found=table.name, code="S708")]
+        ) from None
 
 
 def digest(value: Any) -> bytes:
@@ -313,10 +315,10 @@ def plan_sweep(spec: Spec, *, engines: Sequence[str] | None = None, versions: Ma
             find_engine(label)
         except EngineError as error:
             path = f"sweep.engines.{index}" if engines is None else ""
-            problems.append(Problem(str(error), path, spec.locate(path) if path else None, found=label))
+            problems.append(Problem(str(error), path, spec.locate(path) if path else None, found=label, code="S804"))
     if not labels:
         hint = "sweep: {engines: [...]}, or --engine NAME"
-        problems.append(Problem("the sweep names no engine", "sweep", spec.locate("sweep"), hint=hint))
+        problems.append(Problem("the sweep names no engine", "sweep", spec.locate("sweep"), hint=hint, code="S804"))
     if problems := [*problems, *check_at_timestep(spec)]:
         raise SpecError(problems)
     if missing := [label for label in labels if label not in versions]:
@@ -324,7 +326,7 @@ def plan_sweep(spec: Spec, *, engines: Sequence[str] | None = None, versions: Ma
     plan = Plan(spec, labels, {label: dict(versions[label]) for label in labels})
     if len(plan) > MOST_CELLS:
         message, found = "too many runs in one sweep", f"{len(plan):,}, {len(plan) // len(labels):,} in each engine"
-        raise SpecError([Problem(message, "sweep", spec.locate("sweep"), found, f"up to {MOST_CELLS:,}")])
+        raise SpecError([Problem(message, "sweep", spec.locate("sweep"), found, f"up to {MOST_CELLS:,}", code="S805")])
     return plan
 
 

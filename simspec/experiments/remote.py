@@ -48,6 +48,8 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 class ParcelError(ValueError):
     """The received bytes are no parcel, or not the expected one. The message is the reason."""
 
+    code = "E204"
+
 
 @dataclass(frozen=True)
 class Parcel:

@@ -160,7 +160,9 @@ class Store:
         else:
             marker = read_marker(folder) if folder.is_dir() else None
             if marker is None or marker.kind != STORE:
-                raise SpecError([Problem(f"{folder} is not a store of sweeps", hint="simspec sweep SPEC makes one")])
+                raise SpecError(
+                    [Problem(f"{folder} is not a store of sweeps", hint="simspec sweep SPEC makes one", code="R101")]
+                )
             collection = Collection(folder.resolve(), folder)
         store = cls(collection)
         store._check_schema()
@@ -171,13 +173,15 @@ class Store:
         try:
             content = read_bytes(self.path / STORE_FILE, LARGEST_STORE_FILE, self.path)
         except FileNotFoundError:
-            raise SpecError([Problem(f"{path} is missing: the store is damaged", hint="use a new --store")]) from None
+            raise SpecError(
+                [Problem(f"{path} is missing: the store is damaged", hint="use a new --store", code="R101")]
+            ) from None
         plain = parse(content, str(path))
         schema = plain.get("simspec_store") if isinstance(plain, dict) else None
         if schema != SCHEMA:
             newer = "a newer simspec wrote it: " if isinstance(schema, int) and schema > SCHEMA else ""
             message = f"{path}: {newer}schema {schema!r}, this simspec reads {SCHEMA}"
-            raise SpecError([Problem(message, hint="use the simspec that wrote it, or a new --store")])
+            raise SpecError([Problem(message, hint="use the simspec that wrote it, or a new --store", code="R104")])
         read_as(StoreFacts, content, str(path))
 
     @contextlib.contextmanager
@@ -209,17 +213,19 @@ class Store:
         try:
             content = read_bytes(path, LARGEST_FACTS, self.path)
         except (FileNotFoundError, NotADirectoryError):
-            raise SpecError([Problem(f"{path} is missing")]) from None
+            raise SpecError([Problem(f"{path} is missing", code="R101")]) from None
         plain = parse(content, str(path))
         schema = plain.get("schema") if isinstance(plain, dict) else None
         if schema != SCHEMA:
-            raise SpecError([Problem(f"{path}: schema {schema!r}, this simspec reads {SCHEMA}")])
+            raise SpecError([Problem(f"{path}: schema {schema!r}, this simspec reads {SCHEMA}", code="R104")])
         facts = read_as(SweptRun, content, str(path))
         whole = {name: value for name, value in plain.items() if name != "sha256"}
         if facts.sha256 != sha256(whole) or facts.result_sha256 != sha256(plain["result"]):
-            raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
+            raise SpecError(
+                [Problem(f"{path}: was edited or is damaged: its content does not match its hash", code="R102")]
+            )
         if facts.key != key:
-            raise SpecError([Problem(f"{path}: is the run of another key, {facts.key[:16]}…")])
+            raise SpecError([Problem(f"{path}: is the run of another key, {facts.key[:16]}…", code="R102")])
         return facts
 
     def check(self, key: str) -> SweptRun:
@@ -229,16 +235,18 @@ class Store:
         tables = facts.tables
         unexpected = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in tables)}
         if unexpected:
-            raise SpecError([Problem(f"{folder / min(unexpected)}: is not a file of this run")])
+            raise SpecError([Problem(f"{folder / min(unexpected)}: is not a file of this run", code="R101")])
         for name, table in tables.items():
             path = folder / f"{name}.parquet"
             try:
                 with os.fdopen(open_regular(path, LARGEST_TABLE, self.path), "rb") as file:
                     same = digest(file) == table.sha256
             except FileNotFoundError:
-                raise SpecError([Problem(f"{path} is missing")]) from None
+                raise SpecError([Problem(f"{path} is missing", code="R101")]) from None
             if not same:
-                raise SpecError([Problem(f"{path}: was edited or is damaged: its hash is not that of {RUN_FILE}")])
+                raise SpecError(
+                    [Problem(f"{path}: was edited or is damaged: its hash is not that of {RUN_FILE}", code="R102")]
+                )
         return facts
 
     def fingerprint(self, key: str) -> str:
@@ -277,9 +285,9 @@ class Store:
             world = whole_world(self.world(facts.result.world), facts.request.model_dump())
             labels = labels_of(facts.result.provenance)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}")]) from None
+            raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}", code="R101")]) from None
         if sha256(world) != facts.request.world_sha256:
-            raise SpecError([Problem(f"{path}: its world is not the one that was run")])
+            raise SpecError([Problem(f"{path}: its world is not the one that was run", code="R101")])
         result, requested = facts.result, facts.request
         provenance = {
             **result.provenance,
@@ -295,7 +303,7 @@ class Store:
         arrays = load_tables(self.path / place_of(key), world, facts.tables, labels) if tables else {}
         spent = arrays.pop("seconds", None)
         if tables and not arrays and result.failed is None:
-            raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])
+            raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed", code="R101")])
         failed = facts.circumstances.get("error", result.failed)
         return Run(world, result.engine, arrays, provenance, failed, spent)
 
@@ -305,13 +313,15 @@ class Store:
         try:
             content = read_gzip(path, LARGEST_WORLD, self.path)
         except FileNotFoundError:
-            raise SpecError([Problem(f"{path} is missing")]) from None
+            raise SpecError([Problem(f"{path} is missing", code="R101")]) from None
         try:
             world: World = from_plain(World, parse(content, str(path)))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise SpecError([Problem(f"{path} is not a world: {str(error)[:200]}")]) from None
+            raise SpecError([Problem(f"{path} is not a world: {str(error)[:200]}", code="R101")]) from None
         if sha256(world) != key:
-            raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its name")])
+            raise SpecError(
+                [Problem(f"{path}: was edited or is damaged: its content does not match its name", code="R102")]
+            )
         return world
 
     def put_world(self, world: World) -> str:

@@ -353,7 +353,7 @@ def side_by_side(jobs: int | None, plan: Plan) -> int:
     if plan.measure == "speed":
         if jobs not in (None, 1):
             message, path = "speed is measured with one run at a time", "sweep.measure"
-            raise SpecError([Problem(message, path, plan.spec.locate(path), f"--jobs {jobs}", "--jobs 1")])
+            raise SpecError([Problem(message, path, plan.spec.locate(path), f"--jobs {jobs}", "--jobs 1", code="C109")])
         return 1
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return jobs or cores

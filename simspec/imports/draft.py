@@ -91,11 +91,11 @@ class Draft:
         self, element: Element, message: str, rule: str = "", found: str | None = None, hint: str | None = None
     ) -> None:
         """Report a defect of the source, which ``rule`` would repair."""
-        self.problems.append(element.problem(message, found, hint=self.way_out(rule) if rule else hint))
+        self.problems.append(element.problem(message, found, hint=self.way_out(rule) if rule else hint, code="I110"))
 
     def suspect(self, element: Element, message: str, rule: str, found: str) -> None:
         """Report a value that is allowed and looks like a slip, which ``rule`` would repair."""
-        self.suspicious.append(element.problem(message, found, hint=self.way_out(rule)))
+        self.suspicious.append(element.problem(message, found, hint=self.way_out(rule), code="W112"))
 
     def mend(
         self, rule: str, element: Element, message: str, repair: str, path: Path_, found: str | None = None
@@ -328,7 +328,9 @@ def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Pro
     except Faults as error:
         form = f"{FROM_SHAPES}=1000, {FROM_SHAPES}=7850 kg/m^3"
         message = f"{shown}: the density of {FROM_SHAPES}: "
-        return DENSITY, [Problem(message + fault.message, found=text[:80], allowed=form) for fault in error.faults]
+        return DENSITY, [
+            Problem(message + fault.message, found=text[:80], allowed=form, code="S201") for fault in error.faults
+        ]
 
 
 def nearest(tensor: Sequence[float], share: float | None = None) -> Six:
@@ -398,9 +400,11 @@ def find_mesh(
     imported file's. Raises MissingFileError where there is no such file, SpecError for one that may
     not be read, is of no language of meshes, or has no volume."""
     if not text.lower().endswith(SUFFIXES):
-        raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
+        raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES), code="I106")
     if 0.0 in scale:
-        raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
+        raise element.error(
+            "a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0", code="I102"
+        )
     return NamedMesh(text, files.find(text, element, start), scale)
 
 
@@ -462,7 +466,7 @@ def measure_meshes(
             continue
         unusable.add(id(shape))
         with draft.collecting():
-            why = (shape.source or shape.element).problem(str(result), required(shape.mesh).text)
+            why = (shape.source or shape.element).problem(str(result), required(shape.mesh).text, code="I106")
             draft.leave_out(shape.element, rule(result), why, path)
     return unusable
 
@@ -490,5 +494,7 @@ def made_file(obj: bytes, called: str) -> tuple[str, Path]:
     try:
         write_file(path, obj.decode(), lambda content: content.startswith(BEGINNING), lasting=False)
     except (OSError, SpecError) as error:
-        raise SpecError([Problem(f"a mesh of this file cannot be written to {path.parent}: {error}")]) from None
+        raise SpecError(
+            [Problem(f"a mesh of this file cannot be written to {path.parent}: {error}", code="C106")]
+        ) from None
     return f"meshes/{clean_name(called)[:60]}_{digest[:8]}.obj", path

@@ -149,7 +149,7 @@ class Element:
         """The text of an attribute, taken. Raises SpecError where there is none."""
         value = self.word(name)
         if value is None:
-            raise self.error(f"<{self.tag}> has no attribute {name!r}")
+            raise self.error(f"<{self.tag}> has no attribute {name!r}", code="I101")
         return value
 
     def numbers(self, name: str, count: int | None) -> tuple[float, ...] | None:
@@ -178,7 +178,9 @@ class Element:
             return numerals.numbers(text, count)
         except numerals.NumeralError as error:
             what = {None: "finite numbers", 1: "a finite number"}.get(count, f"{count} finite numbers")
-            raise self.error(f"{name} of <{self.tag}> should be {what}{error.suffix}", found=text[:80]) from None
+            raise self.error(
+                f"{name} of <{self.tag}> should be {what}{error.suffix}", found=text[:80], code="I101"
+            ) from None
 
     def child(self, tag: str) -> Element | None:
         """The first child of this tag, taken; None where there is none. Further ones stay untaken, and so are lost."""
@@ -281,16 +283,16 @@ class Element:
             element._fates.clear()
 
     def error(
-        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
+        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None, *, code: str
     ) -> SpecError:
         """The error of this element."""
-        return SpecError([self.problem(message, found, allowed, hint)])
+        return SpecError([self.problem(message, found, allowed, hint, code=code)])
 
     def problem(
-        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
+        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None, *, code: str
     ) -> Problem:
         """The same as a problem."""
-        return Problem(message, self.path, self.location, found, allowed, hint)
+        return Problem(message, self.path, self.location, found, allowed, hint, code=code)
 
     def accounts(self) -> Iterator[Account]:
         """The fates of this element, its attributes and all that is in it, in the order of the file."""
@@ -353,14 +355,16 @@ def parse(content: bytes, file: str) -> Element:
         found = f"{len(content):,} bytes, {tags:,} tags, {attributes:,} attributes"
         allowed = f"{LARGEST_FILE:,} bytes, {MOST_TAGS:,} tags, {MOST_ATTRIBUTES:,} attributes"
         place = Location(file, 1, 1)
-        raise SpecError([Problem("the file is too large", location=place, found=found, allowed=allowed, hint=SPLIT)])
+        raise SpecError(
+            [Problem("the file is too large", location=place, found=found, allowed=allowed, hint=SPLIT, code="I105")]
+        )
     text = _text(content, file)
     mended = (text, _TAG.sub(lambda tag: _TOUCHING.sub(r"\1 ", tag.group()), without_comments(text.encode()).decode()))
     for attempt in mended:
         try:
             return _elements(parse_xml(attempt.encode(), file, "utf-8", numerals.SPACE), file)
         except XmlError as error:
-            problem = Problem(f"not XML: {error.why}", location=Location(file, error.line, error.column))
+            problem = Problem(f"not XML: {error.why}", location=Location(file, error.line, error.column), code="I103")
     raise SpecError([problem])
 
 
@@ -370,13 +374,15 @@ def _text(content: bytes, file: str) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         column = error.start - content.rfind(b"\n", 0, error.start)
-        problem = Problem("not UTF-8", location=Location(file, line, column), hint="save the file as UTF-8")
+        problem = Problem(
+            "not UTF-8", location=Location(file, line, column), hint="save the file as UTF-8", code="I103"
+        )
         raise SpecError([problem]) from None
     for word in ("<!DOCTYPE", "<!ENTITY"):
         if word in text:
             line = text.count("\n", 0, text.index(word)) + 1
             hint = "remove it; simspec reads no document types and no entities"
-            raise SpecError([Problem(f"{word} is not read", location=Location(file, line, 1), hint=hint)])
+            raise SpecError([Problem(f"{word} is not read", location=Location(file, line, 1), hint=hint, code="I103")])
     # without the XML declaration, whose encoding is not believed; lines stay where they are
     start = _ROOT.search(text)
     before = text[: start.start()] if start is not None else ""
@@ -392,7 +398,7 @@ def _elements(root: XmlElement, file: str) -> Element:
         attributes = {name: value for name, value in read.attributes.items() if not name.startswith("xmlns")}
         element = Element(read.tag, attributes, Location(file, read.line, 1), read.text, parent)
         if depth > DEEPEST:
-            raise (parent or element).error(f"more than {DEEPEST} elements within each other")
+            raise (parent or element).error(f"more than {DEEPEST} elements within each other", code="I105")
         if parent is not None:
             parent._children.append(element)
         top = top or element

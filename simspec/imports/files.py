@@ -100,7 +100,7 @@ class Packages:
         """The folder of a package, the nearest one. Raises MissingFileError where there is none, and SpecError where two are as
         near, or where the ``package.xml`` that would decide is damaged."""
         if not _is_name(name):
-            raise element.error("not the name of a package", found=name[:80])
+            raise element.error("not the name of a package", found=name[:80], code="I101")
         if name not in self._found:
             self._found[name] = self._find(name, element)
         return self._found[name]
@@ -116,15 +116,17 @@ class Packages:
                 if len(found) > 1:
                     listed = ", ".join(map(str, found[:4]))
                     hint = f"--package {name}=FOLDER chooses one"
-                    raise element.error(f"two packages are called {name!r}", found=listed, hint=hint)
+                    raise element.error(f"two packages are called {name!r}", found=listed, hint=hint, code="I106")
                 if found:
                     return found[0]
         hint = f"--package-path FOLDER (a folder that holds {name}), or --package {name}=FOLDER"
-        problem = element.problem(f"the package {name!r} is not found", found=name, hint=hint)
+        problem = element.problem(f"the package {name!r} is not found", found=name, hint=hint, code="I106")
         if damaged:
             raise SpecError([problem, *list(damaged.values())[:4]])
         if any(tree.is_cut for tree in self._below.values()):
-            problem = element.problem(f"{problem.message} in the first {MOST_FOLDERS:,} folders", found=name, hint=hint)
+            problem = element.problem(
+                f"{problem.message} in the first {MOST_FOLDERS:,} folders", found=name, hint=hint, code="I106"
+            )
         raise MissingFileError([problem])
 
     def _searches(self, name: str, element: Element) -> Iterator[Levels]:
@@ -153,7 +155,7 @@ class Packages:
         taken in place of one of theirs."""
         if self.options.trusting:
             message = f"the package {name!r} is sought in folders of a project file that is not trusted"
-            raise element.error(message, found=name, hint=self.options.trusting)
+            raise element.error(message, found=name, hint=self.options.trusting, code="I107")
 
     def _above(self, name: str) -> Levels:
         for folder in self._folders_above():
@@ -216,18 +218,18 @@ class Packages:
             return None
         file = folder / MANIFEST
         if isinstance(content, str):
-            return Problem(f"a {MANIFEST} that is not read: {content}", location=Location(str(file), 1, 1))
+            return Problem(f"a {MANIFEST} that is not read: {content}", location=Location(str(file), 1, 1), code="I106")
         try:
             root = parse(content, str(file))
         except SpecError as error:
             return error.problems[0]
         if root.tag != "package":
-            return root.problem(f"the outermost element of a {MANIFEST} is <package>", found=root.tag[:80])
+            return root.problem(f"the outermost element of a {MANIFEST} is <package>", found=root.tag[:80], code="I106")
         names = root.look("name")
         if len(names) != 1:
-            return root.problem(f"a {MANIFEST} has one <name>", found=str(len(names)))
+            return root.problem(f"a {MANIFEST} has one <name>", found=str(len(names)), code="I106")
         if not _is_name(names[0].text):
-            return names[0].problem("not the name of a package", found=names[0].text[:80] or "nothing")
+            return names[0].problem("not the name of a package", found=names[0].text[:80] or "nothing", code="I106")
         return names[0].text
 
     def _read(self, file: Path) -> bytes | str:
@@ -372,11 +374,11 @@ class Files:
 
     def content(self) -> bytes:
         """The file itself. Raises SpecError where it cannot be read."""
-        return self._bytes(self.path.resolve(), Problem(f"{self.shown}: cannot be read"))
+        return self._bytes(self.path.resolve(), Problem(f"{self.shown}: cannot be read", code="I106"))
 
     def bytes_of(self, path: Path, element: Element) -> bytes:
         """A file that :meth:`find` gave. Raises SpecError at the element that names it."""
-        return self._bytes(path, element.problem(f"{path.name} cannot be read"))
+        return self._bytes(path, element.problem(f"{path.name} cannot be read", code="I106"))
 
     def _bytes(self, path: Path, problem: Problem) -> bytes:
         try:
@@ -399,7 +401,7 @@ class Files:
         ``start`` (the folder of the file); ``%20`` is a space where there is no file of that very name. Raises SpecError at
         ``element`` for what does not exist or may not be read."""
         if len(text) > LONGEST_PATH or UNSEEN_CHARACTERS.search(text) or not text.strip():
-            raise element.error("not a file path", found=text[:80])
+            raise element.error("not a file path", found=text[:80], code="I106")
         if DRIVE.match(text):
             raise MissingFileError([_of_another_system(text, element)])
         try:
@@ -416,7 +418,7 @@ class Files:
                     "a path with a placeholder that a build replaces",
                     "import the file that the build makes of this one",
                 )
-                raise MissingFileError([element.problem(message, found=text[:200], hint=hint)]) from None
+                raise MissingFileError([element.problem(message, found=text[:200], hint=hint, code="I106")]) from None
             raise
 
     def _find(self, text: str, element: Element, start: Path | None) -> Path:
@@ -425,15 +427,15 @@ class Files:
             resolved = target.resolve()
             is_file = resolved.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
-            raise MissingFileError([element.problem(NO_FILE[1], found=text[:200])]) from None
+            raise MissingFileError([element.problem(NO_FILE[1], found=text[:200], code="I106")]) from None
         if not self._is_inside(resolved):
             hint = self.options.way_outside("--package-path names a folder of packages")
-            raise element.error("leaves the project folder", found=text, hint=hint)
+            raise element.error("leaves the project folder", found=text, hint=hint, code="I107")
         if not is_file and start is None and (other := self._above(text)) is not None:
             return other
         if not is_file:
             hint = f"looked for {self.options.shown(target)}"
-            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=hint)])
+            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=hint, code="I106")])
         return resolved
 
     def _above(self, text: str) -> Path | None:
@@ -461,7 +463,7 @@ class Files:
                 return self._downloaded(text, element)
             if scheme.lower() != "file":
                 raise element.error(
-                    f"{scheme}:// is not read", found=text, allowed="package://, model://, file://, a path"
+                    f"{scheme}:// is not read", found=text, allowed="package://, model://, file://, a path", code="I106"
                 )
             inner = rest.lstrip("/")
             if FIND.fullmatch(inner) or PACKAGE.fullmatch(inner):
@@ -480,14 +482,14 @@ class Files:
                 target = self.packages.find(name, element) / rest
                 if os.path.isfile(target):
                     return target
-        problem = element.problem("simspec loads nothing from the network", found=text[:200], hint=hint)
+        problem = element.problem("simspec loads nothing from the network", found=text[:200], hint=hint, code="I108")
         raise MissingFileError([problem])
 
 
 def _of_another_system(text: str, element: Element) -> Problem:
     """A path as Windows writes it."""
     hint = "write it with / and from the folder of the file, or as package://NAME/PATH"
-    return element.problem("a path of Windows", found=text[:200], hint=hint)
+    return element.problem("a path of Windows", found=text[:200], hint=hint, code="I106")
 
 
 def is_missing(error: SpecError) -> bool:

@@ -154,7 +154,7 @@ def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None =
     document = build(events(body, "<spec>"), "<spec>")
     if document.problems or document.data != data:
         message = "this import cannot be written as a spec without changing its meaning"
-        raise SpecError([*document.problems, Problem(message, hint="report this: it is a bug in simspec")])
+        raise SpecError([*document.problems, Problem(message, hint="report this: it is a bug in simspec", code="C115")])
     return f"{MARK} from {visible(source)}{SUM}{hashlib.sha256(body.encode()).hexdigest()[:DIGITS]}\n{body}"
 
 
@@ -166,7 +166,7 @@ def too_long(imported: Imported, shown: str) -> Problem | None:
     place = imported.places.get((), Location(shown, 1, 1))
     hint = "a scenario may take the file as it is: models: {NAME: {use: FILE}}"
     message = "as a spec, this file has more keys and values than one file may have"
-    return Problem(message, location=place, found=f"{count:,}", allowed=f"{MOST_EVENTS:,}", hint=hint)
+    return Problem(message, location=place, found=f"{count:,}", allowed=f"{MOST_EVENTS:,}", hint=hint, code="I105")
 
 
 def is_unchanged(content: bytes) -> bool:

@@ -34,17 +34,29 @@ class _Force(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "force" not in data and "torque" not in data:
-            yield Fault((), "neither force nor torque", show(dict(data)), "force, torque or both", "force: [10, 0, 0]")
+            yield Fault(
+                (),
+                "neither force nor torque",
+                show(dict(data)),
+                "force, torque or both",
+                "force: [10, 0, 0]",
+                code="S113",
+            )
         if "at" in data and "force" not in data:
             yield Fault(
-                ("at",), "a torque acts on the body as a whole, at no point", show(data["at"]), None, "remove it"
+                ("at",),
+                "a torque acts on the body as a whole, at no point",
+                show(data["at"]),
+                None,
+                "remove it",
+                code="S110",
             )
         try:
             start, until = Number("time", 0).read(data.get("from", 0.0)), Number("time", 0).read(data["until"])
         except (Faults, KeyError):
             return  # reported where it is read, or without end
         if until <= start:
-            yield Fault(("until",), "it ends before it begins", f"{until:g} s", f"above {start:g} s")
+            yield Fault(("until",), "it ends before it begins", f"{until:g} s", f"above {start:g} s", code="S205")
 
 
 _FORCE: dict[str, Any] = {
@@ -95,7 +107,9 @@ class ByJoint(JointQuantity):
 
     def read(self, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
-            raise fault(f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
+            raise fault(
+                f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}", code="S104"
+            )
         if (many := too_many(value)) is not None:
             raise many
         return read_entries(value, self._name, super().read)
@@ -169,11 +183,13 @@ class ToolPlace(Rotated):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         yield from super().faults(data)
         if not any(key in data for key in ("xyz", "rpy", "quat")):
-            yield Fault((), "a move without target", show(dict(data)), "xyz, rpy or quat")
+            yield Fault((), "a move without target", show(dict(data)), "xyz, rpy or quat", code="S102")
         if data.get("free_orientation") is True:
             for key in ("rpy", "quat"):
                 if key in data:
-                    yield Fault((key,), f"{key} and free_orientation exclude each other", None, "one of them")
+                    yield Fault(
+                        (key,), f"{key} and free_orientation exclude each other", None, "one of them", code="S103"
+                    )
 
 
 class _Step(Strict):
@@ -191,14 +207,16 @@ class _Step(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "wait" in data and "in" in data:
-            yield Fault(("in",), "wait contains its own duration", show(data["in"]), None, "remove it")
+            yield Fault(("in",), "wait contains its own duration", show(data["in"]), None, "remove it", code="S110")
         for key in ("move", "grip"):
             if key in data and "in" not in data:
-                yield Fault((), f"a {key} needs a duration", None, None, "in: 2 s")
+                yield Fault((), f"a {key} needs a duration", None, None, "in: 2 s", code="S102")
         if "squeeze" in data and "grip" not in data:
-            yield Fault(("squeeze",), "squeeze requires grip", None, None, "{grip: 1, squeeze: 1, in: 1 s}")
+            yield Fault(
+                ("squeeze",), "squeeze requires grip", None, None, "{grip: 1, squeeze: 1, in: 1 s}", code="S110"
+            )
         if "straight" in data and "move" not in data:
-            yield Fault(("straight",), "straight requires move")
+            yield Fault(("straight",), "straight requires move", code="S110")
 
 
 _STEP: Mapping[str, tuple[Any, Any, str]] = {
@@ -255,7 +273,9 @@ class Grasp(Strict):
         if isinstance(opened, Mapping) and isinstance(closed, Mapping):
             for name in opened.keys() ^ closed.keys():
                 lacks = "closed" if name in opened else "open"
-                yield Fault((lacks,), f"{name} is missing here", None, "the same joints in open and closed")
+                yield Fault(
+                    (lacks,), f"{name} is missing here", None, "the same joints in open and closed", code="S707"
+                )
 
 
 class Trajectory(Strict):
@@ -298,10 +318,10 @@ class Trajectory(Strict):
         if "program" not in data:
             for key in ("tool", "arm", "interval", "grasp"):
                 if key in data and any(name in data for name in ("points", "file")):
-                    yield Fault((key,), f"{key} requires a program", None, None, "remove it")
+                    yield Fault((key,), f"{key} requires a program", None, None, "remove it", code="S110")
         for key in ("points", "program"):
             if data.get(key) == []:
-                yield Fault((key,), f"no {key}", "[]", "at least one")
+                yield Fault((key,), f"no {key}", "[]", "at least one", code="S113")
             yield from too_long(data, key, MOST_POINTS)
         points = data.get("points")
         if isinstance(points, list):
@@ -317,8 +337,9 @@ def _increasing(rows: Iterable[Mapping[str, Any]], allowed: bool) -> Iterator[Fa
         except Faults:
             continue  # reported where it is read
         if before is not None and time <= before:
-            found = (show(time), f"above {before:g} s") if allowed else (f"{time:g} s after {before:g} s",)
-            yield Fault(("points", index, "at"), "times must increase", *found)
+            found = show(time) if allowed else f"{time:g} s after {before:g} s"
+            above = f"above {before:g} s" if allowed else None
+            yield Fault(("points", index, "at"), "times must increase", found, above, code="S706")
         before = time
 
 
@@ -329,7 +350,13 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
     joints = set(first) if isinstance(first, Mapping) else None
     width = 1 if joints is None else len(joints)
     if len(rows) * width > MOST_NUMBERS:
-        yield Fault(("points",), "too many numbers", f"{len(rows)} points of {width} joints", f"up to {MOST_NUMBERS}")
+        yield Fault(
+            ("points",),
+            "too many numbers",
+            f"{len(rows)} points of {width} joints",
+            f"up to {MOST_NUMBERS}",
+            code="S109",
+        )
         return
     yield from _increasing(rows, allowed=False)
     # which joints a pattern means, the world says (``resolve/trajectory.py``)
@@ -341,17 +368,19 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
             if (value is not None) != (key in quantities) and index and key != "positions":
                 there, lacks = ("the first point", "this one") if key in quantities else ("this point", "the first one")
                 message = f"{there} has {key}, {lacks} has none"
-                yield Fault(("points", index), message, None, "in all points, or in none")
+                yield Fault(("points", index), message, None, "in all points, or in none", code="S707")
             elif isinstance(value, Mapping) and joints is not None and set(value) != joints and not patterns:
                 different = ", ".join(sorted(map(str, set(value) ^ joints))[:6])
-                yield Fault(("points", index, key), "not the joints of the first point", f"differs in {different}")
+                yield Fault(
+                    ("points", index, key), "not the joints of the first point", f"differs in {different}", code="S707"
+                )
     wrong = {"hold": _DERIVATIVES, "linear": _DERIVATIVES, "cubic": ("accelerations",)}.get(interpolation, ())
     for key in wrong:
         if key in quantities:
             message = f"{key} are not allowed with interpolation {interpolation}"
-            yield Fault(("points", 0, key), message, None, None, "quintic")
+            yield Fault(("points", 0, key), message, None, None, "quintic", code="S707")
     if interpolation == "quintic" and len(quantities & set(_DERIVATIVES)) == 1:
-        yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither")
+        yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither", code="S707")
 
 
 class MotionPoint(Rotated):
@@ -380,5 +409,5 @@ class Motion(Strict):
             return
         if not 0 < len(points) <= MOST_POINTS:
             message = "too many points" if points else "no points"
-            yield Fault(("points",), message, str(len(points)), f"1 to {MOST_POINTS}")
+            yield Fault(("points",), message, str(len(points)), f"1 to {MOST_POINTS}", code="S109")
         yield from _increasing(map(fields_of, points[:MOST_POINTS]), allowed=True)

@@ -116,14 +116,20 @@ class NamePattern(Reader):
     def read(self, value: Any) -> str:
         rule = f"a {self.of}'s {'full name' if self.path else 'name in the model'}; * matches any text"
         if not isinstance(value, str):
-            raise fault(f"expected a {self.of}'s name", show(value), rule)
+            raise fault(f"expected a {self.of}'s name", show(value), rule, code="S301")
         if not self.path and "/" in value:
             inner = value.rpartition("/")[2]
             hint = f"did you mean {inner!r}?" if PATTERN.fullmatch(inner) else None
-            raise fault(f"a {self.of} of the model is called without the model's name here", show(value), rule, hint)
+            raise fault(
+                f"a {self.of} of the model is called without the model's name here",
+                show(value),
+                rule,
+                hint,
+                code="S301",
+            )
         if len(value) > 2 * LONGEST_NAME + 1 or not PATTERN.fullmatch(value):
             hint = None if "*" in value else f"did you mean {clean_name(value)!r}?"
-            raise fault("not a valid name or pattern", show(value), rule, hint)
+            raise fault("not a valid name or pattern", show(value), rule, hint, code="S301")
         return value
 
     def describe(self) -> str:
@@ -137,9 +143,9 @@ class NamePattern(Reader):
 def read_pattern(value: Any) -> str:
     """A name or pattern. Raises Faults."""
     if not isinstance(value, str):
-        raise fault("expected a joint's name", show(value), PATTERN_RULE)
+        raise fault("expected a joint's name", show(value), PATTERN_RULE, code="S301")
     if len(value) > 2 * LONGEST_NAME + 1 or not PATTERN.fullmatch(value):
-        raise fault("not a valid joint name or pattern", show(value), PATTERN_RULE)
+        raise fault("not a valid joint name or pattern", show(value), PATTERN_RULE, code="S301")
     return value
 
 
@@ -147,10 +153,10 @@ def too_many(entries: Iterable[Any]) -> Faults | None:
     """The fault of a list or mapping that would take too long to compare with all joints."""
     words = list(entries)
     if len(words) > MOST_ENTRIES:
-        return fault("too many entries", str(len(words)), f"up to {MOST_ENTRIES}")
+        return fault("too many entries", str(len(words)), f"up to {MOST_ENTRIES}", code="S109")
     stars = sum(1 for word in words if isinstance(word, str) and "*" in word)
     if stars > MOST_PATTERNS:
-        return fault("too many entries with a *", str(stars), f"up to {MOST_PATTERNS}")
+        return fault("too many entries with a *", str(stars), f"up to {MOST_PATTERNS}", code="S109")
     return None
 
 
@@ -165,7 +171,7 @@ class JointNames(Reader):
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, (list, tuple)) or not value:
             found = "an empty list" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"expected {self.describe()}", found, f"[MODEL/{self.of.upper()}, MODEL/*, ...]")
+            raise fault(f"expected {self.describe()}", found, f"[MODEL/{self.of.upper()}, MODEL/*, ...]", code="S104")
         if (many := too_many(value)) is not None:
             raise many
         return tuple(read_each(enumerate(value), read_pattern))
@@ -187,11 +193,11 @@ class Grid(Reader):
 
     def read(self, value: Any) -> tuple[int, int, int]:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
-            raise fault("expected three whole numbers", show(value), "[nx, ny, nz]")
+            raise fault("expected three whole numbers", show(value), "[nx, ny, nz]", code="S104")
         counts = [Whole(1, MOST_ELEMENTS).read(item) for item in value]
         total = counts[0] * counts[1] * counts[2]
         if total > MOST_ELEMENTS:
-            raise fault("too many elements", f"{total}", f"up to {MOST_ELEMENTS}")
+            raise fault("too many elements", f"{total}", f"up to {MOST_ELEMENTS}", code="S109")
         return counts[0], counts[1], counts[2]
 
 
@@ -266,12 +272,16 @@ class Array(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         for name, (layout, needed) in cls.COMPANIONS.items():
             if name in data and layout not in data:
-                yield Fault((name,), f"{name} belongs to {layout}", None, None, f"remove it, or write {layout}")
+                yield Fault(
+                    (name,), f"{name} belongs to {layout}", None, None, f"remove it, or write {layout}", code="S110"
+                )
             if needed and layout in data and name not in data:
-                yield Fault((), f"{layout} needs {name}")
+                yield Fault((), f"{layout} needs {name}", code="S102")
         poses = data.get("poses")
         if isinstance(poses, list) and not 0 < len(poses) <= MOST_ELEMENTS:
-            yield Fault(("poses",), "expected one pose or more", f"{len(poses)} poses", f"1 to {MOST_ELEMENTS}")
+            yield Fault(
+                ("poses",), "expected one pose or more", f"{len(poses)} poses", f"1 to {MOST_ELEMENTS}", code="S113"
+            )
 
 
 class State(Strict):

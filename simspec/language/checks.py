@@ -57,15 +57,15 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
         parent = bodies.parent(name)
         if parent is not None and parent not in bodies.raw:
             message, hint = f"there is no body {parent!r}", near(parent, bodies.raw)
-            yield document.problem((*path, name, "parent"), message, found=parent, hint=hint)
+            yield document.problem((*path, name, "parent"), message, found=parent, hint=hint, code="S405")
         if name == RESERVED:
             message = f"{RESERVED!r} is the name of the world itself"
-            yield document.problem((*path, name), message, key=True, hint="another name")
+            yield document.problem((*path, name), message, key=True, hint="another name", code="S303")
         for index, joint in enumerate(bodies.joint_names(name)):
             if joint in joints:
                 message = f"the joint name {joint!r} is taken: it is that of {joints[joint]}'s joint"
                 place = (*path, name, *bodies.joint_place(name, index), "name")
-                yield document.problem(place, message, found=joint)
+                yield document.problem(place, message, found=joint, code="S303")
             joints.setdefault(joint, name)
     for cycle in bodies.cycles():
         chain = " -> ".join([*cycle, cycle[0]])
@@ -73,24 +73,26 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
             f"the parents of these bodies form a loop: {chain}",
             "one of them must be a root, or have another parent",
         )
-        yield document.problem((*path, cycle[0], "parent"), message, hint=hint)
+        yield document.problem((*path, cycle[0], "parent"), message, hint=hint, code="S405")
     roots = bodies.roots()
     if not bodies.model:
         return
     if not bodies.raw:
-        yield document.problem(path, "a model has at least one body")
+        yield document.problem(path, "a model has at least one body", code="S113")
     elif len(roots) > 1:
         shown = ", ".join(roots[:6]) + (", ..." if len(roots) > 6 else "")
-        yield document.problem((*path, roots[1]), f"{_SINGLE_ROOT} {len(roots)}", key=True, found=shown, allowed="one")
+        yield document.problem(
+            (*path, roots[1]), f"{_SINGLE_ROOT} {len(roots)}", key=True, found=shown, allowed="one", code="S405"
+        )
     elif not roots and not bodies.cycles():
-        yield document.problem(path, f"{_SINGLE_ROOT} none")
+        yield document.problem(path, f"{_SINGLE_ROOT} none", code="S405")
     for name in roots:
         if bodies.field(name, "array") is not None:
             message, hint = (
                 "a model has one root; write the array where it is used",
                 "models: {NAME: {use: ..., array: ...}}",
             )
-            yield document.problem((*path, name, "array"), message, hint=hint)
+            yield document.problem((*path, name, "array"), message, hint=hint, code="S405")
     for file in bodies.files:
         for word in ("exclude", "touch"):
             for index, pair in enumerate(listed(file.document.at("contact", word))):
@@ -98,7 +100,7 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
                     if isinstance(name, str) and name not in bodies.raw:
                         message, hint = f"the model has no body {name!r}", near(name, bodies.raw)
                         place = ("contact", word, index, position)
-                        yield file.document.problem(place, message, found=name, hint=hint)
+                        yield file.document.problem(place, message, found=name, hint=hint, code="S302")
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:
@@ -110,7 +112,7 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
             for kind, (noun, hint) in _ONLY_FIXED.items():
                 if getattr(shape, kind) is not None:
                     message = f"a {noun} requires a body fixed to the world, and this body moves"
-                    yield document.problem((*bodies.path, name, "shapes", index, kind), message, hint=hint)
+                    yield document.problem((*bodies.path, name, "shapes", index, kind), message, hint=hint, code="S110")
     for top, members in bodies.moving_groups().items():
         if not bodies.is_kinematic(top):  # the mass of a kinematic body has no effect
             for name, fault in group_faults(bodies, members):
@@ -131,7 +133,7 @@ def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, 
     if None not in typed.values() and not carried and not any(_weighs(body) for body in typed.values() if body):
         hint = "a mass of one of them, or shapes with density"
         message = "a moving body needs a mass: neither this one nor what is fixed to it has one"
-        yield top, Fault((), message, None, None, hint)
+        yield top, Fault((), message, None, None, hint, code="S401")
     for name, body in typed.items():
         if body is not None:
             yield from ((name, fault) for fault in member_faults(body))
@@ -147,7 +149,7 @@ def member_faults(body: Body) -> Iterator[Fault]:
         yield from (fault for fault in mass_faults(body) if fault.loc != ("inertia",))  # the group's tensor counts
     elif body.inertia is not None:
         message = "a moving body without mass has no moments of inertia"
-        yield Fault(("inertia",), message, None, None, "a mass above 0, or no inertia")
+        yield Fault(("inertia",), message, None, None, "a mass above 0, or no inertia", code="S402")
 
 
 def mass_faults(body: Body) -> Iterator[Fault]:
@@ -156,15 +158,17 @@ def mass_faults(body: Body) -> Iterator[Fault]:
     dense = [shape for shape in solid if shape.density is not None]
     if dense:
         if not any(shape.density for shape in dense):
-            yield Fault((), "a moving body needs a mass; all its densities are zero")
+            yield Fault((), "a moving body needs a mass; all its densities are zero", code="S401")
     elif body.mass is None:
         hint = "mass with inertia; mass with shapes; or shapes with density"
-        yield Fault((), "a moving body needs a mass", None, None, hint)
+        yield Fault((), "a moving body needs a mass", None, None, hint, code="S401")
     elif body.mass <= 0.0:
-        yield Fault(("mass",), "the mass of a moving body must be above 0", f"{body.mass:g}")
+        yield Fault(("mass",), "the mass of a moving body must be above 0", f"{body.mass:g}", code="S401")
     elif body.inertia is None and not solid:
         hint = "inertia: {principal: [...]}, or a shape that the inertia is computed from"
-        yield Fault((), "a moving body needs moments of inertia, or shapes to compute them from", None, None, hint)
+        yield Fault(
+            (), "a moving body needs moments of inertia, or shapes to compute them from", None, None, hint, code="S402"
+        )
     elif body.inertia is not None:
         from simspec.language.moments import principal_moments
 
@@ -173,7 +177,9 @@ def mass_faults(body: Body) -> Iterator[Fault]:
         if min(moments) <= 0.0:
             shown = ", ".join(f"{moment:.6g}" for moment in moments)
             message = "the principal moments of a moving body must be above 0"
-            yield Fault(("inertia",), message, f"{shown} kg m²", None, "moments this small are not physical")
+            yield Fault(
+                ("inertia",), message, f"{shown} kg m²", None, "moments this small are not physical", code="S402"
+            )
 
 
 def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
@@ -187,13 +193,17 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     kind = bodies.joint_type(root)
     jointed = f"the root {root!r} has a joint to the world, so it cannot be"
     if raw.get("fixed") is True and kind != "fixed":
-        yield document.problem((*path, "fixed"), f"{jointed} fixed as well", found=f"a {kind} joint")
+        yield document.problem((*path, "fixed"), f"{jointed} fixed as well", found=f"a {kind} joint", code="S404")
     elif raw.get("kinematic") is True and kind != "free":
-        yield document.problem((*path, "kinematic"), f"{jointed} kinematic", found=f"a {kind} joint")
+        yield document.problem((*path, "kinematic"), f"{jointed} kinematic", found=f"a {kind} joint", code="S404")
     elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
-        yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
+        yield document.problem(
+            (*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed", code="S404"
+        )
     if "velocity" in raw and kind != "free":
-        yield document.problem((*path, "velocity"), f"the root {root!r} is not free", hint="write velocities")
+        yield document.problem(
+            (*path, "velocity"), f"the root {root!r} is not free", hint="write velocities", code="S404"
+        )
 
 
 def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
@@ -208,7 +218,9 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
         if "pose" in state.raw and kind not in ("free", "fixed"):
             hint = "write positions"
             message = f"the root {roots[0]!r} has a joint to the world, so it has no pose of its own"
-            yield state.source.document.problem((*state.path, "pose"), message, found=f"a {kind} joint", hint=hint)
+            yield state.source.document.problem(
+                (*state.path, "pose"), message, found=f"a {kind} joint", hint=hint, code="S507"
+            )
     chosen = trees.chosen_state(source, bodies)
     if chosen is None:
         return
@@ -216,10 +228,10 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
     if name not in named:
         allowed = ", ".join(list(named)[:20]) or "the model has no states"
         message = f"the model has no state {name!r}"
-        yield file.document.problem(path, message, found=name, allowed=allowed, hint=near(name, named))
+        yield file.document.problem(path, message, found=name, allowed=allowed, hint=near(name, named), code="S302")
     elif "velocity" in named[name].raw and kind != "free":
         message = f"the state {name!r} has a velocity of the root {roots[0]!r}, which is not free"
-        yield file.document.problem(path, message, found=f"a {kind} joint")
+        yield file.document.problem(path, message, found=f"a {kind} joint", code="S507")
 
 
 def _commands(state: trees.WrittenState, actuators: Sequence[str]) -> Iterator[Problem]:
@@ -232,9 +244,11 @@ def _commands(state: trees.WrittenState, actuators: Sequence[str]) -> Iterator[P
     for name in named:
         if not chosen(name, actuators):
             message, allowed = f"the model has no actuator {name!r}", ", ".join(list(actuators)[:20]) or None
-            yield document.problem((*path, name), message, key=True, allowed=allowed, hint=near(name, actuators))
+            yield document.problem(
+                (*path, name), message, key=True, allowed=allowed, hint=near(name, actuators), code="S302"
+            )
     for clash in entry_of(named, lambda entry: chosen(entry, actuators))[1]:
-        yield document.problem((*path, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+        yield document.problem((*path, clash.other), clash_words(clash), key=True, hint=CLASH_HINT, code="S304")
 
 
 def _starts(
@@ -259,20 +273,24 @@ def _starts(
                 allowed = ", ".join(list(joints)[:20])
                 message = f"no joint of the model that {entry!r} could mean" if "*" in entry else ""
                 message = message or f"the model has no joint {entry!r}"
-                yield document.problem(place, message, key=True, allowed=allowed, hint=near(entry, joints))
+                yield document.problem(place, message, key=True, allowed=allowed, hint=near(entry, joints), code="S302")
                 continue
             types = {kinds[joint]: joint for joint in meant}
             if len(types) > 1:
                 found = ", ".join(f"{joint}: {article(kind)}" for kind, joint in types.items())
                 message = "one number for hinges and slides would have two units"
-                yield document.problem(place, message, key=True, found=found, hint="separate patterns, or names")
+                yield document.problem(
+                    place, message, key=True, found=found, hint="separate patterns, or names", code="S304"
+                )
                 continue
             wrong = (
                 _start(document, place, joint, kinds[joint], value, reader, joints[joint], bodies) for joint in meant
             )
             yield from next(filter(None, wrong), [])  # of a pattern those of the first joint
         for clash in initial_entries(values, kinds, following)[1]:
-            yield document.problem((*path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+            yield document.problem(
+                (*path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT, code="S304"
+            )
 
 
 def _start(
@@ -292,7 +310,7 @@ def _start(
     word = "position" if reader is read_position else "velocity"
     if kind in ("fixed", "free"):
         hint = "write pose and velocity of the model" if kind == "free" else "remove it"
-        return [document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)]
+        return [document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint, code="S507")]
     try:
         read = reader(kind, value)
     except Faults as error:
@@ -339,7 +357,9 @@ def _contact(source: Source) -> Iterator[Problem]:
             for index, other in _ignores(group):
                 if other not in defined:
                     place, message = ("contact", "groups", name, "ignores", index), f"no body is in a group {other!r}"
-                    yield member.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
+                    yield member.document.problem(
+                        place, message, allowed=_some(defined), hint=near(other, defined), code="S302"
+                    )
     for path, pairs in _lists_of_pairs(source):
         yield from _pairs(source.document, path, pairs, materials)
     yield from _pairs_of_models(source, materials)
@@ -363,7 +383,7 @@ def _merged(source: Source, part: str, noun: str) -> Iterator[Problem]:
                 message = f"the {noun} {name!r} has another definition in another file"
                 shown = ", ".join(f"{key} {item}" for key, item in known.model_dump().items())
                 found = f"{shown} at {place}"
-                yield member.document.problem(("contact", part, name), message, key=True, found=found)
+                yield member.document.problem(("contact", part, name), message, key=True, found=found, code="S605")
 
 
 def _references(source: Source, bodies: Bodies, materials: set[str], groups: set[str]) -> Iterator[Problem]:
@@ -376,7 +396,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
         if isinstance(group, str) and group not in groups:
             message, hint = f"contact.groups does not define {group!r}", near(group, groups)
             path = (*bodies.path, name, "collision_group")
-            yield document.problem(path, message, found=group, allowed=_some(groups), hint=hint)
+            yield document.problem(path, message, found=group, allowed=_some(groups), hint=hint, code="S302")
         for index, shape in enumerate(listed(bodies.field(name, "shapes"))):
             if not isinstance(shape, Mapping):
                 continue
@@ -391,12 +411,12 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
         more = f" (and {others} other{'s' * (others > 1)} in this file)" if others else ""
         hint = "material: NAME" if materials else "contact: {materials: {NAME: {friction: 0.5}}}"
         message = f"a colliding shape needs a material{more}"
-        yield document.problem(without[0], message, allowed=_some(materials), hint=hint)
+        yield document.problem(without[0], message, allowed=_some(materials), hint=hint, code="S606")
 
 
 def _no_material(document: Document, path: tuple[Key, ...], name: str, materials: set[str]) -> Problem:
     hint = near(name, materials)
-    return document.problem(path, f"there is no material {name!r}", allowed=_some(materials), hint=hint)
+    return document.problem(path, f"there is no material {name!r}", allowed=_some(materials), hint=hint, code="S302")
 
 
 def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
@@ -427,7 +447,7 @@ def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
                 message = f"the pair {' and '.join(both)} has another law in another file"
                 found = f"{where.document.locate(('contact', 'pairs', number))}"
                 hint = "say the pair in the scenario: its law replaces both"
-                yield member.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
+                yield member.document.problem(("contact", "pairs", index), message, found=found, hint=hint, code="S605")
 
 
 def _pairs(document: Document, path: tuple[Key, ...], pairs: Any, materials: set[str]) -> Iterator[Problem]:
@@ -446,5 +466,5 @@ def _pairs(document: Document, path: tuple[Key, ...], pairs: Any, materials: set
             first = document.locate((*path, seen[both]))
             found = f"first as pair {seen[both]}" + (f" at {first}" if first is not None else "")
             hint = "remove one, or combine both into one entry"
-            yield document.problem((*path, index), message, found=found, hint=hint)
+            yield document.problem((*path, index), message, found=found, hint=hint, code="S303")
         seen.setdefault(both, index)

@@ -48,11 +48,13 @@ class RangeOfSum(Reader):
 
     def read(self, value: Any) -> tuple[float, ...]:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
-            raise fault(f"expected {self.describe()}", show(value), "[lower, upper]")
+            raise fault(f"expected {self.describe()}", show(value), "[lower, upper]", code="S104")
         lower, upper = (BOUND.read(item) for item in value)
         if not lower < upper:
             turned = f"[{show(value[1])}, {show(value[0])}]" if lower > upper else None
-            raise fault("the lower limit is not below the upper", show(list(value)), "[lower, upper]", turned)
+            raise fault(
+                "the lower limit is not below the upper", show(list(value)), "[lower, upper]", turned, code="S205"
+            )
         return lower, upper
 
     def unit(self) -> str:
@@ -71,16 +73,18 @@ class Coefficients(Reader):
 
     def read(self, value: Any) -> dict[str, float]:
         if not isinstance(value, Mapping):
-            raise fault("expected coefficients by joint", show(value), "{JOINT: number, ...}")
+            raise fault("expected coefficients by joint", show(value), "{JOINT: number, ...}", code="S104")
         if not value:
-            raise fault("no joint given", "{}", "{JOINT: number, ...}")
+            raise fault("no joint given", "{}", "{JOINT: number, ...}", code="S113")
         return read_entries(value, Name(path=True, of="joint").read, self._coefficient)
 
     @staticmethod
     def _coefficient(value: Any) -> float:
         coefficient = Number("number").read(value)
         if coefficient == 0.0:
-            raise fault("a coefficient of 0 adds nothing", show(value), "another number", "remove the joint")
+            raise fault(
+                "a coefficient of 0 adds nothing", show(value), "another number", "remove the joint", code="S502"
+            )
         return coefficient
 
 
@@ -102,10 +106,12 @@ class Follow(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "joint" in data and data.get("joint") == data.get("leader"):
-            yield Fault(("leader",), "a joint cannot follow itself", str(data["leader"]), "another joint")
+            yield Fault(("leader",), "a joint cannot follow itself", str(data["leader"]), "another joint", code="S502")
         if data.get("ratio") == 0:
             hint = "make the joint fixed"
-            yield Fault(("ratio",), "with a ratio of 0 the joint would follow nothing", "0", "another number", hint)
+            yield Fault(
+                ("ratio",), "with a ratio of 0 the joint would follow nothing", "0", "another number", hint, code="S502"
+            )
 
 
 class _Loop(Strict):
@@ -115,7 +121,9 @@ class _Loop(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         bodies = listed(data.get("bodies"))
         if len(bodies) == 2 and bodies[0] == bodies[1]:
-            yield Fault(("bodies",), "a body cannot be held to itself", str(bodies[0]), "two different bodies")
+            yield Fault(
+                ("bodies",), "a body cannot be held to itself", str(bodies[0]), "two different bodies", code="S502"
+            )
 
 
 class Connect(_Loop):
@@ -165,9 +173,11 @@ class Sum(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if not any(data.get(key) for key in ("stiffness", "damping", "dry_friction", "limits")):
             hint = "stiffness, damping, dry_friction, or limits: {position: [lower, upper]}"
-            yield Fault((), "nothing acts along this sum", None, None, hint)
+            yield Fault((), "nothing acts along this sum", None, None, hint, code="S502")
         elif data.get("rest") and not data.get("stiffness"):
-            yield Fault(("rest",), "a sum without a spring has no rest", hint="give it a stiffness, or remove rest")
+            yield Fault(
+                ("rest",), "a sum without a spring has no rest", hint="give it a stiffness, or remove rest", code="S502"
+            )
         limits = data.get("limits")
         ends = limits.get("position") if isinstance(limits, Mapping) else getattr(limits, "position", None)
         given: list[tuple[OfSum, Any, tuple[str | int, ...]]] = [
@@ -182,7 +192,7 @@ class Sum(Strict):
                 continue  # reported where it is read
             if not suited:
                 message = "the numbers of one sum are in units of an angle and of a length"
-                yield Fault(place, message, show(value), f"in {reader.number(kinds[0]).unit()}")
+                yield Fault(place, message, show(value), f"in {reader.number(kinds[0]).unit()}", code="S201")
                 return
             kinds = tuple(suited)
 

@@ -59,15 +59,15 @@ class HardnessReader(Reader):
         if isinstance(value, str):
             return Word(HARDNESS_WORDS).read(value), ()
         if not isinstance(value, Mapping):
-            raise fault("expected a word or a compliance", show(value), self._allowed())
+            raise fault("expected a word or a compliance", show(value), self._allowed(), code="S601")
         known = {name for form in HARDNESS_FORMS.values() for name in form}
         for name in value:
             if name not in known:
                 hint = near(str(name), known)
-                raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint)])
+                raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint, code="S101")])
         kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
         if kind is None:
-            raise fault("incomplete compliance", show(dict(value)), self._allowed(), _completion(value))
+            raise fault("incomplete compliance", show(dict(value)), self._allowed(), _completion(value), code="S601")
         entries = ((name, (number, value[name])) for name, number in HARDNESS_FORMS[kind].items())
         return kind, tuple(read_each(entries, lambda entry: entry[0].read(unreported(entry[1]))))
 
@@ -122,7 +122,7 @@ class Names(Reader):
 
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, (list, tuple)) or (self.count is not None and len(value) != self.count):
-            raise fault(f"expected {self.describe()}", show(value))
+            raise fault(f"expected {self.describe()}", show(value), code="S104")
         return tuple(Name(self.path).read(item) for item in value)
 
     def describe(self) -> str:
@@ -145,14 +145,14 @@ class BodyPairs(Reader):
 
     def read(self, value: Any) -> tuple[tuple[str, ...], ...]:
         if not isinstance(value, (list, tuple)):
-            raise fault("expected a list of pairs of bodies", show(value), "[[body, other], ...]")
+            raise fault("expected a list of pairs of bodies", show(value), "[[body, other], ...]", code="S104")
         return tuple(read_each(enumerate(value), self._pair))
 
     @staticmethod
     def _pair(item: Any) -> tuple[str, ...]:
         pair = Names(2, path=True).read(item)
         if pair[0] == pair[1]:
-            raise fault("a pair is of two bodies", pair[0], "two different bodies")
+            raise fault("a pair is of two bodies", pair[0], "two different bodies", code="S602")
         return pair
 
 
@@ -203,10 +203,15 @@ class Pair(Strict):
         said = [name for name in data if name != "between"]
         if "between" in data and not said:
             allowed = ", ".join((*LAW_QUANTITIES, "hardness", "margin", "collide"))
-            yield Fault((), "a pair needs at least one law", allowed=allowed)
+            yield Fault((), "a pair needs at least one law", allowed=allowed, code="S602")
         if data.get("collide") is False and len(said) > 1:
             other = next(name for name in said if name != "collide")
-            yield Fault((other,), "a pair that does not collide cannot have another law", hint="remove one of the two")
+            yield Fault(
+                (other,),
+                "a pair that does not collide cannot have another law",
+                hint="remove one of the two",
+                code="S602",
+            )
 
 
 class Group(Strict):
@@ -280,7 +285,7 @@ class PairSettings(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if data.get("settings") == {}:
-            yield Fault(("settings",), "no settings", "{}", "{NAME: value}")
+            yield Fault(("settings",), "no settings", "{}", "{NAME: value}", code="S113")
 
     @property
     def materials(self) -> tuple[str, str]:
@@ -304,7 +309,7 @@ class SettingsAtTimestep(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if not data.get("settings") and not data.get("pairs"):
             place = ("settings",) if "settings" in data else ()
-            yield Fault(place, "no settings", None, "settings: {NAME: value}, or pairs")
+            yield Fault(place, "no settings", None, "settings: {NAME: value}, or pairs", code="S113")
 
 
 class EngineOptions(Strict):
@@ -336,7 +341,9 @@ class EngineOptions(Strict):
             except Faults:
                 continue  # reported where it is read
             if before is not None and above <= before:
-                yield Fault(("at_timestep", index, "above"), "bounds must rise", f"{above:g} s after {before:g} s")
+                yield Fault(
+                    ("at_timestep", index, "above"), "bounds must rise", f"{above:g} s after {before:g} s", code="S205"
+                )
             before = above
 
     def settings_at(self, timestep: float) -> dict[str, Any]:

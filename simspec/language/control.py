@@ -74,7 +74,7 @@ class CommandLimits(Reader):
 
     def read(self, value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
-            raise fault("expected the smallest and the largest command", show(value), "[LOWER, UPPER]")
+            raise fault("expected the smallest and the largest command", show(value), "[LOWER, UPPER]", code="S104")
         return tuple(map(COMMAND.read, value))
 
 
@@ -121,21 +121,21 @@ class Actuator(Strict):
             return
         yield from cls._of_law(law, data)
         if data.get("gear") == 0:
-            yield Fault(("gear",), "an actuator with a gear of 0 does nothing", "0")
+            yield Fault(("gear",), "an actuator with a gear of 0 does nothing", "0", code="S716")
         for index, value in enumerate(listed(data.get("bias"))[:3]):
             if index and isinstance(value, (int, float)) and value > 0.0:
                 message = f"an effort that grows with the {('position', 'velocity')[index - 1]} is unstable"
-                yield Fault(("bias", index), message, f"{value:g}", "up to 0")
+                yield Fault(("bias", index), message, f"{value:g}", "up to 0", code="S716")
 
     @classmethod
     def _of_law(cls, law: str, data: Mapping[str, Any]) -> Iterator[Fault]:
         for key in ("kp", "kd", "gain", "bias"):
             if key in data and key not in LAWS[law]:
                 allowed = ", ".join(LAWS[law]) or "no gains"
-                yield Fault((key,), f"an actuator with law {law} has no {key}", show(data[key]), allowed)
+                yield Fault((key,), f"an actuator with law {law} has no {key}", show(data[key]), allowed, code="S110")
         needed = {"position": "kp", "velocity": "kd"}.get(law)
         if needed is not None and needed not in data and not misspelt(needed, data, cls.model_fields):
-            yield Fault((), f"an actuator with law {law} needs {needed}", hint=f"{needed}: 10")
+            yield Fault((), f"an actuator with law {law} needs {needed}", hint=f"{needed}: 10", code="S102")
 
 
 MOST_CONTROLLERS = 100
@@ -173,7 +173,7 @@ class PerJoint(JointQuantity):
         if not isinstance(value, Mapping):
             return super().read(value)
         if not value:
-            raise fault("no joint given", "{}", "a number, or {JOINT: number, ...}")
+            raise fault("no joint given", "{}", "a number, or {JOINT: number, ...}", code="S113")
         if (many := too_many(value)) is not None:
             raise many
         return read_entries(value, read_pattern, super().read)
@@ -264,22 +264,36 @@ class Controller(Strict):
             return
         if "joints" not in data and not misspelt("joints", data, cls.model_fields):
             yield Fault(
-                ("joints",), "joints is missing", None, "a list of joints' full names, or actuators: [...] of a model"
+                ("joints",),
+                "joints is missing",
+                None,
+                "a list of joints' full names, or actuators: [...] of a model",
+                code="S102",
             )
         if "commands" in data:
             yield Fault(
-                ("commands",), "commands are of actuators, and this controller has none", hint="actuators: [...]"
+                ("commands",),
+                "commands are of actuators, and this controller has none",
+                hint="actuators: [...]",
+                code="S110",
             )
         law, actuator = data.get("law", "pd"), data.get("actuator", "position")
         if not isinstance(law, str) or law not in CONTROL_LAWS:
             return
         for key, why in _NOT_OF_LAW[law].items():
             if key in data:
-                yield Fault((key,), f"{key} is not allowed with law {law}: {why}", show(data[key]), None, "remove it")
+                yield Fault(
+                    (key,),
+                    f"{key} is not allowed with law {law}: {why}",
+                    show(data[key]),
+                    None,
+                    "remove it",
+                    code="S110",
+                )
         if law == "computed-torque":
             if cls._lacks("natural_frequency", data):
                 hint = "natural_frequency: 30 rad/s"
-                yield Fault((), "law computed-torque needs a natural_frequency", None, None, hint)
+                yield Fault((), "law computed-torque needs a natural_frequency", None, None, hint, code="S102")
         elif isinstance(actuator, str) and actuator in ACTUATORS:
             yield from cls._gains(law, actuator, data)
 
@@ -291,7 +305,14 @@ class Controller(Strict):
         for key in cls.model_fields:
             if key in data and key not in ("actuators", "commands", "discretisation", "every"):
                 why = "one or the other" if key == "joints" else "the actuators say it"
-                yield Fault((key,), f"{key} is not allowed with actuators: {why}", show(data[key]), None, "remove it")
+                yield Fault(
+                    (key,),
+                    f"{key} is not allowed with actuators: {why}",
+                    show(data[key]),
+                    None,
+                    "remove it",
+                    code="S110",
+                )
 
     @classmethod
     def _gains(cls, law: str, actuator: str, data: Mapping[str, Any]) -> Iterator[Fault]:
@@ -299,16 +320,18 @@ class Controller(Strict):
         if law == "native" and actuator == "effort":
             allowed = "position, velocity"
             hint = "law: pd applies efforts in every engine"
-            yield Fault(("actuator",), "law native does not support an effort actuator", actuator, allowed, hint)
+            yield Fault(
+                ("actuator",), "law native does not support an effort actuator", actuator, allowed, hint, code="S703"
+            )
         for key, unit in needed.items():
             if cls._lacks(key, data):
                 others = " and ".join(needed)
                 message = f"{article(actuator)} actuator needs {others}; {key} is missing"
-                yield Fault((), message, hint=f"{key}: 10 {unit}")
+                yield Fault((), message, hint=f"{key}: 10 {unit}", code="S703")
         for key in ("kp", "kd"):
             if key in data and key not in needed:
                 allowed = ", ".join(needed) or "neither kp nor kd"
-                yield Fault((key,), f"{article(actuator)} actuator has no {key}", show(data[key]), allowed)
+                yield Fault((key,), f"{article(actuator)} actuator has no {key}", show(data[key]), allowed, code="S110")
 
     @classmethod
     def _lacks(cls, key: str, data: Mapping[str, Any]) -> bool:

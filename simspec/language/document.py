@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, open_regular
@@ -36,6 +36,7 @@ class Details(TypedDict, total=False):
     """The parts of a problem besides its message (see :class:`simspec.errors.Problem`); ``key``: it is about the key at its
     path, not the value."""
 
+    code: Required[str]
     key: bool
     found: str | None
     allowed: str | None
@@ -109,7 +110,8 @@ class Document:
     def problem(self, path: Sequence[Key], message: str, **more: Unpack[Details]) -> Problem:
         """A problem at ``path``."""
         place = self.locate(path, more.get("key", False))
-        return Problem(message, dotted(path), place, more.get("found"), more.get("allowed"), more.get("hint"))
+        found, allowed, hint = more.get("found"), more.get("allowed"), more.get("hint")
+        return Problem(message, dotted(path), place, found, allowed, hint, code=more["code"])
 
 
 def mapping(data: Any) -> Mapping[Any, Any]:
@@ -141,15 +143,17 @@ def read_text(path: Path, shown: str | None = None) -> str:
         if size > LARGEST_FILE:
             found, allowed = f"{size / 1e6:.1f} MB", f"{LARGEST_FILE / 1e6:g} MB"
             hint = "write repeated bodies once, with array:"
-            raise SpecError([Problem(f"{file}: the file is too large", found=found, allowed=allowed, hint=hint)])
+            raise SpecError(
+                [Problem(f"{file}: the file is too large", found=found, allowed=allowed, hint=hint, code="S108")]
+            )
         with os.fdopen(open_regular(path, LARGEST_FILE, links=True), "rb") as stream:  # a link to a spec is a spec
             content = stream.read(LARGEST_FILE + 1)
     except NotReadableError as error:
-        raise SpecError([Problem(f"{file}: cannot be read: {error}")]) from None
+        raise SpecError([Problem(f"{file}: cannot be read: {error}", code="S108")]) from None
     except OSError as error:
-        raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}")]) from None
+        raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}", code="S108")]) from None
     if len(content) > LARGEST_FILE:
-        raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or not a regular file")])
+        raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or not a regular file", code="S108")])
     return decode(content, file)
 
 
@@ -162,7 +166,7 @@ def decode(content: bytes, file: str) -> str:
         column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
         message, found = f"not UTF-8 at byte {error.start}", f"the byte 0x{content[error.start]:02x}"
         place = Location(file, line, column)
-        problem = Problem(message, "", place, found, "UTF-8 text", "save the file as UTF-8")
+        problem = Problem(message, "", place, found, "UTF-8 text", "save the file as UTF-8", code="S108")
         raise SpecError([problem]) from None
 
 
@@ -234,23 +238,23 @@ def events(text: str, file: str) -> Iterator[Any]:
         place = Location(file, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
         code_point = error.character if isinstance(error.character, int) else ord(error.character)
         message = f"a character that YAML does not allow: U+{code_point:04X}"
-        raise SpecError([Problem(message, location=place)]) from None
+        raise SpecError([Problem(message, location=place, code="S105")]) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file, 1, 1)
         message, hint = _yaml_words(error, text)
-        raise SpecError([Problem(f"not YAML: {message}", location=place, hint=hint)]) from None
+        raise SpecError([Problem(f"not YAML: {message}", location=place, hint=hint, code="S105")]) from None
     except YAMLError as error:
-        raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
+        raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1), code="S105")]) from None
     if depth <= DEEPEST + 1 and count <= MOST_EVENTS:
         return
     place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
     if depth > DEEPEST + 1:
-        raise SpecError([Problem(f"nested deeper than {DEEPEST} levels", location=place)])
+        raise SpecError([Problem(f"nested deeper than {DEEPEST} levels", location=place, code="S109")])
     else:
         hint = "write repeated bodies once, with array:; put long trajectories into a CSV file"
         message = "the file has too many keys and values, counted from its beginning to here"
-        raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
+        raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint, code="S109")])
 
 
 def _deeper(event: Any) -> int:
@@ -310,21 +314,27 @@ class _DocumentBuilder:
             container, mark, *_ = self._stack.pop()
             self._put(container, mark)
         elif kind == "AliasEvent":
-            self._report(event, "aliases are not allowed in a spec", found=f"*{event.anchor}", hint=_REPEAT)
+            self._report(
+                event, "aliases are not allowed in a spec", found=f"*{event.anchor}", hint=_REPEAT, code="S107"
+            )
             self._put(INVALID, self._mark(event))
         elif kind == "DocumentStartEvent":
             self._documents += 1
             if self._documents > 1:
-                raise SpecError([self._problem(event, "only one YAML document per file", found="a second one (---)")])
+                raise SpecError(
+                    [self._problem(event, "only one YAML document per file", found="a second one (---)", code="S107")]
+                )
 
     def _mark(self, event: Any) -> Mark:
         return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
 
-    def _problem(self, event: Any, message: str, **more: str | None) -> Problem:
+    def _problem(self, event: Any, message: str, **more: Unpack[Details]) -> Problem:
         mark = event.start_mark
-        return Problem(message, dotted(self._path()), Location(self.file, mark.line + 1, mark.column + 1), **more)
+        found, allowed, hint = more.get("found"), more.get("allowed"), more.get("hint")
+        place = Location(self.file, mark.line + 1, mark.column + 1)
+        return Problem(message, dotted(self._path()), place, found, allowed, hint, code=more["code"])
 
-    def _report(self, event: Any, message: str, **more: str | None) -> None:
+    def _report(self, event: Any, message: str, **more: Unpack[Details]) -> None:
         self.problems.append(self._problem(event, message, **more))
 
     def _path(self) -> Path_:
@@ -339,21 +349,25 @@ class _DocumentBuilder:
     def _check_node(self, event: Any) -> bool:
         """Report anchors and tags; whether the node's value may be used."""
         if event.anchor is not None:
-            self._report(event, "anchors are not allowed in a spec", found=f"&{event.anchor}", hint=_REPEAT)
+            self._report(
+                event, "anchors are not allowed in a spec", found=f"&{event.anchor}", hint=_REPEAT, code="S107"
+            )
         if event.tag is not None:
-            self._report(event, "tags are not allowed in a spec", found=str(event.tag), hint="write the value alone")
+            self._report(
+                event, "tags are not allowed in a spec", found=str(event.tag), hint="write the value alone", code="S107"
+            )
             return False
         return True
 
     def _start(self, event: Any, container: Any) -> None:
         self._check_node(event)
         if len(self._stack) >= DEEPEST:
-            raise SpecError([self._problem(event, f"nested deeper than {DEEPEST} levels")])
+            raise SpecError([self._problem(event, f"nested deeper than {DEEPEST} levels", code="S109")])
         mark = self._mark(event)
         mark.items, mark.keys = {}, {} if isinstance(container, dict) else None
         if self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
             noun = "mapping" if isinstance(container, dict) else "list"
-            self._report(event, "a key must be a string", found=f"a {noun} as a key")
+            self._report(event, "a key must be a string", found=f"a {noun} as a key", code="S107")
         self._stack.append([container, mark, None, None])
 
     def _scalar(self, event: Any) -> None:
@@ -363,14 +377,18 @@ class _DocumentBuilder:
             try:
                 event.value = event.value.encode("utf-16", "surrogatepass").decode("utf-16")
             except UnicodeDecodeError:
-                self._report(event, "an unpaired surrogate is not a character", allowed="the character itself")
+                self._report(
+                    event, "an unpaired surrogate is not a character", allowed="the character itself", code="S107"
+                )
                 event.value, usable = "", False
         frame = self._stack[-1] if self._stack else None
         if frame is not None and isinstance(frame[0], dict) and frame[2] is None:
             frame[2], frame[3] = event.value, (event.start_mark.line + 1, event.start_mark.column + 1)
             if event.value in frame[1].keys:
                 line, column = frame[1].keys[event.value]
-                self._report(event, f"the key {event.value!r} is duplicated", found=f"first at {line}:{column}")
+                self._report(
+                    event, f"the key {event.value!r} is duplicated", found=f"first at {line}:{column}", code="S106"
+                )
             return
         value: Any = event.value
         if not usable:
@@ -378,7 +396,9 @@ class _DocumentBuilder:
         elif event.implicit[0]:
             value = scalar(value)
             if value is INVALID:
-                self._report(event, "numbers must be finite", found=event.value[:80], allowed="a finite number")
+                self._report(
+                    event, "numbers must be finite", found=event.value[:80], allowed="a finite number", code="S203"
+                )
         self._put(value, self._mark(event))
 
     def _put(self, value: Any, mark: Mark) -> None:

@@ -54,7 +54,7 @@ class Targets(Reader):
     def read(self, value: Any) -> tuple[tuple[str, tuple[float, ...]], ...]:
         if not isinstance(value, Mapping) or not value:
             found = "{}" if isinstance(value, Mapping) else show(value)
-            raise fault(f"expected {self.describe()}", found, "{BODY: [x, y, z], ...}")
+            raise fault(f"expected {self.describe()}", found, "{BODY: [x, y, z], ...}", code="S104")
         return tuple(sorted(read_entries(value, Name(path=True).read, _POINT.read).items()))
 
     def written(self, value: tuple[tuple[str, tuple[float, ...]], ...] | None) -> Any:
@@ -211,9 +211,9 @@ class _Parameters(Strict):
                 return  # reported where they are read
             for index, (low, high) in enumerate(zip(lower, upper, strict=True)):
                 if low > high:
-                    yield Fault(("lower", index), "lower is above upper", f"{low:g} > {high:g}")
+                    yield Fault(("lower", index), "lower is above upper", f"{low:g} > {high:g}", code="S205")
         if "first" in data and data["first"] == data.get("second"):
-            yield Fault(("second",), "first and second are the same body", show(data["second"]))
+            yield Fault(("second",), "first and second are the same body", show(data["second"]), code="S502")
 
 
 def _model(name: str, kind: ExpectationKind) -> type[Strict]:

@@ -113,11 +113,19 @@ class RequestedRepairs:
             rule, equals, value = _rule_of(word), "=" in word, word.partition("=")[2].strip()
             if rule not in rules and word != ALL:
                 allowed = ", ".join((*rules, ALL)) if rules else f"none for this language, or {ALL}"
-                found.append(Problem(f"{shown}: no rule of repair is called {rule[:80]!r}", allowed=allowed))
+                found.append(
+                    Problem(f"{shown}: no rule of repair is called {rule[:80]!r}", allowed=allowed, code="I117")
+                )
             elif equals and rule not in with_value:
-                found.append(Problem(f"{shown}: the rule {rule} takes no value", found=word[:80], allowed=rule))
+                found.append(
+                    Problem(f"{shown}: the rule {rule} takes no value", found=word[:80], allowed=rule, code="I117")
+                )
             elif equals and values.setdefault(rule, value) != value:
-                found.append(Problem(f"{shown}: the rule {rule} is given two values", found=f"{values[rule]}, {value}"))
+                found.append(
+                    Problem(
+                        f"{shown}: the rule {rule} is given two values", found=f"{values[rule]}, {value}", code="I117"
+                    )
+                )
         return found
 
 
@@ -299,7 +307,9 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
         fitting = [importer for importer in fitting if importer.recognises(beginning)] or fitting[:1]
     if len(fitting) != 1:
         known = ", ".join(f"{importer.NAME} ({' '.join(importer.SUFFIXES)})" for importer in importers().values())
-        raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
+        raise SpecError(
+            [Problem(f"{shown}: not a file of a language that simspec imports", allowed=known, code="I114")]
+        )
     imported: Imported = fitting[0].read(path, shown, options)
     imported.starts += begin_within(imported.data, imported.comments)
     if not options.self_collision:
@@ -311,7 +321,9 @@ def _without_self_collision(imported: Imported, shown: str) -> None:
     """Let the bodies of an imported model pass through each other. Raises SpecError for a file that is not one model."""
     if "model" not in imported.data:
         hint = "contact: groups or exclude, in the spec that simspec import writes"
-        raise SpecError([Problem(f"{shown}: self_collision is of one model, and the file has several", hint=hint)])
+        raise SpecError(
+            [Problem(f"{shown}: self_collision is of one model, and the file has several", hint=hint, code="I112")]
+        )
     imported.data.setdefault("contact", {})["self_collision"] = False
     imported.comments["contact.self_collision"] = "the file does not say so: an option of the import"
 
@@ -325,9 +337,9 @@ def _beginning(path: Path) -> bytes:
         with os.fdopen(open_regular(path, 2**40, links=True), "rb") as stream:
             return stream.read(_HEAD)
     except NotReadableError as error:
-        raise SpecError([Problem(f"{path}: cannot be read: {error}")]) from None
+        raise SpecError([Problem(f"{path}: cannot be read: {error}", code="C104")]) from None
     except OSError as error:
-        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror}")]) from None
+        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror}", code="C104")]) from None
 
 
 class Import(Strict):
@@ -416,7 +428,7 @@ def problems(accounts: Sequence[Account]) -> Iterator[Problem]:
         account, more = group.first, group.count - 1
         counted = f" (and {more} more)" if more else ""
         message = f"the import loses {kind_of(account)}{counted}: {account.reason}"
-        yield Problem(message, account.what, account.location, hint=account.hint or None)
+        yield Problem(message, account.what, account.location, hint=account.hint or None, code="W119")
 
 
 def repaired(sources: Iterable[Source]) -> list[Repair]:

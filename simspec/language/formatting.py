@@ -245,7 +245,9 @@ def format_text(text: str, file: str) -> str:
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     document, reader = _read(text, file)
     if not isinstance(document.data, dict):
-        document.problems.append(Problem("a spec is a mapping (key: value)", location=Location(file, 1, 1)))
+        document.problems.append(
+            Problem("a spec is a mapping (key: value)", location=Location(file, 1, 1), code="S104")
+        )
     if document.problems or reader is None:
         raise SpecError(document.problems)
     result = "\n".join(lines(reader.root, reader.header, reader.footer)) + "\n"
@@ -267,7 +269,9 @@ def _check(before: Document, reader: _CommentReader, result: str, file: str) -> 
     comments_of = [Counter(comment.text for comment in read.comments) for read in (reader, again) if read is not None]
     if not same or comments_of[0] != comments_of[-1]:
         message = "this file cannot be formatted without changing its meaning; it is not changed"
-        raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])
+        raise SpecError(
+            [Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments", code="C105")]
+        )
 
 
 @dataclass

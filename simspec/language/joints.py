@@ -199,9 +199,9 @@ class Joint(Strict):
             return
         for key, why in _MEANINGLESS[kind].items():
             if key in data:
-                yield Fault((key,), f"{key} is not allowed on a {kind} joint: {why}")
+                yield Fault((key,), f"{key} is not allowed on a {kind} joint: {why}", code="S110")
         if kind in SCALAR_JOINTS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
-            yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]")
+            yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]", code="S102")
 
     @classmethod
     def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
@@ -298,7 +298,7 @@ def beyond_limits(start: float | Orientation, limits: Sequence[float] | None, la
         if limits is None or within(start, limits) is not None:
             return None
         found, allowed, suggested = f"{start:g}", f"{limits[0]:g} to {limits[1]:g}", f"{nearest(start, limits)!r}"
-    return Fault((), OUTSIDE, found, allowed, f"{suggested}, the nearest allowed value")
+    return Fault((), OUTSIDE, found, allowed, f"{suggested}, the nearest allowed value", code="S501")
 
 
 def read_position(kind: str, value: Any) -> Any:
@@ -306,7 +306,9 @@ def read_position(kind: str, value: Any) -> Any:
     if kind != "ball":
         return Number(DIMENSION[kind]["position"]).read(value)
     if not isinstance(value, (dict, Orientation)):
-        raise fault("a ball joint's position is an orientation", show(value), "{rpy: [...]} or {quat: [...]}")
+        raise fault(
+            "a ball joint's position is an orientation", show(value), "{rpy: [...]} or {quat: [...]}", code="S507"
+        )
     try:
         return Orientation.model_validate(value)
     except ValidationError as error:
@@ -342,9 +344,9 @@ def _read_free(key: str, value: Any) -> tuple[float, float]:
     if isinstance(value, tuple):
         return value
     if not isinstance(value, dict):
-        raise fault(f"{key} of a free joint has two parts", show(value), "{linear: ..., angular: ...}")
+        raise fault(f"{key} of a free joint has two parts", show(value), "{linear: ..., angular: ...}", code="S507")
     faults = [
-        Fault((str(name),), f"{key} of a free joint has no {name}", None, "linear, angular")
+        Fault((str(name),), f"{key} of a free joint has no {name}", None, "linear, angular", code="S507")
         for name in value
         if name not in PARTS
     ]
@@ -378,7 +380,9 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
     )
     if key == "spring" and kind == "ball" and "rest" in data:
         faults.append(
-            Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it")
+            Fault(
+                (key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it", code="S110"
+            )
         )
         del data["rest"]
     for name, reader in readers.items():
@@ -386,7 +390,9 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
             continue
         if key == "limits" and (name == "angle") != (kind == "ball"):
             text = "limits: {angle: 60 deg}" if kind == "ball" else "limits: {position: [lower, upper]}"
-            faults.append(Fault((key, name), f"the limits of a {kind} joint have no {name}", None, None, text))
+            faults.append(
+                Fault((key, name), f"the limits of a {kind} joint have no {name}", None, None, text, code="S110")
+            )
             del data[name]
             continue
         item = data.pop(name)
@@ -398,6 +404,8 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
             data[name] = 0.0
         if (key, name) == ("limits", "position") and read is not None and read[0] > read[1]:
             shown, turned = f"{show(item[0])} > {show(item[1])}", f"[{show(item[1])}, {show(item[0])}]"
-            faults.append(Fault((key, name), "the lower limit is above the upper", shown, "[lower, upper]", turned))
+            faults.append(
+                Fault((key, name), "the lower limit is above the upper", shown, "[lower, upper]", turned, code="S205")
+            )
             del data[name]
     return data, faults

@@ -276,7 +276,7 @@ class StudySource:
                 problems += error.problems
         if not made and not problems:
             message, hint = "no sweep of the study is part of the small one", "small: {}"
-            problems.append(self._document.problem(("sweeps",), message, hint=hint))
+            problems.append(self._document.problem(("sweeps",), message, hint=hint, code="S806"))
         if problems:
             raise SpecError(list(dict.fromkeys(problems)))
         return made
@@ -323,6 +323,7 @@ class StudySource:
                 found=figure.sweep,
                 allowed=", ".join(self.data.sweeps),
                 hint=near(figure.sweep, self.data.sweeps),
+                code="S302",
             )
             for index, figure in enumerate(file.figures)
             if figure.sweep not in self.data.sweeps
@@ -340,11 +341,13 @@ class StudySource:
         except (OSError, RuntimeError, ValueError):  # links that lead to themselves, names that are too long
             there = False
         if not there:
-            raise SpecError([self._document.problem(place, "no such file", found=show(text))])
+            raise SpecError([self._document.problem(place, "no such file", found=show(text), code="S305")])
         inside = self._project is None or target.is_relative_to(self._project) or self._options.allows(target)
         if not inside:
             hint = self._options.way_outside()
-            raise SpecError([self._document.problem(place, "leaves the project folder", found=text, hint=hint)])
+            raise SpecError(
+                [self._document.problem(place, "leaves the project folder", found=text, hint=hint, code="S306")]
+            )
         return path
 
 
@@ -368,7 +371,7 @@ def load_study_file(
 def _model(document: Document, root: type[Model], hint: str) -> Model:
     if not isinstance(document.data, dict):
         found = "an empty file" if document.data is None else show(document.data)
-        raise SpecError([document.problem((), "expected a mapping (key: value)", found=found, hint=hint)])
+        raise SpecError([document.problem((), "expected a mapping (key: value)", found=found, hint=hint, code="S104")])
     with bounded_suggestions():
         problems = list(document.problems)
         try:

@@ -44,7 +44,7 @@ class Version(Reader):
 
     def read(self, value: Any) -> int:
         if value != VERSION or isinstance(value, bool):
-            raise fault("this simspec reads version 1 of the language", show(value), str(VERSION))
+            raise fault("this simspec reads version 1 of the language", show(value), str(VERSION), code="S112")
         return VERSION
 
 
@@ -109,24 +109,28 @@ def _in_a_row(data: Mapping[str, Any], several: Sequence[Mapping[str, Any]]) -> 
     if "joints" not in data:
         return
     if "joint" in data:
-        yield Fault(("joints",), "joint and joints exclude each other", None, _EITHER)
+        yield Fault(("joints",), "joint and joints exclude each other", None, _EITHER, code="S103")
     joints = data["joints"]
     if not isinstance(joints, list) or len(several) != len(joints):
         return  # reported where they are read
     if len(several) < 2:
-        yield Fault(("joints",), "several joints are at least two", str(len(several)), "2 to 6", "joint: {...}")
+        yield Fault(
+            ("joints",), "several joints are at least two", str(len(several)), "2 to 6", "joint: {...}", code="S409"
+        )
     for index, joint in enumerate(several):
         kind = joint.get("type")
         if kind in JOINT_KINDS and kind not in TREE_JOINTS:
             message = f"a {kind} joint is not one of several"
-            yield Fault(("joints", index, "type"), message, str(kind), "hinge, slide, ball")
+            yield Fault(("joints", index, "type"), message, str(kind), "hinge, slide, ball", code="S409")
         elif kind == "ball" and index < len(several) - 1:
-            yield Fault(("joints", index, "type"), "a ball joint is the last of several", "ball", "hinge, slide")
+            yield Fault(
+                ("joints", index, "type"), "a ball joint is the last of several", "ball", "hinge, slide", code="S409"
+            )
     turns = sum({"hinge": 1, "ball": 3}.get(str(joint.get("type")), 0) for joint in several)
     slides = sum(joint.get("type") == "slide" for joint in several)
     for count, what in ((turns, "turns about"), (slides, "slides along")):
         if count > 3:
-            yield Fault(("joints",), f"a body {what} at most three axes", f"{count}", "up to 3")
+            yield Fault(("joints",), f"a body {what} at most three axes", f"{count}", "up to 3", code="S409")
 
 
 def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
@@ -138,31 +142,33 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
         "kinematic": "a kinematic body has no parent; bodies that it carries move with it",
     }.items():
         if key in data:
-            yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint)
+            yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint, code="S110")
     if "joint" not in data and "joints" not in data:
-        yield Fault((), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type")
+        yield Fault(
+            (), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type", code="S102"
+        )
     elif kind == "free" and "joint" in data:
         message = "only roots are free; this body has a parent"
-        yield Fault(("joint", "type"), message, "free", "fixed, hinge, slide, ball")
+        yield Fault(("joint", "type"), message, "free", "fixed, hinge, slide, ball", code="S110")
 
 
 def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Iterable[Fault]:
     if data.get("kinematic") is True:
         for key in ("fixed", "velocity", "joint", "joints"):
             if data.get(key) not in (None, False):
-                yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", None, _EITHER)
+                yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", None, _EITHER, code="S404")
     if data.get("fixed") is True and ("joint" in data or "joints" in data):
         key = "joint" if "joint" in data else "joints"
-        yield Fault((key,), f"fixed and {key} exclude each other", None, _EITHER)
+        yield Fault((key,), f"fixed and {key} exclude each other", None, _EITHER, code="S404")
     elif "fixed" in data and data.get("fixed") is False and kind == "fixed":
-        yield Fault(("fixed",), "fixed: false contradicts the fixed joint")
+        yield Fault(("fixed",), "fixed: false contradicts the fixed joint", code="S404")
     if "pose" in data and joint.get("origin") is not None:
         message = "pose and joint.origin exclude each other: both place the root in the world"
-        yield Fault(("pose",), message, None, _EITHER)
+        yield Fault(("pose",), message, None, _EITHER, code="S404")
     immovable = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
     if "velocity" in data and immovable:
         hint = "write joint: {velocity: ...}" if kind in TREE_JOINTS else "remove it"
-        yield Fault(("velocity",), "velocity is only for free roots", None, None, hint)
+        yield Fault(("velocity",), "velocity is only for free roots", None, None, hint, code="S404")
 
 
 def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -171,18 +177,25 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
     for key in ("mass", "inertia", "centre_of_mass"):
         if dense and key in data:
             message = f"{key} and density exclude each other: both define the mass"
-            yield Fault((key,), message, None, "mass and inertia; or mass alone; or densities")
+            yield Fault((key,), message, None, "mass and inertia; or mass alone; or densities", code="S403")
     if dense:
         for index, item in enumerate(fields):
             solid = item.get("collision") is not False and not any(item.get(kind) is not None for kind in STATIC_SHAPES)
             if solid and item.get("density") is None:
                 hint = "density: 0 makes a shape massless"
-                yield Fault(("shapes", index), "this shape has no density, but others of the body have one", hint=hint)
+                yield Fault(
+                    ("shapes", index),
+                    "this shape has no density, but others of the body have one",
+                    hint=hint,
+                    code="S403",
+                )
         return
     if "inertia" in data and "mass" not in data and not misspelt("mass", data, Body.model_fields):
-        yield Fault((), "inertia without mass", None, "both, or neither")
+        yield Fault((), "inertia without mass", None, "both, or neither", code="S403")
     if "centre_of_mass" in data and "inertia" not in data:
-        yield Fault(("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes")
+        yield Fault(
+            ("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes", code="S403"
+        )
 
 
 class _WithUse(Strict):
@@ -247,16 +260,16 @@ class Use(_WithImport):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "import" in data and "use" not in data:
-            yield Fault(("import",), "`import` goes with `use`: it is said to the importer of that file")
+            yield Fault(("import",), "`import` goes with `use`: it is said to the importer of that file", code="S307")
         if "attach" in data:
             for key in ("array", "fixed", "kinematic", "velocity"):
                 if key in data:
                     message = f"a model that is attached to a body has no {key} of its own"
-                    yield Fault((key,), message, hint="remove one")
+                    yield Fault((key,), message, hint="remove one", code="S103")
         if data.get("kinematic") is True:
             for key in ("fixed", "velocity"):
                 if data.get(key) not in (None, False):
-                    yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}")
+                    yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", code="S404")
 
 
 class Model(Strict):
@@ -295,7 +308,7 @@ def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...
     lower, upper = (float(f"{count * timestep:.12g}") for count in (steps, steps + 1))
     nearest = f"{lower!r} s or {upper!r} s" if lower else f"{upper!r} s"
     found = f"{time:g} s / {timestep:g} s = {time / timestep:.10g} steps"
-    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {nearest}")
+    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {nearest}", code="S206")
 
 
 class Fluid(Strict):
@@ -315,7 +328,7 @@ class Fluid(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "density" not in data and "viscosity" not in data:
             hint = "fluid: {density: 1.2, viscosity: 1.8e-5}"
-            yield Fault((), "a fluid needs a density or a viscosity", hint=hint)
+            yield Fault((), "a fluid needs a density or a viscosity", hint=hint, code="S102")
 
 
 class Physics(Strict):
@@ -345,12 +358,14 @@ class Physics(Strict):
             return
         if times["duration"] / times["timestep"] > MOST_STEPS:
             found = f"{times['duration'] / times['timestep']:.3g} steps"
-            yield Fault(("duration",), "too many steps", found, f"up to {MOST_STEPS:g}")
+            yield Fault(("duration",), "too many steps", found, f"up to {MOST_STEPS:g}", code="S207")
         elif whole_steps(times["duration"], times["timestep"]) is None:
             yield not_whole("duration", times["duration"], times["timestep"], ("duration",))
         elif times["duration"] > 0.0 and not whole_steps(times["duration"], times["timestep"]):
             found = f"{times['duration']:g} s, {times['duration'] / times['timestep']:.3g} steps"
-            yield Fault(("duration",), "shorter than any step", found, f"0, or at least {times['timestep']:g} s")
+            yield Fault(
+                ("duration",), "shorter than any step", found, f"0, or at least {times['timestep']:g} s", code="S207"
+            )
 
 
 class Record(Strict):
@@ -409,13 +424,15 @@ class File(Strict):
             yield from _model_file(data, contact)
         elif "self_collision" in contact:
             allowed = "in the file of a model; else: groups, exclude"
-            yield Fault(("contact", "self_collision"), "self_collision is only for a model", None, allowed)
+            yield Fault(("contact", "self_collision"), "self_collision is only for a model", None, allowed, code="S110")
         parts = ("bodies", "models", "model")
         if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
-            yield Fault((), "no bodies and no models: nothing to simulate")
+            yield Fault((), "no bodies and no models: nothing to simulate", code="S113")
         control = mapping(data.get("control"))
         if len(control) > MOST_CONTROLLERS:
-            yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")
+            yield Fault(
+                ("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}", code="S109"
+            )
         yield from too_long(data, "forces", MOST_FORCES)
         yield from _in_steps(data, "record", "every")
         yield from _in_steps(data, "trajectory", "until")
@@ -427,16 +444,18 @@ def _model_file(data: Mapping[str, Any], contact: Mapping[str, Any]) -> Iterable
     for key in ("bodies", "models"):
         if key in data:
             message = f"model and {key} exclude each other: a file is a model or a scenario"
-            yield Fault((key,), message, None, "model, or bodies and models")
+            yield Fault((key,), message, None, "model, or bodies and models", code="S103")
     for key in ("frames", "constraints", "actuators"):
         if key in data:
-            yield Fault((key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}")
+            yield Fault(
+                (key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}", code="S110"
+            )
     if "sweep" in data:
-        yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
+        yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it", code="S110")
     for key in ("friction_cone", "combine"):
         if key in contact:
             allowed = "materials, pairs, groups, exclude, touch, self_collision"
-            yield Fault(("contact", key), f"{key} is only for scenarios, not for a model", None, allowed)
+            yield Fault(("contact", key), f"{key} is only for scenarios, not for a model", None, allowed, code="S110")
 
 
 def _in_steps(data: Mapping[str, Any], *path: str) -> Iterable[Fault]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -47,16 +48,17 @@ def _read(text: str, number: int) -> tuple[Override | None, list[Problem]]:
     path, equals, value = text.partition("=")
     place = Location(FILE, number, 1)
     if not equals or not path.strip():
-        return None, [Problem("expected path=value", location=place, found=show(text), hint="physics.timestep=2ms")]
+        return None, [
+            Problem("expected path=value", location=place, found=show(text), hint="physics.timestep=2ms", code="S308")
+        ]
     value_place = Location(FILE, number, len(path) + 2)
     try:
         read = parse(value, FILE)
     except SpecError as error:
-        return None, [Problem(problem.message, path, value_place, found=show(value)) for problem in error.problems]
-    problems = [
-        Problem(problem.message, path, value_place, problem.found, problem.allowed, problem.hint)
-        for problem in read.problems
-    ]
+        return None, [
+            Problem(problem.message, path, value_place, found=show(value), code="S308") for problem in error.problems
+        ]
+    problems = [dataclasses.replace(problem, path=path, location=value_place) for problem in read.problems]
     return Override(path.strip(), read.data, place, value_place), problems
 
 
@@ -105,6 +107,7 @@ def _no_parts(kind: Any, step: str, path: str, override: Override) -> Problem | 
         override.path,
         override.place,
         hint=f"{path}={whole}",
+        code="S309",
     )
 
 
@@ -147,6 +150,7 @@ def without_effect(document: Document, file: File, changed: Iterable[str]) -> It
                     f"no effect: at_timestep sets {name} at this timestep",
                     found=f"{value} above {entry.above:g} s, at {timestep:g} s",
                     hint=".".join((*steps[:2], "at_timestep", str(options.at_timestep.index(entry)), *where, name)),
+                    code="S310",
                 )
 
 
@@ -188,10 +192,10 @@ def _key(holder: Any, step: str, path: str, place: Location | None) -> Key | Pro
     if isinstance(holder, dict):
         return step
     if not isinstance(holder, list):
-        return Problem("this value has no elements", path, place, found=show(holder))
+        return Problem("this value has no elements", path, place, found=show(holder), code="S309")
     if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(holder):
         return int(step)
-    return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
+    return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}", code="S309")
 
 
 def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, place: Location | None) -> Any:
@@ -224,7 +228,7 @@ def _unknown(holder: dict[str, Any], kind: Any, step: str, path: str, place: Loc
         words = list(holder)
     allowed = ", ".join(words[:30]) + (", ..." if len(words) > 30 else "")
     hint = (hint_for_key(step, kind.__name__) if walk.is_model(kind) else None) or near(step, words)
-    return Problem(f"the spec has no {path!r}", path, place, found=step, allowed=allowed, hint=hint)
+    return Problem(f"the spec has no {path!r}", path, place, found=step, allowed=allowed, hint=hint, code="S309")
 
 
 def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Override) -> Problem | None:
@@ -321,7 +325,7 @@ def _values(
         else:
             if not alike and read in first:
                 found = f"{show(value)}, which is {show(first[read])}"
-                yield document.problem(at, f"this value of {path} is duplicated", found=found)
+                yield document.problem(at, f"this value of {path} is duplicated", found=found, code="S804")
                 reported += 1
             first.setdefault(read, value)
         if reported >= MOST_REPORTED:

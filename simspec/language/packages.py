@@ -138,7 +138,7 @@ def digests(files: Mapping[Path, Package], known: Mapping[Path, str]) -> dict[st
 
 
 def _error(message: str, found: str, allowed: str | None = None, hint: str | None = None) -> SpecError:
-    return SpecError([Problem(message, found=found, allowed=allowed, hint=hint)])
+    return SpecError([Problem(message, found=found, allowed=allowed, hint=hint, code="I115")])
 
 
 def _inside(rest: str, text: str) -> PurePosixPath:
@@ -340,7 +340,9 @@ class _Module:
             state = "is not in the cache" if commit is None else f"is in the cache at commit {commit[:12]}"
             message = f"{self._name}: {state} of {ROBOTS}" if commit is None else f"{self._name}: {state}"
             hint = f"simspec import {self._name} fetches it"
-            raise NotCachedError([Problem(message, found=self._name, allowed=f"commit {wanted}", hint=hint)])
+            raise NotCachedError(
+                [Problem(message, found=self._name, allowed=f"commit {wanted}", hint=hint, code="I115")]
+            )
         return folder, commit
 
     def _clone(self, key: str) -> tuple[Path, str]:

@@ -111,7 +111,9 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
     """Every error as a problem, in the order that pydantic found them."""
     errors = error.errors(include_url=False)
     if len(errors) > MOST_LOOKED_AT:
-        yield document.problem((), f"{len(errors):,} problems, of which the first {MOST_LOOKED_AT:,} are listed")
+        yield document.problem(
+            (), f"{len(errors):,} problems, of which the first {MOST_LOOKED_AT:,} are listed", code="S109"
+        )
         del errors[MOST_LOOKED_AT:]
     unknown: dict[tuple[Any, ...], set[str | None]] = {}
     for item in errors:
@@ -129,7 +131,7 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
             path, key = path[:-1], True
         if item["type"] == FAULT:
             context = item["ctx"]
-            more = {name: context[name] for name in ("found", "allowed", "hint")}
+            more = {name: context[name] for name in ("code", "found", "allowed", "hint")}
             # an unknown word at a key's place is shown at the key
             yield document.problem(path, context["message"], key=key, **more)
         elif item["type"] == "extra_forbidden":
@@ -139,10 +141,10 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
             message = f"{path[-1]} is missing" + (f" in {owner}" if owner else "")
             kind = at(root, path)
             allowed = kind.describe() if isinstance(kind, Reader) else None
-            yield document.problem(path, message, allowed=allowed)
+            yield document.problem(path, message, allowed=allowed, code="S102")
         else:
             wanted = _WANTED.get(item["type"], item["msg"])
-            yield document.problem(path, wanted, found=show(item["input"]), allowed=_example(root, path))
+            yield document.problem(path, wanted, found=show(item["input"]), allowed=_example(root, path), code="S104")
 
 
 def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem:
@@ -150,7 +152,9 @@ def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem
     words = keys(owner)
     known = hint_for_key(str(path[-1]), owner.__name__) if is_model(owner) else None
     hint = known or near(path[-1], words) or _elsewhere(str(path[-1]), root)
-    return document.problem(path, f"unknown key {path[-1]!r}", key=True, allowed=", ".join(words), hint=hint)
+    return document.problem(
+        path, f"unknown key {path[-1]!r}", key=True, allowed=", ".join(words), hint=hint, code="S101"
+    )
 
 
 def _elsewhere(word: str, root: type[Strict]) -> str | None:

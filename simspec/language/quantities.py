@@ -298,25 +298,25 @@ class Number(Reader):
             try:
                 number = parse(value, self.dimension)
             except UnitError as error:
-                raise fault(str(error), error.found, error.allowed, error.hint) from None
+                raise fault(str(error), error.found, error.allowed, error.hint, code="S201") from None
         elif isinstance(value, bool) or not (isinstance(value, int) or hasattr(value, "__float__")):
-            raise fault(f"expected {self.describe()}", show(value), self._allowed())
+            raise fault(f"expected {self.describe()}", show(value), self._allowed(), code="S201")
         else:
             try:
                 number = float(value)
             except (OverflowError, TypeError, ValueError):
-                raise fault("not a usable number", show(value)[:40], self._allowed()) from None
+                raise fault("not a usable number", show(value)[:40], self._allowed(), code="S203") from None
         if not -LARGEST <= number <= LARGEST:  # also true of NaN
             finite = "a finite number" if number - number != 0.0 else f"magnitudes up to {LARGEST:g}"
-            raise fault("not a usable number", show(value), finite)
+            raise fault("not a usable number", show(value), finite, code="S203")
         if self.least is not None and (number <= self.least if self.above else number < self.least):
             word = "above" if self.above else "at least"
-            raise fault(f"must be {word} {self.least:g}", show(value), self._allowed())
+            raise fault(f"must be {word} {self.least:g}", show(value), self._allowed(), code="S202")
         if 0.0 < number < SMALLEST and (self.above or self.dimension in ("mass", "density")):
             allowed = f"{'' if self.above else '0, or '}at least {SMALLEST:g}"
-            raise fault("too small a number", show(value), allowed)
+            raise fault("too small a number", show(value), allowed, code="S202")
         if self.most is not None and number > self.most:
-            raise fault(f"must be at most {self.most:g}", show(value), self._allowed())
+            raise fault(f"must be at most {self.most:g}", show(value), self._allowed(), code="S202")
         return number
 
     def _bounds(self) -> str:
@@ -364,7 +364,7 @@ class Vector(Reader):
         longest = self.longest or self.length
         if not isinstance(value, (list, tuple)) or not self.length <= len(value) <= longest:
             found = f"{len(value)} values" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"expected {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
+            raise fault(f"expected {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]", code="S104")
         return tuple(read_each(enumerate(value), self.item.read))
 
     def unit(self) -> str:
@@ -390,7 +390,13 @@ class Direction(Reader):
     def read(self, value: Any) -> tuple[float, ...]:
         vector = Vector(Number()).read(value)
         if not any(vector):
-            raise fault("a zero vector has no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
+            raise fault(
+                "a zero vector has no direction",
+                show(list(vector)),
+                "a vector other than zero",
+                "[0, 0, 1]",
+                code="S204",
+            )
         return vector
 
 
@@ -406,7 +412,10 @@ class UnitQuaternion(Reader):
         squared = sum(item * item for item in quaternion)
         if not 0.98 < squared < 1.02:
             raise fault(
-                "not of unit length", f"{show(list(quaternion))}, of length {squared**0.5:.6g}", "w x y z of length 1"
+                "not of unit length",
+                f"{show(list(quaternion))}, of length {squared**0.5:.6g}",
+                "w x y z of length 1",
+                code="S204",
             )
         return quaternion
 
@@ -420,10 +429,10 @@ class Whole(Reader):
 
     def read(self, value: Any) -> int:
         if isinstance(value, bool) or not hasattr(value, "__index__"):
-            raise fault("expected a whole number", show(value), f"{self.least} to {self.most}")
+            raise fault("expected a whole number", show(value), f"{self.least} to {self.most}", code="S104")
         number = int(value)
         if not self.least <= number <= self.most:
-            raise fault("out of range", show(value), f"{self.least} to {self.most}")
+            raise fault("out of range", show(value), f"{self.least} to {self.most}", code="S202")
         return number
 
     def describe(self) -> str:

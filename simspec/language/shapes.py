@@ -40,16 +40,22 @@ class HeightRows(Reader):
             value = value.tolist()
         if not isinstance(value, (list, tuple)) or len(value) < FEWEST:
             found = f"{len(value)} rows" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"expected {self.describe()}", found, "[[…, …], [0.1, 0.2]]")
+            raise fault(f"expected {self.describe()}", found, "[[…, …], [0.1, 0.2]]", code="S104")
         wide = len(value[0]) if isinstance(value[0], (list, tuple)) else 0
         if len(value) * max(wide, 1) > MOST_HEIGHTS:
-            raise fault("too many heights", f"{len(value)} × {wide}", f"up to {MOST_HEIGHTS}", "fewer rows and columns")
+            raise fault(
+                "too many heights",
+                f"{len(value)} × {wide}",
+                f"up to {MOST_HEIGHTS}",
+                "fewer rows and columns",
+                code="S109",
+            )
 
         def read_row(row: Any) -> tuple[float, ...]:
             if not isinstance(row, (list, tuple)) or len(row) < FEWEST or len(row) != wide:
                 found = f"{len(row)} heights" if isinstance(row, (list, tuple)) else show(row)
                 allowed = f"{max(wide, FEWEST)}, as in the first row" if wide >= FEWEST else f"at least {FEWEST}"
-                raise fault("rows are equally long lists of heights", found, allowed)
+                raise fault("rows are equally long lists of heights", found, allowed, code="S407")
             return Vector(Number("length"), len(row)).read(row)
 
         return tuple(read_each(enumerate(value), read_row))
@@ -88,10 +94,12 @@ class Heightfield(Strict):
         text = data.get("file")
         if isinstance(text, str) and text.strip():
             if not text.lower().endswith(GRID_SUFFIXES):
-                yield Fault(("file",), "not a file of heights that is read", show(text), " ".join(GRID_SUFFIXES))
+                yield Fault(
+                    ("file",), "not a file of heights that is read", show(text), " ".join(GRID_SUFFIXES), code="S407"
+                )
             elif text.lower().endswith(".png") and "heights" not in data:
                 hint = "heights: [0, 0.5], those of the darkest and of the lightest pixel"
-                yield Fault((), "the shades of a PNG are no lengths: heights is missing", None, None, hint)
+                yield Fault((), "the shades of a PNG are no lengths: heights is missing", None, None, hint, code="S407")
         heights = data.get("heights")
         if isinstance(heights, (list, tuple)) and len(heights) == 2:
             try:
@@ -99,7 +107,13 @@ class Heightfield(Strict):
             except Faults:
                 return  # reported where it is read
             if low > high:
-                yield Fault(("heights",), "the first is that of the least number", show(heights), "[lowest, highest]")
+                yield Fault(
+                    ("heights",),
+                    "the first is that of the least number",
+                    show(heights),
+                    "[lowest, highest]",
+                    code="S407",
+                )
 
 
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply", ".msh")
@@ -128,7 +142,7 @@ class Scale(Reader):
         else:
             x = y = z = number.read(value)
         if 0.0 in (x, y, z):
-            raise fault("a factor of 0 leaves no volume", show(value), "numbers other than 0")
+            raise fault("a factor of 0 leaves no volume", show(value), "numbers other than 0", code="S204")
         return (x, y, z)
 
 
@@ -140,7 +154,11 @@ class Taken(Word):
         if value == SURFACE:
             hint = "hull; pieces for what is not convex; a height field or boxes for ground"
             raise fault(
-                "contact with a surface of triangles is not supported yet", SURFACE, ", ".join(self.words), hint
+                "contact with a surface of triangles is not supported yet",
+                SURFACE,
+                ", ".join(self.words),
+                hint,
+                code="S406",
             )
         return super().read(value)
 
@@ -189,7 +207,9 @@ class Mesh(_FileAs):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         text = data.get("file")
         if isinstance(text, str) and text.strip() and not text.lower().endswith(MESH_SUFFIXES):
-            yield Fault(("file",), "not a file of triangles that is read", show(text), " ".join(MESH_SUFFIXES))
+            yield Fault(
+                ("file",), "not a file of triangles that is read", show(text), " ".join(MESH_SUFFIXES), code="S406"
+            )
 
     @property
     def taken_as(self) -> str:
@@ -242,7 +262,7 @@ class Rotated(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "rpy" in data and "quat" in data:
             message = "rpy and quat exclude each other: each defines the whole rotation"
-            yield Fault(("quat",), message, None, "rpy or quat")
+            yield Fault(("quat",), message, None, "rpy or quat", code="S103")
 
 
 class Orientation(Rotated):
@@ -354,16 +374,23 @@ class Shape(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "plane" in data and "density" in data:
-            yield Fault(("density",), "a plane has no volume, so no density")
+            yield Fault(("density",), "a plane has no volume, so no density", code="S110")
         if "heightfield" in data and "density" in data:
-            yield Fault(("density",), "a height field cannot move, so it has no density")
+            yield Fault(("density",), "a height field cannot move, so it has no density", code="S110")
         if data.get("collision") is not False:
             return
         for key, noun in (("margin", "margin"), ("surface_velocity", "velocity of the surface")):
             if key in data:
-                yield Fault((key,), f"a {noun} belongs to contact, and the shape has none", hint="remove it")
+                yield Fault(
+                    (key,), f"a {noun} belongs to contact, and the shape has none", hint="remove it", code="S110"
+                )
         if data.get("visual") is False:
-            yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
+            yield Fault(
+                ("visual",),
+                "neither collision nor visual: the shape would have no effect",
+                hint="remove it",
+                code="S110",
+            )
 
     @property
     def has_volume(self) -> bool:
@@ -399,7 +426,7 @@ class Inertia(Rotated):
         yield from super().faults(data)
         for key in ("rpy", "quat"):
             if key in data and "tensor" in data:
-                yield Fault((key,), f"{key} rotates principal axes; a tensor is given in the body's axes")
+                yield Fault((key,), f"{key} rotates principal axes; a tensor is given in the body's axes", code="S110")
         for key, reader in (("principal", Vector(Number("moment of inertia", 0)).read), ("tensor", _of_tensor)):
             try:
                 why = impossible(reader(data[key])) if key in data else None
@@ -407,12 +434,14 @@ class Inertia(Rotated):
                 continue  # reported where the value is read
             if why:
                 hint = "moments are about the centre of mass; products carry the tensor's own sign"
-                yield Fault((key,), why, None, "no principal moment greater than the sum of the other two", hint)
+                yield Fault(
+                    (key,), why, None, "no principal moment greater than the sum of the other two", hint, code="S402"
+                )
 
 
 def _of_tensor(value: Any) -> tuple[float, ...]:
     values = value.model_dump() if isinstance(value, BaseModel) else value
     if not isinstance(values, Mapping) or not all(name in values for name in ("xx", "yy", "zz")):
-        raise Faults([Fault((), "no tensor")])
+        raise Faults([Fault((), "no tensor", code="S402")])
     number = Number("moment of inertia")
     return principal_moments([number.read(values.get(name, 0.0)) for name in ("xx", "yy", "zz", "xy", "xz", "yz")])

@@ -7,12 +7,12 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.language.document import Document, Key, dotted, mapping, read
+from simspec.language.document import Details, Document, Key, dotted, mapping, read
 from simspec.language.foreign import Import, Imported, ImportOptions, import_file, is_foreign, suffixes
 from simspec.language.models import File
 from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
@@ -88,7 +88,7 @@ def validate(document: Document) -> tuple[File | None, list[Problem]]:
     if not isinstance(document.data, dict):
         found = "an empty file" if document.data is None else show(document.data)
         hint = "a spec starts with simspec: 1"
-        return None, [document.problem((), "a spec is a mapping (key: value)", found=found, hint=hint)]
+        return None, [document.problem((), "a spec is a mapping (key: value)", found=found, hint=hint, code="S104")]
     try:
         return File.model_validate(document.data), []
     except ValidationError as error:
@@ -175,7 +175,7 @@ class SourceCollector:
             else:
                 source.meshes[text] = _noted(source, found)
 
-    def _problem(self, source: Source, path: tuple[Key, ...], message: str, **more: Any) -> None:
+    def _problem(self, source: Source, path: tuple[Key, ...], message: str, **more: Unpack[Details]) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
     def _packaged(self, source: Source, path: tuple[Key, ...], text: str) -> PackagedFile | None:
@@ -192,7 +192,7 @@ class SourceCollector:
         if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
             return None  # reported where it is read
         if not text.strip():
-            self._problem(source, path, "not a file path", found=show(text))
+            self._problem(source, path, "not a file path", found=show(text), code="S305")
             return None
         if is_packaged(text):
             return self._packaged(source, path, text)
@@ -203,7 +203,7 @@ class SourceCollector:
             target = (source.folder / text).resolve()
             is_file = target.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
-            self._problem(source, path, "this path does not exist", found=show(text))
+            self._problem(source, path, "this path does not exist", found=show(text), code="S305")
             return None
         if not is_file and path[-1] == "use" and is_robot(text):
             return self._packaged(source, path, text)
@@ -214,10 +214,12 @@ class SourceCollector:
                 hint = f"{name} names this file of an installed package"
             if source.package is not None:
                 allowed, hint = f"files of {source.package.name}", "--allow-outside allows it"
-            self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
+            self._problem(
+                source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint, code="S306"
+            )
             return None
         if not is_file:
-            self._problem(source, path, "no such file", found=text, hint=_near_file(target))
+            self._problem(source, path, "no such file", found=text, hint=_near_file(target), code="S305")
             return None
         package = source.package
         return PackagedFile(target, package) if package is not None and target.is_relative_to(package.root) else target
@@ -232,15 +234,19 @@ class SourceCollector:
         target = found if isinstance(found, Path) else found.path
         if target in chain:
             loop = " -> ".join(file.name for file in (*chain[chain.index(target) :], target))
-            self._problem(source, path, f"circular use of files: {loop}", found=text)
+            self._problem(source, path, f"circular use of files: {loop}", found=text, code="S307")
             return None
         if len(chain) >= DEEPEST_USE:
-            self._problem(source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text)
+            self._problem(
+                source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text, code="S307"
+            )
             return None
         said = placed.get("import")
         if said is not None and not is_foreign(target.name):
             hint = "remove it: this file is a spec"
-            self._problem(source, (*place, "import"), "`import` is only for files of other languages", hint=hint)
+            self._problem(
+                source, (*place, "import"), "`import` is only for files of other languages", hint=hint, code="S307"
+            )
             return None
         given = ImportOptions() if said is None else _options(said, source.folder, self.project)
         if given is None:
@@ -258,7 +264,7 @@ class SourceCollector:
             hint = "a model file has `model: {bodies: ...}`"
             if used.imported is not None:
                 hint = "a file of several trees is a scenario: `simspec import` writes it as a spec"
-            self._problem(source, path, "this file contains no model", found=text, hint=hint)
+            self._problem(source, path, "this file contains no model", found=text, hint=hint, code="S307")
             return None
         return used
 

@@ -41,6 +41,7 @@ class Fault(NamedTuple):
     allowed: str | None = None
     hint: str | None = None
     reported: bool = False
+    code: str = ""
 
 
 class Faults(ValueError):
@@ -51,9 +52,11 @@ class Faults(ValueError):
         self.faults = tuple(faults)
 
 
-def fault(message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None) -> Faults:
+def fault(
+    message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None, *, code: str
+) -> Faults:
     """One fault at the value itself."""
-    return Faults([Fault((), message, found, allowed, hint)])
+    return Faults([Fault((), message, found, allowed, hint, code=code)])
 
 
 def show(value: Any) -> str:
@@ -90,7 +93,7 @@ def near(word: str, words: Iterable[str]) -> str | None:
 
 
 def _details(fault: Fault, value: Any) -> InitErrorDetails:
-    context = {"found": fault.found, "allowed": fault.allowed, "hint": fault.hint}
+    context = {"code": fault.code, "found": fault.found, "allowed": fault.allowed, "hint": fault.hint}
     kind = REPORTED if fault.reported else FAULT
     # a message goes in whole: pydantic would take braces in a template for its own
     error = PydanticCustomError(kind, "{message}", {"message": fault.message, **context})
@@ -105,7 +108,7 @@ def raised(faults: Sequence[Fault], value: Any, others: ValidationError | None =
         if kind in (FAULT, REPORTED):
             kind = PydanticCustomError(kind, "{message}", error["ctx"])
         elif kind == "value_error":
-            kind = PydanticCustomError(FAULT, "{message}", {"message": error["msg"]})
+            kind = PydanticCustomError(FAULT, "{message}", {"code": "S104", "message": error["msg"]})
         details.append(InitErrorDetails(type=kind, loc=error["loc"], input=error["input"], ctx=error.get("ctx", {})))
     return ValidationError.from_exception_data("spec", details)
 
@@ -117,12 +120,14 @@ def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
         if item["type"] in (FAULT, REPORTED):
             context = item["ctx"]
             more = (context["message"], context["found"], context["allowed"], context["hint"], item["type"] == REPORTED)
-            faults.append(Fault(item["loc"], *more))
+            faults.append(Fault(item["loc"], *more, code=context["code"]))
         elif item["type"] == "missing":
-            faults.append(Fault(item["loc"][:-1], f"{item['loc'][-1]} is missing"))
+            faults.append(Fault(item["loc"][:-1], f"{item['loc'][-1]} is missing", code="S102"))
         else:
             word = str(item["loc"][-1]) if item["loc"] else ""
-            faults.append(Fault(item["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))
+            faults.append(
+                Fault(item["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields), code="S101")
+            )
     return Faults(faults)
 
 
@@ -162,7 +167,12 @@ def read_entries(
 def fault_problem(document: Document, path: Sequence[Key], fault: Fault) -> Problem:
     """A fault of the value at ``path`` as a problem."""
     return document.problem(
-        (*path, *fault.loc), fault.message, found=fault.found, allowed=fault.allowed, hint=fault.hint
+        (*path, *fault.loc),
+        fault.message,
+        found=fault.found,
+        allowed=fault.allowed,
+        hint=fault.hint,
+        code=fault.code,
     )
 
 
@@ -217,7 +227,7 @@ class Strict(BaseModel):
             hint = "write {}" if data is None and empty else None
             words = ", ".join(cls.model_fields)
             allowed = f"the keys {words}" if words else "{}"
-            raise raised([Fault((), "expected a mapping (key: value)", show(data), allowed, hint)], None)
+            raise raised([Fault((), "expected a mapping (key: value)", show(data), allowed, hint, code="S104")], None)
         faults = list(cls.faults(data))
         if cls.ALTERNATIVES:
             faults += _exclusive(cls.ALTERNATIVES, data, cls.model_fields)
@@ -236,9 +246,9 @@ def _exclusive(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[s
     present = [name for name in names if name in data]
     allowed = "exactly one of " + ", ".join(names)
     if len(present) > 1:
-        yield Fault((present[1],), f"{' and '.join(present)} exclude each other", None, allowed)
+        yield Fault((present[1],), f"{' and '.join(present)} exclude each other", None, allowed, code="S103")
     elif not present and not any(misspelt(name, data, fields) for name in names):
-        yield Fault((), f"expected one of {', '.join(names)}", show(data), allowed)
+        yield Fault((), f"expected one of {', '.join(names)}", show(data), allowed, code="S102")
 
 
 def fields_of(data: Any) -> Mapping[str, Any]:
@@ -250,7 +260,7 @@ def too_long(data: Mapping[str, Any], key: str, most: int) -> Iterator[Fault]:
     """The fault of a field whose list or mapping is too long."""
     value = data.get(key)
     if isinstance(value, (list, Mapping)) and len(value) > most:
-        yield Fault((key,), f"too many {key}", str(len(value)), f"up to {most}")
+        yield Fault((key,), f"too many {key}", str(len(value)), f"up to {most}", code="S109")
 
 
 def misspelt(name: str, data: Mapping[str, Any], fields: Iterable[str]) -> bool:

@@ -43,7 +43,7 @@ class Samples(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if isinstance(values := data.get("values"), Mapping) and not values:
-            yield Fault(("values",), "no values", "{}", "{PATH: {uniform: [..., ...]}}")
+            yield Fault(("values",), "no values", "{}", "{PATH: {uniform: [..., ...]}}", code="S804")
 
 
 class Perturb(Strict):
@@ -96,16 +96,16 @@ class Sweep(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         for name, empty in (("engines", []), ("over", {}), ("together", []), ("cases", {})):
             if data.get(name) == empty and name in data:
-                yield Fault((name,), f"{name} is empty", show(data[name]), None, "remove it")
+                yield Fault((name,), f"{name} is empty", show(data[name]), None, "remove it", code="S804")
         engines = listed(data.get("engines"))
         for index, name in enumerate(engines):
             if isinstance(name, str) and name in engines[:index]:
-                yield Fault(("engines", index), f"the engine {name} is duplicated")
+                yield Fault(("engines", index), f"the engine {name} is duplicated", code="S804")
         yield from _rows(data.get("together"))
         cases = data.get("cases")
         yield from _cases(cases, data.get("only_cases") is True)
         if data.get("only_cases") is True and not cases:
-            yield Fault(("only_cases",), "only_cases without cases")
+            yield Fault(("only_cases",), "only_cases without cases", code="S804")
         yield from _paths_twice(data)
         yield from _too_many(data)
 
@@ -116,13 +116,15 @@ def _rows(together: Any) -> Iterator[Fault]:
         if not isinstance(entry, Mapping):
             continue
         if not entry:
-            yield Fault(("together", index), "no paths", "{}", "{PATH: [...], PATH: [...]}")
+            yield Fault(("together", index), "no paths", "{}", "{PATH: [...], PATH: [...]}", code="S804")
         lengths = {path: len(values) for path, values in entry.items() if isinstance(values, (list, tuple))}
         first = next(iter(lengths), None)
         for path, length in lengths.items():
             if length != lengths[first]:
                 message = "values that are moved together are equally many"
-                yield Fault(("together", index, path), message, f"{length}", f"{lengths[first]}, as {first} has")
+                yield Fault(
+                    ("together", index, path), message, f"{length}", f"{lengths[first]}, as {first} has", code="S804"
+                )
         if len(lengths) == len(entry) and len(set(lengths.values())) == 1:
             yield from _equal_rows(("together", index), entry)
 
@@ -132,7 +134,7 @@ def _equal_rows(loc: tuple[str | int, ...], entry: Mapping[str, Sequence[Any]]) 
     path = next(iter(entry))
     for row, values in enumerate(zip(*entry.values(), strict=True)):
         if (before := first.setdefault(same(list(values)), row)) != row:
-            yield Fault((*loc, path, row), "this row is duplicated", f"row {row + 1}, as row {before + 1}")
+            yield Fault((*loc, path, row), "this row is duplicated", f"row {row + 1}, as row {before + 1}", code="S804")
 
 
 def _cases(cases: Any, only: bool) -> Iterator[Fault]:
@@ -143,7 +145,14 @@ def _cases(cases: Any, only: bool) -> Iterator[Fault]:
             text = same(values)
             if text in seen:
                 hint = "only_cases: true leaves the scenario without a case out" if not values else None
-                yield Fault(("cases", name), f"the case {name} is the same as {seen[text]}", show(values), None, hint)
+                yield Fault(
+                    ("cases", name),
+                    f"the case {name} is the same as {seen[text]}",
+                    show(values),
+                    None,
+                    hint,
+                    code="S804",
+                )
             seen.setdefault(text, name)
 
 
@@ -152,14 +161,14 @@ def _paths_twice(data: Mapping[str, Any]) -> Iterator[Fault]:
     shared = _Paths()
     for loc, path in _moved(data):
         if (other := shared.overlap(path)) is not None:
-            yield Fault(loc, _TWICE, f"{path}, and {other}")
+            yield Fault(loc, _TWICE, f"{path}, and {other}", code="S804")
         shared.add(path)
     for name, values in mapping(data.get("cases")).items():
         of_case = _Paths()
         for path in mapping(values):
             if isinstance(path, str):
                 if (other := shared.overlap(path) or of_case.overlap(path)) is not None:
-                    yield Fault(("cases", name, path), _TWICE, f"{path}, and {other}")
+                    yield Fault(("cases", name, path), _TWICE, f"{path}, and {other}", code="S804")
                 of_case.add(path)
 
 
@@ -212,7 +221,7 @@ def _too_many(data: Mapping[str, Any]) -> Iterator[Fault]:
     }
     if (cells := math.prod(counts.values())) > MOST_CELLS:
         shown = " × ".join(f"{count:,} ({name})" for name, count in counts.items() if count > 1)
-        yield Fault((), "too many runs in one sweep", f"{cells:,} = {shown}", f"up to {MOST_CELLS:,}")
+        yield Fault((), "too many runs in one sweep", f"{cells:,} = {shown}", f"up to {MOST_CELLS:,}", code="S805")
 
 
 def _length(axis: Any) -> int:
@@ -294,15 +303,22 @@ class StudySweep(Strict):
         sweeps, shown = mapping(data.get("sweep")), listed(data.get("show"))
         for index, word in enumerate(shown):
             if word in shown[:index]:
-                yield Fault(("show", index), "this word is duplicated", show(word))
+                yield Fault(("show", index), "this word is duplicated", show(word), code="S806")
         if data.get("show") == []:
-            yield Fault(("show",), "nothing is shown of the sweep", "[]", ", ".join(SHOWN))
+            yield Fault(("show",), "nothing is shown of the sweep", "[]", ", ".join(SHOWN), code="S806")
         yield from _unequal(data.get("unequal"), sweeps)
         yield from _fails(data.get("fails"), sweeps, shown)
         if "unequal" in shown and not data.get("unequal"):
-            yield Fault(("show",), "there are no unequal models to show", None, None, "unequal: {NAME: {ENGINE: CASE}}")
+            yield Fault(
+                ("show",),
+                "there are no unequal models to show",
+                None,
+                None,
+                "unequal: {NAME: {ENGINE: CASE}}",
+                code="S806",
+            )
         if data.get("unequal") and "unequal" not in shown:
-            yield Fault(("unequal",), "unequal models are not shown", None, "show: [unequal]")
+            yield Fault(("unequal",), "unequal models are not shown", None, "show: [unequal]", code="S806")
         if data.get("gap_seeds") and "divergence" not in shown:
             yield Fault(
                 ("gap_seeds",),
@@ -310,28 +326,37 @@ class StudySweep(Strict):
                 None,
                 None,
                 "show: [divergence]",
+                code="S806",
             )
         if "determinism" in shown and sweeps.get("repeat", 1) == 1:
-            yield Fault(("show",), "determinism is shown by repeated runs", None, None, "sweep: {repeat: 2}")
+            yield Fault(
+                ("show",), "determinism is shown by repeated runs", None, None, "sweep: {repeat: 2}", code="S806"
+            )
 
 
 def _unequal(unequal: Any, sweep: Mapping[str, Any]) -> Iterator[Fault]:
     engines = sweep.get("engines")
     for name, models in mapping(unequal).items():
         if models == {}:
-            yield Fault(("unequal", name), "no engine has a case of its own", "{}", "{ENGINE: CASE}")
+            yield Fault(("unequal", name), "no engine has a case of its own", "{}", "{ENGINE: CASE}", code="S806")
         for engine, case in mapping(models).items():
             yield from _no_case(("unequal", name, engine), case, sweep)
             if isinstance(engines, list) and engine not in engines:
-                yield Fault(("unequal", name, engine), "the sweep has no such engine", engine, ", ".join(engines))
+                yield Fault(
+                    ("unequal", name, engine), "the sweep has no such engine", engine, ", ".join(engines), code="S806"
+                )
     if unequal and sweep.get("only_cases") is True:
-        yield Fault(("sweep", "only_cases"), "the scenario itself is run, to compare unequal models with equal ones")
+        yield Fault(
+            ("sweep", "only_cases"),
+            "the scenario itself is run, to compare unequal models with equal ones",
+            code="S806",
+        )
 
 
 def _no_case(loc: tuple[str | int, ...], case: Any, sweep: Mapping[str, Any]) -> list[Fault]:
     known = list(mapping(sweep.get("cases")))
     allowed = ", ".join(known) or "none: the sweep has no cases"
-    return [] if case in known else [Fault(loc, "the sweep has no case of this name", show(case), allowed)]
+    return [] if case in known else [Fault(loc, "the sweep has no case of this name", show(case), allowed, code="S806")]
 
 
 def _fails(fails: Any, sweep: Mapping[str, Any], shown: Sequence[Any]) -> Iterator[Fault]:
@@ -339,9 +364,9 @@ def _fails(fails: Any, sweep: Mapping[str, Any], shown: Sequence[Any]) -> Iterat
         if unknown := _no_case(("fails", index), case, sweep):
             yield from unknown
         elif case in fails[:index]:
-            yield Fault(("fails", index), "this case is duplicated", show(case))
+            yield Fault(("fails", index), "this case is duplicated", show(case), code="S806")
     if fails and "cases" not in shown:
-        yield Fault(("fails",), "the cases are not shown", None, None, "show: [cases]")
+        yield Fault(("fails",), "the cases are not shown", None, None, "show: [cases]", code="S806")
 
 
 class StudyFile(Strict):
@@ -362,7 +387,7 @@ class StudyFile(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if data.get("sweeps") == {}:
-            yield Fault(("sweeps",), "a study has at least one sweep", "{}")
+            yield Fault(("sweeps",), "a study has at least one sweep", "{}", code="S806")
 
 
 class Figure(Strict):
@@ -385,7 +410,7 @@ class Figure(Strict):
         wanted = len(steps) if isinstance(steps, (list, tuple)) else 1
         if isinstance(values, (list, tuple)) and len(values) != wanted:
             message = "there is one value for each timestep" if steps is not None else "a series needs its timesteps"
-            yield Fault(("values",), message, f"{len(values)}", f"{wanted}")
+            yield Fault(("values",), message, f"{len(values)}", f"{wanted}", code="S806")
 
 
 class FiguresFile(Strict):

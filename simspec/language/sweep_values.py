@@ -41,12 +41,14 @@ class DottedPath(Reader):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str) or not value or len(value) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(value):
-            raise fault("expected a dotted path", show(value), "as --set takes it: physics.timestep")
+            raise fault("expected a dotted path", show(value), "as --set takes it: physics.timestep", code="S804")
         steps = value.split(".")
         if not all(step and step == step.strip() for step in steps):
-            raise fault("expected a dotted path: steps with a dot between them", show(value), "physics.timestep")
+            raise fault(
+                "expected a dotted path: steps with a dot between them", show(value), "physics.timestep", code="S804"
+            )
         if steps[0] in NOT_SWEPT:
-            raise fault("no run depends on this part of a spec, so a sweep does not change it", steps[0])
+            raise fault("no run depends on this part of a spec, so a sweep does not change it", steps[0], code="S804")
         return value
 
 
@@ -59,7 +61,7 @@ class EngineLabel(Reader):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str) or not _LABEL.fullmatch(value):
-            raise fault("expected an engine", show(value), "NAME or NAME@VERSION")
+            raise fault("expected an engine", show(value), "NAME or NAME@VERSION", code="E107")
         return value
 
 
@@ -72,7 +74,7 @@ class Plain(Reader):
 
     def read(self, value: Any) -> Any:
         if value is None:
-            raise fault("null is no value", "null")
+            raise fault("null is no value", "null", code="S804")
         if faults := list(_unusable(value)):
             raise Faults(faults)
         return value
@@ -83,7 +85,7 @@ def _unusable(value: Any, loc: tuple[str | int, ...] = ()) -> Iterator[Fault]:
     if value is INVALID:
         yield Fault(loc, "", reported=True)
     elif isinstance(value, float) and not math.isfinite(value):
-        yield Fault(loc, "numbers must be finite", show(value), "a finite number")
+        yield Fault(loc, "numbers must be finite", show(value), "a finite number", code="S203")
     elif isinstance(value, (Mapping, list, tuple)):
         items = value.items() if isinstance(value, Mapping) else enumerate(value)
         for key, item in items:
@@ -101,13 +103,18 @@ class Values(Reader):
 
     def read(self, value: Any) -> tuple[Any, ...]:
         if not isinstance(value, (list, tuple)):
-            raise fault("expected a list of values", show(value), "[..., ...]")
+            raise fault("expected a list of values", show(value), "[..., ...]", code="S804")
         if not 0 < len(value) <= MOST_VALUES:
-            raise fault("no values" if not value else "too many values", f"{len(value)} values", f"1 to {MOST_VALUES}")
+            raise fault(
+                "no values" if not value else "too many values",
+                f"{len(value)} values",
+                f"1 to {MOST_VALUES}",
+                code="S804",
+            )
         read_each(enumerate(value), Plain().read)
         first: dict[str, int] = {}
         faults = [
-            Fault((index,), "this value is duplicated", f"{show(item)}, as number {before + 1}")
+            Fault((index,), "this value is duplicated", f"{show(item)}, as number {before + 1}", code="S804")
             for index, item in enumerate(() if self.alike else value)
             if (before := first.setdefault(same(item), index)) != index
         ]
@@ -150,7 +157,7 @@ def amount_of(value: Any) -> Amount:
         try:
             number, unit = quantities.split(value)
         except quantities.UnitError as error:
-            raise fault(str(error), error.found, error.allowed, error.hint) from None
+            raise fault(str(error), error.found, error.allowed, error.hint, code="S201") from None
         return Amount(number, False, unit)
     read = Number().read(value)
     whole = isinstance(value, int)
@@ -183,15 +190,17 @@ class Quantities(Reader):
 
     def read(self, value: Any) -> tuple[Any, Any]:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
-            raise fault("expected two numbers", show(value), self.describe())
+            raise fault("expected two numbers", show(value), self.describe(), code="S804")
         first, second = read_each(enumerate(value), amount_of)
         faults = _same_unit(first, second, (1,), value[1])
         if self.rising and first.number >= second.number:
-            faults.append(Fault((1,), "must be above the first number", show(value[1]), f"above {show(value[0])}"))
+            faults.append(
+                Fault((1,), "must be above the first number", show(value[1]), f"above {show(value[0])}", code="S804")
+            )
         if self.positive and first.number <= 0:
-            faults.append(Fault((0,), "must be above 0", show(value[0])))
+            faults.append(Fault((0,), "must be above 0", show(value[0]), code="S804"))
         if self.spread and second.number <= 0:
-            faults.append(Fault((1,), "must be above 0", show(value[1])))
+            faults.append(Fault((1,), "must be above 0", show(value[1]), code="S804"))
         if faults:
             raise Faults(faults)
         return value[0], value[1]
@@ -204,7 +213,7 @@ def _same_unit(first: Amount, second: Amount, loc: tuple[str | int, ...], shown:
     if first.unit == second.unit:
         return []
     message, allowed = "both numbers must have the same unit", first.unit or "no unit"
-    return [Fault(loc, message, show(shown), allowed, "write the unit with both, in the same words")]
+    return [Fault(loc, message, show(shown), allowed, "write the unit with both, in the same words", code="S804")]
 
 
 class _Range(Strict):
@@ -223,11 +232,13 @@ class _Range(Strict):
             return  # reported where they are read
         yield from _same_unit(begin, end, ("to",), data["to"])
         if begin.number == end.number:
-            yield Fault(("to",), "from and to are equal", show(data["to"]), None, "a list of one value: [...]")
+            yield Fault(
+                ("to",), "from and to are equal", show(data["to"]), None, "a list of one value: [...]", code="S804"
+            )
         if data.get("spacing") == "logarithmic":
             for name, amount in (("from", begin), ("to", end)):
                 if amount.number <= 0:
-                    yield Fault((name,), "must be above 0 with logarithmic spacing", show(data[name]))
+                    yield Fault((name,), "must be above 0 with logarithmic spacing", show(data[name]), code="S804")
 
     def values(self) -> Iterator[Any]:
         """The values, as a spec would say them, in the unit that the range is written in."""
@@ -272,7 +283,9 @@ class Axis(Reader):
         if isinstance(value, (list, tuple)):
             return Values().read(value)
         if not isinstance(value, Mapping):
-            raise fault("expected a list of values, or a range", show(value), "[..., ...] or {from, to, count}")
+            raise fault(
+                "expected a list of values, or a range", show(value), "[..., ...] or {from, to, count}", code="S804"
+            )
         try:
             return tuple(Range.model_validate(dict(value)).values())
         except ValidationError as error:

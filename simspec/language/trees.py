@@ -347,7 +347,7 @@ def too_much(source: Source) -> list[Problem]:
                 before = total[what] - copies * count
                 found = text + (f", after {before:,}" if before else "")
                 message, allowed = f"too many {what} in one scenario", f"up to {MOST[what]:,}"
-                return [source.document.problem(path, message, key=True, found=found, allowed=allowed)]
+                return [source.document.problem(path, message, key=True, found=found, allowed=allowed, code="S109")]
     return []
 
 

@@ -97,13 +97,13 @@ class Name(Reader):
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
             hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
-            raise fault("expected a name", show(value), NAME_RULE, hint)
+            raise fault("expected a name", show(value), NAME_RULE, hint, code="S301")
         parts = value.split("/") if self.path else [value]
         if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
             return value
         if len(value) > LONGEST_NAME:
-            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
-        raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
+            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters", code="S109")
+        raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?", code="S301")
 
     def describe(self) -> str:
         return f"a {self.of}'s full name" if self.path else "a name"
@@ -132,7 +132,7 @@ class Word(Reader):
         if isinstance(value, str) and value in self.words:
             return value
         hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
-        raise fault("not an allowed word", show(value), ", ".join(self.words), hint)
+        raise fault("not an allowed word", show(value), ", ".join(self.words), hint, code="S111")
 
     def describe(self) -> str:
         return " \\| ".join(f"`{word}`" for word in self.words)
@@ -150,7 +150,7 @@ class Flag(Reader):
 
     def read(self, value: Any) -> bool:
         if type(value) is not bool:
-            raise fault("expected true or false", show(value), "true, false")
+            raise fault("expected true or false", show(value), "true, false", code="S104")
         return value
 
 
@@ -163,9 +163,9 @@ class Text(Reader):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
-            raise fault("expected a text", show(value), "a text; in quotes where it looks like a number")
+            raise fault("expected a text", show(value), "a text; in quotes where it looks like a number", code="S104")
         if len(value) > LONGEST_TEXT:
-            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
+            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters", code="S109")
         return value
 
 
@@ -189,7 +189,9 @@ class FileName(Text):
     def read(self, value: Any) -> str:
         path = super().read(value)
         if unseen := UNSEEN_CHARACTERS.search(path):
-            raise fault("paths cannot contain such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
+            raise fault(
+                "paths cannot contain such characters", f"U+{ord(unseen.group()):04X} in {show(value)}", code="S301"
+            )
         return path
 
 
@@ -202,9 +204,9 @@ class SettingValue(Reader):
 
     def read(self, value: Any) -> bool | int | float | str:
         if isinstance(value, float) and value - value != 0.0:
-            raise fault("not a finite number", show(value))
+            raise fault("not a finite number", show(value), code="S203")
         if not isinstance(value, (bool, int, float, str)):
-            raise fault("expected a number, a word, true or false", show(value))
+            raise fault("expected a number, a word, true or false", show(value), code="S104")
         if isinstance(value, int) and abs(value) >= 2**63:
-            raise fault("too large a number", show(value))
+            raise fault("too large a number", show(value), code="S202")
         return value

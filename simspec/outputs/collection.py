@@ -200,7 +200,7 @@ class Collection:
         return place
 
     def _error(self, why: str, hint: str | None = None) -> SpecError:
-        return SpecError([Problem(why, hint=hint)])
+        return SpecError([Problem(why, hint=hint, code="C106")])
 
 
 def _take(lock: int, path: Path) -> bool:

@@ -37,7 +37,7 @@ LARGEST_TEXT = 256 * 2**20
 
 def refuse(path: object, why: str, hint: str | None = None) -> SpecError:
     """The error of a file that cannot be read."""
-    return SpecError([Problem(f"{path}: {why}", hint=hint)])
+    return SpecError([Problem(f"{path}: {why}", hint=hint, code="C104")])
 
 
 def open_regular(path: Path, limit: int, root: Path | None = None) -> int:
@@ -137,7 +137,7 @@ def append_text(path: Path, text: str, most: int) -> bool:
     with os.fdopen(descriptor, "ab") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            raise SpecError([Problem(f"{str(path)!r} is {kind(status.st_mode)}, not a file to add to")])
+            raise SpecError([Problem(f"{str(path)!r} is {kind(status.st_mode)}, not a file to add to", code="C106")])
         content = text.encode()
         if status.st_size + len(content) > most:
             return False

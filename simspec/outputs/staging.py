@@ -130,7 +130,9 @@ def locked(folder: Path) -> Iterator[None]:
     ends = time.monotonic() + PATIENCE
     while (is_locked := _try_lock(folder)) is None:
         if time.monotonic() > ends:
-            raise SpecError([Problem(f"{folder}: another simspec has been writing here for {PATIENCE:g} s")])
+            raise SpecError(
+                [Problem(f"{folder}: another simspec has been writing here for {PATIENCE:g} s", code="C111")]
+            )
         time.sleep(LOOK_EVERY)
     handle, path = is_locked
     try:

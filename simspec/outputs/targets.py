@@ -66,9 +66,9 @@ def check_names(names: Iterable[str], what: object) -> None:
     for name in names:
         path = PurePosixPath(name)
         if not name or path.is_absolute() or ".." in path.parts or path.as_posix() != name or "\0" in name:
-            raise SpecError([Problem(f"the file name {name!r} leaves the output folder {what}")])
+            raise SpecError([Problem(f"the file name {name!r} leaves the output folder {what}", code="C106")])
         if name == MARKER_FILE:
-            raise SpecError([Problem(f"the file name {name!r} is that of the folder's marker")])
+            raise SpecError([Problem(f"the file name {name!r} is that of the folder's marker", code="C106")])
 
 
 def read_marker(folder: Path) -> Marker | None:
@@ -85,6 +85,7 @@ def read_marker(folder: Path) -> Marker | None:
                 Problem(
                     f"{path}: a folder of form {found.simspec_folder}, this simspec writes form {VERSION}",
                     hint="use the simspec that wrote it, or another folder",
+                    code="R104",
                 )
             ]
         )
@@ -140,7 +141,7 @@ def existing_name_problem(folder: Path, name: str) -> Problem | None:
 
 def not_ours(path: Path) -> Problem:
     """A file of another program has a name that simspec writes."""
-    return Problem(f"{str(path)!r} exists, and simspec did not write it", hint=MOVE)
+    return Problem(f"{str(path)!r} exists, and simspec did not write it", hint=MOVE, code="C106")
 
 
 def file_problem(path: Path, ours: Callable[[bytes], bool]) -> Problem | None:
@@ -199,7 +200,7 @@ def check_file(path: Path, ours: Callable[[bytes], bool]) -> Place:
 
 
 def _error(path: Path, why: str, hint: str) -> SpecError:
-    return SpecError([Problem(f"{str(path)!r} {why}", hint=hint)])
+    return SpecError([Problem(f"{str(path)!r} {why}", hint=hint, code="C106")])
 
 
 def _place(path: Path, hint: str) -> Place:

@@ -64,7 +64,7 @@ def store() -> Path:
     folder = data_folder(FOLDER)
     if folder is None:
         hint = "set XDG_DATA_HOME to an absolute path of a folder of yours"
-        raise SpecError([Problem("there is no home folder to keep trusted files in", hint=hint)])
+        raise SpecError([Problem("there is no home folder to keep trusted files in", hint=hint, code="C113")])
     why = written_by_others(folder)
     with contextlib.suppress(OSError):  # not there yet
         status = os.lstat(folder)
@@ -73,7 +73,9 @@ def store() -> Path:
         elif status.st_mode & 0o022:
             why = "others can write in it"
     if why is not None:
-        raise SpecError([Problem(f"the trust store {folder} is not used: {why}", hint="chmod, or set XDG_DATA_HOME")])
+        raise SpecError(
+            [Problem(f"the trust store {folder} is not used: {why}", hint="chmod, or set XDG_DATA_HOME", code="C113")]
+        )
     return folder
 
 
@@ -97,7 +99,9 @@ def trust(file: Path, content: bytes) -> Path:
     try:
         str(resolved(file)).encode()
     except UnicodeEncodeError:
-        raise SpecError([Problem(f"{file}: its path is not UTF-8 text", hint="rename the folder")]) from None
+        raise SpecError(
+            [Problem(f"{file}: its path is not UTF-8 text", hint="rename the folder", code="C116")]
+        ) from None
     _make(folder)
     text = json.dumps({"simspec_trust": VERSION, "file": str(resolved(file))}) + "\n"
     place = write_file(folder / digest(file, content), text, lambda found: True)

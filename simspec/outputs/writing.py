@@ -67,7 +67,7 @@ def write_private(files: Mapping[str, Content], folder: Path) -> None:
     check_names(files, folder)
     os.makedirs(folder, exist_ok=True)
     if any(os.scandir(folder)):
-        raise SpecError([Problem(f"{folder} is not empty")])
+        raise SpecError([Problem(f"{folder} is not empty", code="C106")])
     _write_all(files, folder)
 
 
@@ -151,6 +151,7 @@ def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
                         Problem(
                             f"{str(here)!r} has the name of a file that simspec writes, and was not written by simspec",
                             hint=MOVE,
+                            code="C106",
                         )
                     ]
                 )
@@ -249,7 +250,9 @@ def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], last
                 try:
                     os.link(stage.fresh, place.path)
                 except FileExistsError:
-                    raise SpecError([Problem(f"{str(place.path)!r} was created by another process")]) from None
+                    raise SpecError(
+                        [Problem(f"{str(place.path)!r} was created by another process", code="C111")]
+                    ) from None
                 except OSError as error:
                     if error.errno not in _NO_LINKS:
                         raise

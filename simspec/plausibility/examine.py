@@ -158,7 +158,7 @@ def mesh_findings(spec: Spec) -> Iterator[PlausibilityFinding]:
     stems: dict[str, dict[str, str]] = {}
     for shape in shapes:
         path = ".".join(map(str, (*shape.path, "mesh", "file")))
-        location = shape.problem("").location
+        location = shape.place
         element = shape.file.name
         stems.setdefault(shape.file.stem, {}).setdefault(str(shape.file.resolve()), path)
         if len(stems[shape.file.stem]) == 2 and stems[shape.file.stem][str(shape.file.resolve())] == path:

@@ -228,13 +228,13 @@ class Certificate:
         if schema != SCHEMA:
             hint = "simspec verify writes it anew"
             message = f"{what} is outdated, or of a newer simspec: schema {schema!r}, this simspec reads {SCHEMA}"
-            raise SpecError([Problem(message, hint=hint)])
+            raise SpecError([Problem(message, hint=hint, code="P101")])
         data = read_as(StoredCertificate, text, what)
         search = HASH_LINE.search(text)
         bare = HASH_LINE.sub("", text, count=1)
         if search is None or search[1] != data.sha256 or hashlib.sha256(bare.encode()).hexdigest() != data.sha256:
             message = f"{what}: was edited or is damaged: its content does not match its hash"
-            raise SpecError([Problem(message, hint="simspec verify writes it anew")])
+            raise SpecError([Problem(message, hint="simspec verify writes it anew", code="P101")])
         try:
             engines = {
                 name: EngineProof(
@@ -252,5 +252,5 @@ class Certificate:
                 for name, block in data.engines.items()
             }
         except (ValueError, KeyError, TypeError) as error:
-            raise SpecError([Problem(f"{what} cannot be read: {str(error)[:300]}")]) from None
+            raise SpecError([Problem(f"{what} cannot be read: {str(error)[:300]}", code="P101")]) from None
         return cls(data.name, data.world_sha256, data.oracle, engines, data.simspec)

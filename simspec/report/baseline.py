@@ -114,13 +114,15 @@ def read_baseline(path: Path) -> Baseline | None:
     if schema != SCHEMA:
         newer = isinstance(schema, int) and schema > SCHEMA
         why = f"a baseline of schema {schema}, this simspec reads {SCHEMA}" if newer else "not a baseline of simspec"
-        raise SpecError([Problem(f"{path}: {why}", hint="--write-baseline FILE writes a new one")])
+        raise SpecError([Problem(f"{path}: {why}", hint="--write-baseline FILE writes a new one", code="R109")])
     stored = read_as(StoredBaseline, content, str(path))
     figures = {}
     for figure in stored.figures:
         intervals = tuple((low, high) for low, high in figure.interval)
         if len(figure.value) != len(intervals) or figure.key in figures or any(low > high for low, high in intervals):
-            raise SpecError([Problem(f"{path} cannot be read: figure {figure.key!r} is damaged, or is there twice")])
+            raise SpecError(
+                [Problem(f"{path} cannot be read: figure {figure.key!r} is damaged, or is there twice", code="R109")]
+            )
         figures[figure.key] = BaselineFigure(
             figure.key, FigureKind(figure.kind), figure.unit, tuple(figure.value), intervals, figure.not_compared
         )
@@ -281,7 +283,7 @@ def compare(before: Baseline, now: Baseline) -> BaselineComparison:
     Raises SpecError when the baseline is of another spec.
     """
     if before.spec != now.spec:
-        raise SpecError([Problem("the baseline is of another spec", found=before.spec, allowed=now.spec)])
+        raise SpecError([Problem("the baseline is of another spec", found=before.spec, allowed=now.spec, code="R109")])
     notes = [
         f"{engine}: version {before.versions[engine]} in the baseline, now {number}"
         for engine, number in now.versions.items()

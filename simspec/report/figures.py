@@ -55,7 +55,9 @@ def pyplot() -> Iterator[Any]:
     try:
         import matplotlib
     except ImportError as error:
-        problem = Problem("plots need matplotlib", found=str(error), hint="pip install 'simspec-physics[plots]'")
+        problem = Problem(
+            "plots need matplotlib", found=str(error), hint="pip install 'simspec-physics[plots]'", code="C110"
+        )
         raise SpecError([problem]) from None
     matplotlib.use("Agg")
     from matplotlib import pyplot

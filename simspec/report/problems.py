@@ -114,7 +114,9 @@ def as_problems(findings: Sequence[PlausibilityFinding]) -> list[Problem]:
     problems = []
     for finding in findings:
         message = f"implausible ({finding.rule}): {finding.element}: {finding.message}"
-        problems.append(Problem(message, finding.path, finding.location, hint=RULES[finding.rule].hint))
+        problems.append(
+            Problem(message, finding.path, finding.location, hint=RULES[finding.rule].hint, code=finding.rule)
+        )
     return problems
 
 
@@ -192,29 +194,49 @@ def show_error(error: SimspecError) -> None:
 
     screen = console(error=True)
     if not isinstance(error, SpecError):
-        screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
+        screen.print(_kind("error", error.code) + Text(str(error)), soft_wrap=not screen.is_terminal)
         return
     brief = error.brief if isinstance(error, UnsupportedError) else ()
     for problem in error.problems[:MOST_PROBLEMS]:
         if not (brief and isinstance(problem, EngineRefusal)):
-            screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
+            screen.print(_problem(problem, _kind("error", problem.code)), soft_wrap=not screen.is_terminal)
     for line in brief:
         screen.print(line, soft_wrap=True)
     for line in error.more if not brief else ():
         screen.print(line)
     count = len(error.problems)
-    screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
+    screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red") + Text(_pages(error.problems)))
     for line in error.ending if isinstance(error, UnsupportedError) else ():
         screen.print(line, soft_wrap=True)
 
 
 def show_warnings(warnings: Sequence[Problem]) -> None:
     """Print warnings on standard error, as errors are."""
-    from rich.text import Text
-
     screen = console(error=True)
     for problem in warnings:
-        screen.print(_problem(problem, Text("warning: ", style="bold yellow")), soft_wrap=True)
+        screen.print(_problem(problem, _kind("warning", problem.code)), soft_wrap=not screen.is_terminal)
+
+
+MOST_PAGES = 4
+"""Pages that the line of the number of problems names; the others stand in the messages."""
+
+
+def _kind(word: str, code: str) -> Text:
+    from rich.text import Text
+
+    style = "bold red" if word == "error" else "bold yellow"
+    return Text(f"{word}[{code}]: " if code else f"{word}: ", style=style)
+
+
+def _pages(problems: Iterable[Problem]) -> str:
+    """The command that prints the pages of some problems: of codes, of features where engines refuse these."""
+    words = dict.fromkeys(_feature_of(problem) or problem.code for problem in problems)
+    named = [word for word in words if word][:MOST_PAGES]
+    return f"; about {'it' if len(named) == 1 else 'them'}: simspec help {' '.join(named)}" if named else ""
+
+
+def _feature_of(problem: Problem) -> str:
+    return problem.feature if isinstance(problem, EngineRefusal) else ""
 
 
 def _problem(problem: Problem, kind: Text) -> Text:

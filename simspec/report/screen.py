@@ -209,6 +209,8 @@ def error_data(error: SimspecError) -> dict[str, Any]:
         data["ways_out"] = plain(error.ways_out)
     if isinstance(error, EngineError):
         data["engine"] = error.engine
+    if error.code:
+        data["code"] = error.code
     return {"error": data}
 
 

@@ -227,14 +227,16 @@ def load_study(folder: Path) -> StoredStudy:
         why = "the certificate of a run is in the folder of its study: report that folder"
         return StoredStudy(study_of({run.engine: run}, _by_engine([floor]), None, TOLERANCE), folder, (why,))
     if not folder.is_dir():
-        raise SpecError([Problem(f"{folder}: no such folder", allowed="the folder of a run, or of a study")])
+        raise SpecError(
+            [Problem(f"{folder}: no such folder", allowed="the folder of a run, or of a study", code="R103")]
+        )
     hashes = stored_runs(folder)
     if not hashes:
         marker = read_marker(folder)
         message = f"{folder} is neither a saved run nor a study"
         if marker is not None and marker.kind == STUDY:
             message = f"{folder} is a study without runs"
-        raise SpecError([Problem(message, hint="run it: simspec run SPEC --all-engines")])
+        raise SpecError([Problem(message, hint="run it: simspec run SPEC --all-engines", code="R103")])
     report = _report(folder)
     wanted = report.world_sha256 if report is not None else _only_world(folder, hashes)
     notes = [
@@ -248,11 +250,11 @@ def load_study(folder: Path) -> StoredStudy:
         run = load_run(folder / name)
         if run.engine in runs:
             message = f"{folder} contains two runs in {run.engine} of one world: {folder / name} is the second"
-            raise SpecError([Problem(message, hint="report one run: simspec report FOLDER/ENGINE")])
+            raise SpecError([Problem(message, hint="report one run: simspec report FOLDER/ENGINE", code="R108")])
         runs[run.engine] = run
     if not runs:
         message = f"{folder}: no run is of the world in {REPORT_FILE}"
-        raise SpecError([Problem(message, hint="run it again: simspec run")])
+        raise SpecError([Problem(message, hint="run it again: simspec run", code="R101")])
     floors = _by_engine([load_floor(folder / name) for name, digest in hashes.items() if digest in (None, wanted)])
     certificate, why_none = _certificate(folder, wanted)
     notes += [why_none] if why_none else []
@@ -289,7 +291,7 @@ def _report(folder: Path) -> Report | None:
     report = read_as(Report, content, str(path))
     if report.schema_ != REPORT_SCHEMA:
         message = f"{path}: schema {report.schema_}, this simspec reads {REPORT_SCHEMA}"
-        raise SpecError([Problem(message, hint="run it again: simspec run")])
+        raise SpecError([Problem(message, hint="run it again: simspec run", code="R101")])
     return report
 
 
@@ -300,7 +302,7 @@ def _only_world(folder: Path, hashes: Mapping[str, str | None]) -> str:
         load_run(folder / next(iter(hashes)))  # raises the error that names the damaged file
     if len(worlds) != 1:
         message = f"{folder} contains runs of {len(worlds)} worlds, and no {REPORT_FILE} that says which is meant"
-        raise SpecError([Problem(message, hint="report one run: simspec report FOLDER/ENGINE")])
+        raise SpecError([Problem(message, hint="report one run: simspec report FOLDER/ENGINE", code="R108")])
     return worlds.pop()
 
 
@@ -321,5 +323,5 @@ def _tolerance(report: Report | None) -> float:
     tolerance = report.diffs[-1].get("tolerance")
     if not isinstance(tolerance, (int, float)) or isinstance(tolerance, bool) or not tolerance >= 0.0:
         message = f"{REPORT_FILE}: the tolerance of a comparison is not a number"
-        raise SpecError([Problem(message, found=repr(tolerance))])
+        raise SpecError([Problem(message, found=repr(tolerance), code="R108")])
     return float(tolerance)

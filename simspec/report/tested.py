@@ -223,7 +223,7 @@ def error_suites(spec: str, error: SimspecError) -> list[TestedSuite]:
     if isinstance(error, EngineError):
         entry = TestedEntry("engine", Status.ERROR, clipped(str(error).splitlines()[0]), str(error), excess=math.inf)
         return [TestedSuite(spec, error.engine, (entry,))]
-    problems: Sequence[Problem] = error.problems if isinstance(error, SpecError) else [Problem(str(error))]
+    problems: Sequence[Problem] = error.problems if isinstance(error, SpecError) else [Problem(str(error), code="E202")]
     entries = []
     for problem in problems[:MOST_PROBLEMS]:
         about = (clipped(problem.message), str(problem), problem.location)
@@ -280,7 +280,7 @@ def sweep_suites(
     if outcome.invalid:
         problems = list(outcome.invalid)
         if (count := outcome.invalid_count) > 1:
-            problems.append(Problem(f"{count:,} runs were not done: their values make the spec invalid"))
+            problems.append(Problem(f"{count:,} runs were not done: their values make the spec invalid", code="R106"))
         suites += error_suites(spec, SpecError(problems))
     return suites
 

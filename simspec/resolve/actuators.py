@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -162,6 +162,7 @@ class ActuatorsDraft:
                     found=entry,
                     allowed=allowed,
                     hint=near(entry, known),
+                    code="S302",
                 )
             names.update(dict.fromkeys(meant))
         return list(names)
@@ -172,10 +173,12 @@ class ActuatorsDraft:
             if not chosen(entry, names):
                 message = f"{entry!r} is not an actuator of this controller"
                 allowed = ", ".join(names[:8]) or None
-                self._problem(("commands", entry), message, key=True, allowed=allowed, hint=near(entry, names))
+                self._problem(
+                    ("commands", entry), message, key=True, allowed=allowed, hint=near(entry, names), code="S302"
+                )
         said, clashes = entry_of(written, lambda entry: chosen(entry, names))
         for clash in clashes:
-            self._problem(("commands", clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+            self._problem(("commands", clash.other), clash_words(clash), key=True, hint=CLASH_HINT, code="S304")
         return {name: (("commands", entry), written[entry]) for name, entry in said.items()}
 
     def _joint(
@@ -201,7 +204,9 @@ class ActuatorsDraft:
         if message:
             place = (*written.path, "joint")
             self.problems.append(
-                written.file.document.problem(place, message, found=f"{name} of control.{self._path[-1]}", hint=hint)
+                written.file.document.problem(
+                    place, message, found=f"{name} of control.{self._path[-1]}", hint=hint, code="S702"
+                )
             )
             return None
         return joint
@@ -236,7 +241,7 @@ class ActuatorsDraft:
         law = AtJoint(kp * gear**2, kd * gear**2, min(limits, default=None), target, feed)
         if any(abs(value) > LARGEST for value in law if value is not None):
             self.problems.append(
-                written.file.document.problem(written.path, "its effort is too large a number", key=True)
+                written.file.document.problem(written.path, "its effort is too large a number", key=True, code="S202")
             )
             return None
         return law
@@ -257,7 +262,9 @@ class ActuatorsDraft:
         except Faults as error:
             for wrong in error.faults:
                 self.problems.append(
-                    document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint)
+                    document.problem(
+                        place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint, code=wrong.code
+                    )
                 )
             return None
         if written.typed.command_limits is not None:
@@ -269,7 +276,11 @@ class ActuatorsDraft:
             if not low <= command <= high:
                 self.problems.append(
                     document.problem(
-                        place, "the command is outside its limits", found=f"{command:g}", allowed=f"{low:g} to {high:g}"
+                        place,
+                        "the command is outside its limits",
+                        found=f"{command:g}",
+                        allowed=f"{low:g} to {high:g}",
+                        code="S701",
                     )
                 )
                 return None
@@ -282,13 +293,13 @@ class ActuatorsDraft:
             place = (*written.path, *below)
             self.problems += [
                 written.file.document.problem(
-                    place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
+                    place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint, code=wrong.code
                 )
                 for wrong in error.faults
             ]
         return None
 
-    def _problem(self, below: tuple[Key, ...], message: str, **more: Any) -> None:
+    def _problem(self, below: tuple[Key, ...], message: str, **more: Unpack[Details]) -> None:
         self.problems.append(self._source.document.problem((*self._path, *below), message, **more))
 
 
@@ -304,6 +315,7 @@ def commanded(
             key=True,
             found=joint,
             hint="leave it out of the trajectory, or its actuator out of control",
+            code="S714",
         )
         for joint in (path.joints if path is not None else ())
         if joint in aims
@@ -379,7 +391,9 @@ def grasps(source: Source, world: World) -> tuple[dict[str, ResolvedGrasp], list
             continue  # another copy of the same
         grasp, wrong = _grasp(prefix, prefix + name, written, joints, bodies, places)
         if prefix + name in taken:
-            wrong.append(((), f"the model has a grasp {name!r} already", {"key": True, "hint": "another name"}))
+            wrong.append(
+                ((), f"the model has a grasp {name!r} already", {"code": "S303", "key": True, "hint": "another name"})
+            )
         taken.add(prefix + name)
         if wrong:
             refused.add((id(file), path))
@@ -429,31 +443,40 @@ def _grasp(
                 kind = "not a hinge or slide" if body is not None else "no joint of the model"
                 movable = [name for name, mover in joints.items() if mover.joint.kind in SCALAR_JOINTS]
                 hint = near(joint, _within(prefix, movable))
-                wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
+                wrong.append(
+                    (place, f"{joint!r} is {kind}", {"code": "S302", "found": joint, "hint": hint, "key": True})
+                )
                 continue
             try:
                 value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(written, posture)[joint])
             except Faults as error:
                 wrong += [
-                    (place, item.message, {"found": item.found, "allowed": item.allowed}) for item in error.faults
+                    (place, item.message, {"code": item.code, "found": item.found, "allowed": item.allowed})
+                    for item in error.faults
                 ]
                 continue
             values.append(value)
             limits = body.joint.position_limits
             if limits is not None and not limits[0] <= value <= limits[1]:
                 allowed = f"{limits[0]:g} to {limits[1]:g}"
-                wrong.append((place, f"outside the limits of {joint}", {"found": f"{value:g}", "allowed": allowed}))
+                wrong.append(
+                    (
+                        place,
+                        f"outside the limits of {joint}",
+                        {"code": "S713", "found": f"{value:g}", "allowed": allowed},
+                    )
+                )
     forces = []
     for index, force in enumerate(written.forces):
         if prefix + force.body not in places:
             hint = near(force.body, _within(prefix, places))
             message = f"the model has no body {force.body!r}"
-            wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
+            wrong.append((("forces", index, "body"), message, {"code": "S302", "found": force.body, "hint": hint}))
             continue
         body_name, pose = places[prefix + force.body]
         if not any(above.joint.name.removeprefix(prefix) in written.open for above in _above(body_name, bodies)):
             message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
-            wrong.append((("forces", index, "body"), message, {"found": force.body}))
+            wrong.append((("forces", index, "body"), message, {"code": "S713", "found": force.body}))
             continue
         point = frames.compose(pose, Pose(force.at)).position
         forces.append((body_name, np.array(point), np.array(frames.rotate(pose.quaternion, force.force))))

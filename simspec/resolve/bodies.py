@@ -105,7 +105,9 @@ def named_frames(
                 below: tuple[Key, ...] = () if key else ("body",)
                 found = full if key else written.content.body
                 document = written.file.document
-                problems.append(document.problem((*written.path, *below), message, key=key, found=found, hint=hint))
+                problems.append(
+                    document.problem((*written.path, *below), message, key=key, found=found, hint=hint, code="S408")
+                )
     return tuple(resolved[name] for name in sorted(resolved)), problems
 
 
@@ -213,14 +215,18 @@ def _carriers_first(models: list[_Instance], expansion: Expansion) -> list[_Inst
                 hint = near(carrier, [*owner, *expansion.frames])
                 place = (*link.path, "attach")
                 message = f"no model has a body or a frame {carrier!r}"
-                expansion.problems.append(link.source.document.problem(place, message, found=carrier, hint=hint))
+                expansion.problems.append(
+                    link.source.document.problem(place, message, found=carrier, hint=hint, code="S408")
+                )
                 _stand_alone(link)
                 link = None
             else:
                 link = owner[carrier]
         if link is not None and any(link is other for other in chain):
             message, hint = "these models are attached to each other", "one of them must not be attached"
-            expansion.problems.append(start.source.document.problem((*start.path, "attach"), message, hint=hint))
+            expansion.problems.append(
+                start.source.document.problem((*start.path, "attach"), message, hint=hint, code="S408")
+            )
             _stand_alone(chain[-1])
         ordered += reversed(chain)
     return ordered
@@ -416,5 +422,7 @@ def _check_names(instances: Sequence[_Instance], expansion: Expansion) -> None:
                 message = f"two {'bodies' if noun == 'body' else noun + 's'} would be called {name!r}"
                 where = ".".join(map(str, other.path)) + (f" at {place}" if place else "")
                 expansion.problems.append(
-                    instance.source.document.problem(instance.path, message, key=True, found=f"the other one: {where}")
+                    instance.source.document.problem(
+                        instance.path, message, key=True, found=f"the other one: {where}", code="S303"
+                    )
                 )

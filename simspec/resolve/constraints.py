@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -187,21 +187,27 @@ class _ConstraintDraft:
         self._refused: set[tuple[int, tuple[Key, ...]]] = set()
 
     def problem(
-        self, written: _WrittenConstraint, below: tuple[Key, ...], message: str, **more: str | bool | None
+        self, written: _WrittenConstraint, below: tuple[Key, ...], message: str, **more: Unpack[Details]
     ) -> None:
         """Note what is wrong, once for all copies of a constraint."""
         key = (id(written.file), written.path)
         if key in self._refused:
             return
         self._refused.add(key)
-        details: Details = more  # type: ignore[assignment]
-        self.problems.append(written.file.document.problem((*written.path, *below), message, **details))
+        self.problems.append(written.file.document.problem((*written.path, *below), message, **more))
 
     def add(self, written: _WrittenConstraint) -> None:
         """Resolve the names of one."""
         content = written.content
         if written.name in self.written:
-            self.problem(written, (), f"there is a constraint {written.name!r} already", key=True, hint="another name")
+            self.problem(
+                written,
+                (),
+                f"there is a constraint {written.name!r} already",
+                key=True,
+                hint="another name",
+                code="S303",
+            )
             return
         self.written[written.name] = written
         if content.follow is not None:
@@ -221,7 +227,14 @@ class _ConstraintDraft:
         if joint in self.follows:
             other = self.follows[joint]
             message = f"{joint} follows {other.leader} already, by the constraint {other.name!r}"
-            self.problem(written, ("follow", "joint"), message, found=joint, hint="a joint follows one other at most")
+            self.problem(
+                written,
+                ("follow", "joint"),
+                message,
+                found=joint,
+                hint="a joint follows one other at most",
+                code="S504",
+            )
             return
         offset = 0.0
         if content.offset is not None:
@@ -229,7 +242,12 @@ class _ConstraintDraft:
                 offset = Displacement().number(self.bodies[self.owner[joint]].joint.kind).read(content.offset)
             except Faults as error:
                 wrong = error.faults[0]
-                more = {"found": wrong.found, "allowed": wrong.allowed, "hint": wrong.hint}
+                more: Details = {
+                    "found": wrong.found,
+                    "allowed": wrong.allowed,
+                    "hint": wrong.hint,
+                    "code": wrong.code,
+                }
                 self.problem(written, ("follow", "offset"), wrong.message, **more)
                 return
         self.follows[joint] = FollowConstraint(written.name, joint, leader, content.ratio, offset)
@@ -239,11 +257,13 @@ class _ConstraintDraft:
         """Whether there is a hinge or slide of this name; notes what is wrong, where there is none."""
         if name not in self.owner:
             known = [joint for joint, body in self.owner.items() if self.bodies[body].joint.kind in SCALAR_JOINTS]
-            self.problem(written, place, f"there is no joint {name!r}", found=name, hint=near(name, known))
+            self.problem(written, place, f"there is no joint {name!r}", found=name, hint=near(name, known), code="S302")
             return False
         kind = self.bodies[self.owner[name]].joint.kind
         if kind not in SCALAR_JOINTS:
-            self.problem(written, place, f"{name} is {article(kind)} joint", found=name, allowed="hinges and slides")
+            self.problem(
+                written, place, f"{name} is {article(kind)} joint", found=name, allowed="hinges and slides", code="S504"
+            )
             return False
         return True
 
@@ -262,12 +282,14 @@ class _ConstraintDraft:
         for index, name in enumerate(ends):
             if name not in self.places:
                 hint = near(name, self.places)
-                self.problem(written, (kind, "bodies", index), f"there is no body {name!r}", found=name, hint=hint)
+                self.problem(
+                    written, (kind, "bodies", index), f"there is no body {name!r}", found=name, hint=hint, code="S302"
+                )
                 return
         (first, near_end), (second, far_end) = (self.places[name] for name in ends)
         if self._groups and self._groups[first] == self._groups[second]:
             message = f"{first} and {second} are joined rigidly already"
-            self.problem(written, (kind, "bodies"), message, hint="remove the constraint")
+            self.problem(written, (kind, "bodies"), message, hint="remove the constraint", code="S502")
             return
         # values that are not given follow from the initial positions, in ``close``
         if isinstance(content, SpecConnect):
@@ -298,7 +320,9 @@ class _ConstraintDraft:
                 shown = " -> ".join(circle[:MOST_NAMED]) + (" -> ..." if len(circle) > MOST_NAMED else "")
                 message = f"these joints follow each other: {shown}"
                 hint = "one of them must follow none"
-                self.problem(self.written[self.follows[joint].name], ("follow", "leader"), message, hint=hint)
+                self.problem(
+                    self.written[self.follows[joint].name], ("follow", "leader"), message, hint=hint, code="S504"
+                )
                 return
             for follower in reversed(chain):
                 self._settle(self.follows[follower])
@@ -324,6 +348,7 @@ class _ConstraintDraft:
                     found=f"{local:.9g}",
                     allowed=f"{value:.9g}",
                     hint=f"leave out the {key} of {follow.joint}: it follows from {follow.leader}'s",
+                    code="S503",
                 )
                 return
             wanted[key] = local
@@ -353,6 +378,7 @@ class _ConstraintDraft:
             found=f"{position:.9g}",
             allowed=f"{limits[0]:g} to {limits[1]:g}",
             hint=hint,
+            code="S503",
         )
 
     def check_sums(self) -> None:
@@ -372,6 +398,7 @@ class _ConstraintDraft:
                     found=f"{begins:.9g}",
                     allowed=f"{lower:g} to {upper:g}",
                     hint="other initial positions of the joints, or other limits",
+                    code="S503",
                 )
 
     def close(self) -> None:
@@ -407,6 +434,7 @@ class _ConstraintDraft:
                     f"the initial velocities of {constraint.first} and {constraint.second} would part them",
                     found=f"{fastest:.3g} m/s or rad/s",
                     hint="initial velocities that fit each other, or none",
+                    code="S503",
                 )
 
     def _close_point(self, constraint: ConnectConstraint, first_in_second: Pose) -> None:
@@ -422,6 +450,7 @@ class _ConstraintDraft:
                 found=f"a distance of {away:.3g} m",
                 allowed=f"second_at: [{shown}]",
                 hint="leave out second_at: it follows from the initial positions; or change those",
+                code="S503",
             )
 
     def _close_frame(self, constraint: WeldConstraint, second_in_first: Pose) -> None:
@@ -438,4 +467,5 @@ class _ConstraintDraft:
                 f"{constraint.second} is not initially where {constraint.first} holds it",
                 found=f"{away:.3g} m and {angle:.3g} rad away",
                 hint="leave out pose: it follows from the initial positions; or change those",
+                code="S503",
             )

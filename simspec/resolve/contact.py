@@ -135,6 +135,7 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
                 found=f"{time:.4g} s, with a timestep of {timestep:g} s",
                 allowed=f"at least {LEAST_STEPS * timestep:g} s",
                 hint="use a softer contact, a smaller physics.timestep, or hardness: common (rigid)",
+                code="S603",
             )
     return list(problems.values())
 
@@ -173,7 +174,9 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                 if name not in bodies:
                     path = ("contact", word, index, position)
                     hint = near(name, bodies)
-                    problems.append(source.document.problem(path, f"there is no body {name!r}", found=name, hint=hint))
+                    problems.append(
+                        source.document.problem(path, f"there is no body {name!r}", found=name, hint=hint, code="S302")
+                    )
     excluded = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
     together = {sorted_pair(*pair) for pair in expansion.joined_pairs} | joined(expansion.bodies)
     if not problems and not expansion.problems:
@@ -196,5 +199,5 @@ def _untouchable(source: Source, expansion: Expansion, excluded: set[Names], tog
             message, hint = f"no joint or loop joins {first} and {second}", "remove the pair: they touch anyway"
         else:
             continue
-        problems.append(source.document.problem(path, message, found=f"[{first}, {second}]", hint=hint))
+        problems.append(source.document.problem(path, message, found=f"[{first}, {second}]", hint=hint, code="S604"))
     return problems

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from simspec.control.law import needs_dynamics
 from simspec.errors import Problem
 from simspec.language.arrays import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.control import PER_JOINT
 from simspec.language.control import Controller as SpecController
-from simspec.language.document import Key
+from simspec.language.document import Details, Key
 from simspec.language.models import whole_steps
 from simspec.language.quantities import LARGEST, article
 from simspec.language.sources import Source
@@ -94,7 +94,11 @@ def unstable(source: Source, world: World) -> list[Problem]:
         instabilities = stability.unstable(world)
     except ModuleNotFoundError as error:
         message = f"control needs a library that is not installed ({error.name})"
-        return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec-physics[pin]'")]
+        return [
+            source.document.problem(
+                ("control",), message, key=True, hint="pip install 'simspec-physics[pin]'", code="S705"
+            )
+        ]
     floating = {body.joint.name for bodies in trees(world).values() if _without_law(bodies) for body in bodies}
     joints = {controller.name: controller.joints for controller in world.controllers}
     return [
@@ -126,6 +130,7 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
                 key=True,
                 found=f"bodies.{law.name}, with a {law.joint.kind} joint",
                 hint=_explicit_hint(world, controller),
+                code="S705",
             )
             for controller in world.controllers
             if law is not None and needs_dynamics(controller) and not joints.isdisjoint(controller.joints)
@@ -172,6 +177,7 @@ def _of_instability(source: Source, instability: ControlInstability, *, implicit
         else "none: it is unstable at any timestep",
         hint=("use discretisation: implicit, " if implicit else "use ")
         + f"lower gains, {'a shorter every, ' if text else ''}or a smaller physics.timestep",
+        code="S704",
     )
 
 
@@ -205,7 +211,7 @@ class _ControllerDraft:
             place = (*self._path, "joints", index)
             if entry in self._followers:
                 message = f"{entry} follows {self._followers[entry]}, and has no controller"
-                self._problem(place, message, found=entry, hint=f"drive {self._followers[entry]}")
+                self._problem(place, message, found=entry, hint=f"drive {self._followers[entry]}", code="S702")
                 continue
             meant = (
                 chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in SCALAR_JOINTS else []
@@ -218,9 +224,13 @@ class _ControllerDraft:
                 name, holder = next(iter(other.items()))
                 message = f"{name} has a controller already: {holder}"
                 more = f" (and {len(other) - 1} more joints)" if len(other) > 1 else ""
-                self._problem(place, message + more, found=entry, hint="a joint has at most one controller")
+                self._problem(
+                    place, message + more, found=entry, hint="a joint has at most one controller", code="S702"
+                )
             elif all(name in joints for name in meant):
-                self._problem(place, "every joint of this entry is already listed", found=entry, hint="remove it")
+                self._problem(
+                    place, "every joint of this entry is already listed", found=entry, hint="remove it", code="S702"
+                )
             joints.update(dict.fromkeys(name for name in meant if name not in taken))
         return joints
 
@@ -228,14 +238,16 @@ class _ControllerDraft:
         others = chosen(entry, self._types)
         if others:
             kind = self._types[others[0]]
-            self._problem(place, f"{others[0]} is {article(kind)} joint", found=entry, allowed="hinges and slides")
+            self._problem(
+                place, f"{others[0]} is {article(kind)} joint", found=entry, allowed="hinges and slides", code="S702"
+            )
         elif "*" in entry:
             allowed = _some(movable) if movable else "the world has no hinge and no slide"
-            self._problem(place, f"no hinge or slide is called {entry!r}", found=entry, allowed=allowed)
+            self._problem(place, f"no hinge or slide is called {entry!r}", found=entry, allowed=allowed, code="S302")
         else:
             hint = near(entry, movable)
             none = None if movable else "the world has no hinge and no slide"
-            self._problem(place, f"there is no joint {entry!r}", found=entry, allowed=none, hint=hint)
+            self._problem(place, f"there is no joint {entry!r}", found=entry, allowed=none, hint=hint, code="S302")
 
     # --- numbers of joints ---
 
@@ -255,14 +267,16 @@ class _ControllerDraft:
             meant = chosen(entry, self.joints)
             if not meant:
                 message = f"{entry!r} is not a joint of this controller"
-                self._problem(place, message, key=True, allowed=_some(self.joints), hint=near(entry, self.joints))
+                self._problem(
+                    place, message, key=True, allowed=_some(self.joints), hint=near(entry, self.joints), code="S302"
+                )
             yield from self._same(key, number, [name for name in meant if said[name] == entry], (entry,))
         for clash in clashes:
-            self._problem((*self._path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+            self._problem((*self._path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT, code="S304")
         lacking = [name for name in self.joints if name not in said]
         if lacking:
             allowed = "one entry per joint, or one number for all"
-            self._problem((*self._path, key), f"no value for {_some(lacking)}", key=True, allowed=allowed)
+            self._problem((*self._path, key), f"no value for {_some(lacking)}", key=True, allowed=allowed, code="S703")
 
     def _same(self, key: str, value: Any, joints: Sequence[str], below: tuple[Key, ...]) -> Iterator[tuple[str, float]]:
         """One number for several joints, which must be of one type where the number has a unit."""
@@ -274,7 +288,11 @@ class _ControllerDraft:
             found = ", ".join(f"{name}: {article(kind)}" for kind, name in types.items())
             message = f"one number for hinges and slides would have two units ({units})"
             self._problem(
-                place, message, found=found, hint=f"{key}: {{JOINT: number, ...}}, separately for hinges and slides"
+                place,
+                message,
+                found=found,
+                hint=f"{key}: {{JOINT: number, ...}}, separately for hinges and slides",
+                code="S703",
             )
             return
         for name in joints:
@@ -282,7 +300,9 @@ class _ControllerDraft:
                 yield name, reader.number(self._types[name]).read(value)
             except Faults as error:
                 for wrong in error.faults:
-                    self._problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint)
+                    self._problem(
+                        place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint, code=wrong.code
+                    )
                 return
 
     def _geared(self, key: str, power: int) -> dict[str, float | None]:
@@ -297,7 +317,7 @@ class _ControllerDraft:
             if geared > LARGEST:
                 message = f"{key} of {name} times the gear ratio is too large a number"
                 found_there = f"{value:g} × {ratio:g}^{power}"
-                self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}")
+                self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}", code="S202")
                 values[name] = None
         return values
 
@@ -345,7 +365,7 @@ class _ControllerDraft:
         rotors = self._geared("rotor_inertia", 2)
         return {name: self._chosen[name].armature + value for name, value in rotors.items() if value is not None}
 
-    def _problem(self, place: tuple[Key, ...], message: str, **more: Any) -> None:
+    def _problem(self, place: tuple[Key, ...], message: str, **more: Unpack[Details]) -> None:
         self.problems.append(self._source.document.problem(place, message, **more))
 
 

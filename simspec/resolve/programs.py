@@ -131,6 +131,7 @@ class ProgramSolution:
                     found=f"{solved} points of moves",
                     allowed=f"up to {MOST_SOLVED}; a move with straight: false counts for {FAR}",
                     hint="a larger interval, or straight: false",
+                    code="S712",
                 )
                 return
             if total > MOST_POINTS or total * joints > MOST_NUMBERS:
@@ -140,6 +141,7 @@ class ProgramSolution:
                     found=f"{sum(counts) + 1} points of {joints} joints",
                     allowed=f"{MOST_POINTS} points, {MOST_NUMBERS} numbers",
                     hint="a larger interval",
+                    code="S712",
                 )
                 return
 
@@ -153,19 +155,24 @@ class ProgramSolution:
         if name is not None and name not in known:
             allowed = ", ".join(list(known)[:20]) or "the models have none: model: {grasps: ...}"
             self._problem(
-                ("grasp",), f"there is no grasp {name!r}", found=name, allowed=allowed, hint=near(name, known)
+                ("grasp",),
+                f"there is no grasp {name!r}",
+                found=name,
+                allowed=allowed,
+                hint=near(name, known),
+                code="S302",
             )
             return
         if name is None and len(known) != 1:
             allowed = ", ".join(list(known)[:20]) or "the models have none: model: {grasps: ...}"
             message = "ambiguous grasp" if known else "grip requires a grasp"
-            self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
+            self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP", code="S713")
             return
         grasp = self._grasp = known[name] if name is not None else next(iter(known.values()))
         idle = [joint for joint in grasp.joints if joint not in self._driven]
         if idle:
             message = f"the grasp {grasp.name} moves {', '.join(idle[:6])}, which no controller drives"
-            self._problem(("program",), message, key=True, hint="control: {NAME: {joints: [...]}}")
+            self._problem(("program",), message, key=True, hint="control: {NAME: {joints: [...]}}", code="S713")
 
     @property
     def _chosen_grasp(self) -> ResolvedGrasp:
@@ -179,12 +186,16 @@ class ProgramSolution:
 
         frame = self._given.tool
         if frame is None:
-            self._problem(("program",), "move requires a tool frame", key=True, hint="tool: {body: MODEL/BODY}")
+            self._problem(
+                ("program",), "move requires a tool frame", key=True, hint="tool: {body: MODEL/BODY}", code="S713"
+            )
             return
         places = places_of(self._world.bodies, self._world.frames)
         if frame.body not in places:
             hint = near(frame.body, places)
-            self._problem(("tool", "body"), f"there is no body {frame.body!r}", found=frame.body, hint=hint)
+            self._problem(
+                ("tool", "body"), f"there is no body {frame.body!r}", found=frame.body, hint=hint, code="S302"
+            )
             return
         carrier, place = places[frame.body]
         bodies = tree_of(self._world, carrier)
@@ -197,17 +208,17 @@ class ProgramSolution:
                 if loose.joint.kind == "free"
                 else "control: {NAME: {joints: [...]}}"
             )
-            self._problem(("tool", "body"), message, found=frame.body, hint=hint)
+            self._problem(("tool", "body"), message, found=frame.body, hint=hint, code="S713")
             return
         joints = [body.joint.name for body in way]
         if self._given.arm is not None:
             joints = self._arm(joints, self._given.arm)
         elif not joints:
-            self._problem(("tool", "body"), "no joint moves this body", found=frame.body)
+            self._problem(("tool", "body"), "no joint moves this body", found=frame.body, code="S713")
         both = [name for name in joints if self._grasp is not None and name in self._grasp.joints]
         if both:
             message = f"{', '.join(both[:6])} would belong to both the arm and the grasp"
-            self._problem(("program",), message, key=True, hint="arm: [the joints that move the tool]")
+            self._problem(("program",), message, key=True, hint="arm: [the joints that move the tool]", code="S713")
         if self.problems:
             return
         offset = frame.pose
@@ -221,7 +232,9 @@ class ProgramSolution:
             meant = chosen(entry, way)
             if not meant:
                 message = f"{entry!r} is not a joint between the world and the tool"
-                self._problem(("arm", index), message, found=entry, allowed=", ".join(way[:8]), hint=near(entry, way))
+                self._problem(
+                    ("arm", index), message, found=entry, allowed=", ".join(way[:8]), hint=near(entry, way), code="S302"
+                )
             wanted.update(meant)
         return [name for name in way if name in wanted]
 
@@ -360,7 +373,7 @@ class ProgramSolution:
         else:
             message = f"the target is out of reach: the tool stays {_off(there, turning)} away"
             hint = "a nearer target, or another orientation (the pose of the tool's frame counts)"
-        raise _Stop(message, ("move",), found=f"a target at [{at}] m", hint=hint)
+        raise _Stop(message, ("move",), found=f"a target at [{at}] m", hint=hint, code="S711")
 
     def _jumped(self, coordinate: int, jump: float, into: str) -> None:
         parts = layout(self._tool.bodies).position
@@ -372,6 +385,7 @@ class ProgramSolution:
             ("move",),
             allowed=f"up to {LARGEST_JUMP:g}",
             hint="the straight path passes a singular configuration: use straight: false, another path, or a smaller interval",
+            code="S711",
         )
 
 

@@ -77,7 +77,11 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
     known = {body.name for body in bodies} | {body.joint.name for body in bodies if body.joint.kind in SCALAR_JOINTS}
     return [
         source.document.problem(
-            ("record", "show", index), f"there is no body, hinge or slide {name!r}", found=name, hint=near(name, known)
+            ("record", "show", index),
+            f"there is no body, hinge or slide {name!r}",
+            found=name,
+            hint=near(name, known),
+            code="S302",
         )
         for index, name in enumerate(source.content.record.show)
         if name not in known
@@ -101,6 +105,7 @@ def too_much(source: Source, world: World) -> list[Problem]:
             found=f"{rows:,} rows of {row:,} bytes, {rows * row / 2**30:,.0f} GiB",
             allowed=f"{RECORDED_BYTES / 2**30:g} GiB",
             hint=f"record: {{every: {least:g} s}}, or a shorter physics.duration",
+            code="S803",
         )
     ]
 
@@ -146,7 +151,7 @@ def expectations(
             if body not in names:
                 message = f"there is no body {body!r}"
                 hint = near(body, sorted(names))
-                problems.append(source.document.problem(place, message, key=key, found=body, hint=hint))
+                problems.append(source.document.problem(place, message, key=key, found=body, hint=hint, code="S302"))
         requested = time == whole or not _later(KINDS[kind], values, time)
         for name in TIMES:
             if name in values and (why := _not_recorded(values[name], time if requested else whole, recorded)):
@@ -159,14 +164,16 @@ def expectations(
                 )
                 found_at = f"{values[name]:g} s"
                 problems.append(
-                    source.document.problem((*path, name), why[0], found=found_at, allowed=why[1], hint=hint)
+                    source.document.problem(
+                        (*path, name), why[0], found=found_at, allowed=why[1], hint=hint, code="S801"
+                    )
                 )
         for below, message, more in _never(kind, values, bodies, time, recorded, driven, pushed):
             problems.append(source.document.problem((*path, *below), f"cannot be satisfied: {message}", **more))
         if kind == "momentum_conserved" and any(time.gravity):
             shown = ", ".join(f"{value:g}" for value in time.gravity)
             message = "momentum is conserved only without gravity"
-            problems.append(source.document.problem(path, message, found=f"gravity [{shown}] m/s²"))
+            problems.append(source.document.problem(path, message, found=f"gravity [{shown}] m/s²", code="S801"))
         if requested:
             resolved.append(Expectation(kind, tuple(sorted(values.items()))))
     return tuple(resolved), problems
@@ -183,29 +190,41 @@ def _never(
 ) -> Iterator[tuple[tuple[str, ...], str, Details]]:
     """Why an expectation fails in every run (place, message, more): a run could not be measured for it."""
     if kind == "no_penetration_deeper_than" and "contacts" not in recorded.channels:
-        yield (), "contacts are not recorded", {"hint": "add contacts to record.channels"}
+        yield (), "contacts are not recorded", {"code": "S801", "hint": "add contacts to record.channels"}
     if kind == "keeps_place" and values.get("until") is not None and values["until"] < values["after"]:
-        yield ("until",), "until is before after", {"found": f"{values['until']:g} s < {values['after']:g} s"}
+        yield (
+            ("until",),
+            "until is before after",
+            {"code": "S801", "found": f"{values['until']:g} s < {values['after']:g} s"},
+        )
     if kind == "apex_height" and values["after"] >= time.steps * time.timestep > 0.0:
-        yield ("after",), "after the end of the run", {"found": f"{values['after']:g} s"}
+        yield ("after",), "after the end of the run", {"code": "S801", "found": f"{values['after']:g} s"}
     if kind in ("follows_oracle", "momentum_conserved") and pushed:
         why = "momentum changes under them"
         if kind == "follows_oracle":
             why = "the oracle's motion has no forces on bodies, and no kinematic ones"
-        yield (), f"{why}, and this scenario has `forces` or `motion`", {"hint": "remove it"}
+        yield (), f"{why}, and this scenario has `forces` or `motion`", {"code": "S801", "hint": "remove it"}
     if kind != "follows_oracle":
         return
     if driven:
         hint = "remove it; proof level L7 compares the controllers with the oracle"
-        yield (), "the oracle does not support control, and this scenario has controllers", {"hint": hint}
+        yield (
+            (),
+            "the oracle does not support control, and this scenario has controllers",
+            {"code": "S801", "hint": hint},
+        )
     if rough := [body.joint.name for body in bodies if body.joint.dry_friction]:
         shown = ", ".join(rough[:6]) + (", ..." if len(rough) > 6 else "")
-        yield (), "the oracle does not support dry friction", {"found": shown, "hint": "leave it out, or dry_friction"}
+        yield (
+            (),
+            "the oracle does not support dry friction",
+            {"code": "S801", "found": shown, "hint": "leave it out, or dry_friction"},
+        )
     until = values.get("until")
     last = time.steps if until is None else round(until / time.timestep)
     if last < min(recorded.every_steps, time.steps) or not time.steps:
         hint = "a longer physics.duration" if until is None else "a later until, or a shorter record.every"
-        yield (), "no motion is recorded up to that time", {"hint": hint}
+        yield (), "no motion is recorded up to that time", {"code": "S801", "hint": hint}
 
 
 def fixed_for_ever(source: Source, world: World) -> list[Problem]:
@@ -219,7 +238,7 @@ def fixed_for_ever(source: Source, world: World) -> list[Problem]:
         expected = getattr(entry, kind)
         for place, message, found in _decided(kind, expected, start, static):
             path: tuple[Key, ...] = ("expect", index, kind, *place)
-            problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found))
+            problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found, code="S801"))
     return problems
 
 
@@ -312,18 +331,22 @@ def forces(
         body, place = places.get(written.body, ("", Pose()))
         if not body:
             message, hint = f"there is no body {written.body!r}", near(written.body, sorted(places))
-            problems.append(source.document.problem((*path, "body"), message, found=written.body, hint=hint))
+            problems.append(
+                source.document.problem((*path, "body"), message, found=written.body, hint=hint, code="S302")
+            )
         elif groups[body] == "world":
             message = f"{body} is fixed to the world: no force moves it"
-            problems.append(source.document.problem((*path, "body"), message, found=written.body))
+            problems.append(source.document.problem((*path, "body"), message, found=written.body, code="S802"))
         elif groups[body] in kinematic:
             message = f"{body} is kinematic: no force moves it"
-            problems.append(source.document.problem((*path, "body"), message, found=written.body))
+            problems.append(source.document.problem((*path, "body"), message, found=written.body, code="S802"))
         if whole.steps and start >= end:
             late, found = "it begins after the end of the run", f"{start:g} s"
             hint = "a longer physics.duration"
             problems.append(
-                source.document.problem((*path, "from"), late, found=found, allowed=f"below {end:g} s", hint=hint)
+                source.document.problem(
+                    (*path, "from"), late, found=found, allowed=f"below {end:g} s", hint=hint, code="S802"
+                )
             )
         resolved.append(
             Force(
@@ -369,10 +392,10 @@ def motions(source: Source, bodies: tuple[Body, ...], kinematic: Sequence[str]) 
         path: tuple[Key, ...] = ("motion", name)
         if name not in names:
             message, hint = f"there is no body {name!r}", near(name, sorted(kinematic or names))
-            problems.append(source.document.problem(path, message, key=True, found=name, hint=hint))
+            problems.append(source.document.problem(path, message, key=True, found=name, hint=hint, code="S302"))
         else:
             hint = "kinematic: true, of a root without joint"
-            problems.append(source.document.problem(path, f"{name} is not kinematic", key=True, hint=hint))
+            problems.append(source.document.problem(path, f"{name} is not kinematic", key=True, hint=hint, code="S802"))
     if not kinematic or problems:
         return Kinematic((), bodies, [], problems)
     moved = tuple(_motion(body, written.get(body.name)) for body in bodies if body.name in kinematic)

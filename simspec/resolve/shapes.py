@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.errors import Problem, SpecError
+from simspec.errors import Location, Problem, SpecError
 from simspec.language import trees
 from simspec.language.actions import MotionPoint, ToolPlace
 from simspec.language.arrays import Array, Jitter
@@ -132,9 +132,16 @@ class MeshShape:
         """How it takes the file."""
         return options_of(self.mesh)
 
-    def problem(self, message: str, hint: str | None = None) -> Problem:
+    @property
+    def place(self) -> Location | None:
+        """Where the file is named."""
+        return self.source.document.locate((*self.path, "mesh", "file"))
+
+    def problem(self, message: str, hint: str | None = None, *, code: str) -> Problem:
         """A problem or a warning of this mesh."""
-        return self.source.document.problem((*self.path, "mesh", "file"), message, found=self.mesh.file, hint=hint)
+        return self.source.document.problem(
+            (*self.path, "mesh", "file"), message, found=self.mesh.file, hint=hint, code=code
+        )
 
 
 def options_of(mesh: Mesh) -> MeshOptions:
@@ -174,11 +181,11 @@ def read_meshes(source: Source) -> Meshes:
     for shape in shapes:
         result = loaded[shape.file, shape.options]
         if isinstance(result, MeshError):
-            problems.append(shape.problem(str(result)))
+            problems.append(shape.problem(str(result), code="S406"))
         elif result.enclosed is None and shape.mesh.mass_from != HULL and fills(shape.body, shape.shape):
             message = f"the mass of this mesh cannot be computed: {result.open_because}"
             hint = "mass_from: hull; or the body's mass with inertia; or a file that is closed"
-            problems.append(shape.problem(message, hint))
+            problems.append(shape.problem(message, hint, code="S406"))
     if problems:
         raise SpecError(in_order(problems))
     return {wanted: result for wanted, result in loaded.items() if not isinstance(result, MeshError)}
@@ -203,7 +210,7 @@ def too_many(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
     message = (
         f"the meshes of this scenario have {total:,} vertices, copies included; up to {MOST_IN_WORLD:,} are supported"
     )
-    return [first.problem(message, "max_vertices: 64")]
+    return [first.problem(message, "max_vertices: 64", code="S406")]
 
 
 # The height fields of a spec: their files, read before any tree is resolved, and their heights as the world has them.
@@ -238,7 +245,7 @@ def read_grids(source: Source) -> Grids:
         try:
             grids[local.meshes[shape.file]] = read_grid(local.meshes[shape.file])
         except MeshError as error:
-            problems.append(local.document.problem((*path, "file"), str(error), found=shape.file))
+            problems.append(local.document.problem((*path, "file"), str(error), found=shape.file, code="S407"))
     if problems:
         raise SpecError(in_order(problems))
     return grids
@@ -268,7 +275,7 @@ def too_many_heights(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
     message = (
         f"the height fields of this scenario have {total:,} heights, copies included; up to {MOST_HEIGHTS:,} are read"
     )
-    return [local.document.problem(path, message, hint="fewer rows and columns, or fewer copies")]
+    return [local.document.problem(path, message, hint="fewer rows and columns, or fewer copies", code="S109")]
 
 
 # Shapes of a body: as the world has them, and what mass they have where they are filled.

@@ -66,7 +66,7 @@ def _problem(source: Source, body: Body, found: str, allowed: str, nearest: str)
     path = f"bodies.{body.name}.joint.position"
     hint = f"{nearest}, the nearest allowed value; `positions:` where the model is placed"
     message = f"{body.joint.name}: {OUTSIDE}"
-    return Problem(message, path, locate(source, path), found=found, allowed=allowed, hint=hint)
+    return Problem(message, path, locate(source, path), found=found, allowed=allowed, hint=hint, code="S501")
 
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:
@@ -88,7 +88,7 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
             path = f"bodies.{error.root}"
             message = "the mass matrix of this body and what hangs on it is singular in double precision"
             hint = "masses and moments of inertia that are not 1e16 times as large as others of the same tree"
-            return [Problem(message, path, locate(source, path), hint=hint)]
+            return [Problem(message, path, locate(source, path), hint=hint, code="S506")]
     except ModuleNotFoundError:
         return []
     problems = []
@@ -103,7 +103,9 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
         hint = f"less {less}; or a smaller physics.timestep"
         found_there = f"a timestep of {instability.timestep:g} s"
         problems.append(
-            Problem(str(instability), path, locate(source, path), found=found_there, allowed=largest, hint=hint)
+            Problem(
+                str(instability), path, locate(source, path), found=found_there, allowed=largest, hint=hint, code="S505"
+            )
         )
     return problems
 
@@ -131,7 +133,7 @@ def without_inertia(source: Source, bodies: Sequence[Body]) -> list[Problem]:
             moments = ", ".join(f"{moment:.6g}" for moment in principal_moments(whole.inertia))
             message = f"the principal moments of this body and what is fixed to it ({names}) must be above 0"
             found, hint = f"{moments} kg m²", "a point mass needs others that are not on one line with it"
-        problems.append(Problem(message, path, locate(source, path), found=found, hint=hint))
+        problems.append(Problem(message, path, locate(source, path), found=found, hint=hint, code="S506"))
     return problems
 
 
@@ -148,13 +150,13 @@ def unlike_weights(source: Source, bodies: Sequence[Body], kinematic: Container[
         path = f"bodies.{named}.gravity_scale"
         if top in kinematic:
             message = "the weight of a kinematic body, and of what is fixed to it, counts for nothing"
-            problems.append(Problem(message, path, locate(source, path), hint="remove it"))
+            problems.append(Problem(message, path, locate(source, path), hint="remove it", code="S410"))
         elif top in gathers and len(scales) > 1:
             message = (
                 "bodies that are fixed to each other, one of them without inertia of its own, have one gravity_scale"
             )
             values = ", ".join(f"{scale:g}" for scale in sorted(scales))
-            problems.append(Problem(message, path, locate(source, path), found=values))
+            problems.append(Problem(message, path, locate(source, path), found=values, code="S410"))
     return problems
 
 
@@ -183,7 +185,9 @@ def dependent_joints(source: Source, bodies: Sequence[Body]) -> list[Problem]:
         path = f"bodies.{owner_of(body.name)}.joints"
         message = "at their initial positions these joints move the body in fewer ways than they are many"
         hint = "axes of hinges through one point that are not in one plane, slides that are not either; or another position"
-        problems.append(Problem(message, path, locate(source, path), found=f"{len(row)} joints", hint=hint))
+        problems.append(
+            Problem(message, path, locate(source, path), found=f"{len(row)} joints", hint=hint, code="S506")
+        )
     return problems
 
 

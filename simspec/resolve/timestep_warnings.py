@@ -237,7 +237,7 @@ def _spinning(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
         allowed = f"a timestep of up to {_step(gain.largest_step, world)}, with which it gains {THRESHOLD:g}"
         hint = "a smaller physics.timestep; or a rotation about a principal axis"
         found = f"{gain.turn / world.physics.timestep:.4g} rad/s, a timestep of {world.physics.timestep:g} s"
-        yield "spin", Problem(message, path, locate(spec, path), found, allowed, hint)
+        yield "spin", Problem(message, path, locate(spec, path), found, allowed, hint, code="W113")
 
 
 def _passing(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
@@ -254,7 +254,7 @@ def _passing(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
         allowed = f"a timestep of up to {_step(passage.room / passage.speed, world)}"
         found = f"{passage.speed:.4g} m/s, a timestep of {world.physics.timestep:g} s"
         hint = "a smaller physics.timestep; or thicker shapes"
-        yield "passing", Problem(message, path, locate(spec, path), found, allowed, hint)
+        yield "passing", Problem(message, path, locate(spec, path), found, allowed, hint, code="W114")
 
 
 def _dragged(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
@@ -277,7 +277,10 @@ def _dragged(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
             )
             allowed = f"a timestep of up to {_step(2.0 * step / most, world)}"
             found = f"a timestep of {step:g} s"
-            yield "drag", Problem(message, path, locate(spec, path), found, allowed, "a smaller physics.timestep")
+            yield (
+                "drag",
+                Problem(message, path, locate(spec, path), found, allowed, "a smaller physics.timestep", code="W115"),
+            )
 
 
 def _drag_rates(body: Body, density: float, wind: tuple[float, float, float]) -> Iterator[float]:

@@ -73,7 +73,7 @@ def trajectory(
     if not world.controllers:
         message = "a trajectory without a controller that follows it"
         hint = "control: {NAME: {joints: ...}}"
-        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
+        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint, code="S302")]
     try:
         if written.points is not None:
             draft = _of_points(source, world, problems)
@@ -89,7 +89,7 @@ def trajectory(
     except ModuleNotFoundError as error:
         message = f"this trajectory needs a library that is not installed ({error.name})"
         hint = "pip install 'simspec-physics[pin]'"
-        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
+        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint, code="C110")]
     return made, problems
 
 
@@ -102,10 +102,10 @@ def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
     driven = {joint for controller in world.controllers for joint in controller.joints}
     for name in names:
         if name not in known:
-            yield name, f"there is no joint {name!r}", {"found": name, "hint": near(name, driven)}
+            yield name, f"there is no joint {name!r}", {"code": "S302", "found": name, "hint": near(name, driven)}
         elif name not in driven:
             message = f"{name} moves here, but no controller drives it"
-            yield name, message, {"found": name, "hint": "control: {NAME: {joints: [...]}}"}
+            yield name, message, {"code": "S717", "found": name, "hint": "control: {NAME: {joints: [...]}}"}
 
 
 def _driven(world: World) -> list[str]:
@@ -135,7 +135,7 @@ class _Entries:
         first = self._of[0, "positions"]
         for (row, quantity), entries in self._of.items():
             if unknown := sorted(entries.keys() ^ first.keys()):
-                found: Details = {"found": f"differs in {', '.join(unknown[:6])}"}
+                found: Details = {"code": "S707", "found": f"differs in {', '.join(unknown[:6])}"}
                 self.problems.append((row, quantity, "", "not the joints of the first point", found))
         self.joints = tuple(first)
 
@@ -149,10 +149,10 @@ class _Entries:
         entries, clashes = entry_of(values, lambda entry: chosen(entry, self.driven) if "*" in entry else [entry])
         for entry in values:
             if "*" in entry and not chosen(entry, self.driven):
-                allowed: Details = {"allowed": ", ".join(self.driven[:20])}
+                allowed: Details = {"code": "S302", "allowed": ", ".join(self.driven[:20])}
                 self.problems.append((row, quantity, entry, f"no driven joint that {entry!r} could mean", allowed))
         for clash in clashes:
-            self.problems.append((row, quantity, clash.other, clash_words(clash), {"hint": CLASH_HINT}))
+            self.problems.append((row, quantity, clash.other, clash_words(clash), {"code": "S304", "hint": CLASH_HINT}))
         return entries
 
 
@@ -175,7 +175,9 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Trajec
         found = f"{len(points)} points of {len(joints)} joints"
         allowed = f"up to {MOST_NUMBERS}"
         problems.append(
-            source.document.problem(("trajectory", "points"), "too many numbers", found=found, allowed=allowed)
+            source.document.problem(
+                ("trajectory", "points"), "too many numbers", found=found, allowed=allowed, code="S109"
+            )
         )
     if problems:
         return None
@@ -194,7 +196,7 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Trajec
                     place = path(row, joint, quantity)
                     problems += [
                         source.document.problem(
-                            place, item.message, found=item.found, allowed=item.allowed, hint=item.hint
+                            place, item.message, found=item.found, allowed=item.allowed, hint=item.hint, code=item.code
                         )
                         for item in error.faults
                     ]
@@ -212,7 +214,7 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Traject
 
     table = read_table(source.table)
     for message, found, allowed in table.wrong:
-        refuse(message, found=found, allowed=allowed)
+        refuse(message, found=found, allowed=allowed, code="S708")
     if table.wrong:
         return None
     for _, message, more in _unusable(world, table.joints):
@@ -220,16 +222,20 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Traject
     later = np.flatnonzero(np.diff(table.times) <= 0.0)
     if len(later):
         row = int(later[0]) + 1
-        refuse("times must increase", found=f"{table.times[row]:g} s after {table.times[row - 1]:g} s in row {row + 1}")
+        refuse(
+            "times must increase",
+            found=f"{table.times[row]:g} s after {table.times[row - 1]:g} s in row {row + 1}",
+            code="S706",
+        )
     if table.times[0] < 0.0:
-        refuse("times begin at 0 or later", found=f"{table.times[0]:g} s")
+        refuse("times begin at 0 or later", found=f"{table.times[0]:g} s", code="S706")
     interpolation = required(source.content.trajectory).interpolation
     present = {name for name in ("velocities", "accelerations") if name in table.values}
     derivatives = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
     for name in sorted(present - derivatives):
-        refuse(f"{name} are not allowed with interpolation {interpolation}")
+        refuse(f"{name} are not allowed with interpolation {interpolation}", code="S707")
     if interpolation == "quintic" and len(present) == 1:
-        refuse("quintic requires velocities and accelerations, or neither")
+        refuse("quintic requires velocities and accelerations, or neither", code="S707")
     return _TrajectoryDraft(
         table.joints,
         table.times,
@@ -278,7 +284,7 @@ class _Check:
             row = int(close[0]) + 1
             gap = f"{self._times[row] - self._times[row - 1]:.3g} s before {self._times[row]:g} s"
             allowed = f"at intervals of at least {SHORTEST:g} s"
-            problems.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed))
+            problems.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed, code="S706"))
         beyond = np.maximum(self._low - self._values, self._values - self._high)
         for column in np.flatnonzero(beyond.max(axis=0) > EDGE)[:MOST_REPORTED]:
             row = int(beyond[:, column].argmax())
@@ -297,7 +303,7 @@ class _Check:
         for times, positions, speeds in self._followed():
             if not (np.isfinite(positions).all() and np.isfinite(speeds).all()):
                 row = self._row(times[0])
-                return [self._problem(row, 0, "the interpolated values overflow from here on")]
+                return [self._problem(row, 0, "the interpolated values overflow from here on", code="S707")]
             outside.look(np.maximum(self._low - positions, positions - self._high) - swing, times, positions)
             fast.look(np.abs(speeds) - fastest, times, speeds)
         problems = []
@@ -335,6 +341,7 @@ class _Check:
             found=f"{value:.6g} {_UNITS[joint.kind][0]}",
             allowed=allowed,
             hint=self._straight(row, column),
+            code="S709",
         )
 
     def _straight(self, row: int, column: int) -> str | None:
@@ -354,6 +361,7 @@ class _Check:
             found=f"{speed:.4g} {unit}, {speed / limit:.3g} times its limit" if limit else f"{speed:.4g} {unit}",
             allowed=f"up to {limit:g} {unit}",
             hint="more time, or a shorter path",
+            code="S710",
         )
 
     def _problem(self, row: int, column: int, message: str, **more: Unpack[Details]) -> Problem:
@@ -404,6 +412,7 @@ def dwell_overshoots(spec: Source, world: World) -> Iterator[Problem]:
             f"{joint} leaves two equal points by {away:.3g} {_UNITS[kinds[joint]][0]} at {time:.4g} s: between them the "
             f"{path.interpolation} spline overshoots",
             hint="interpolation: linear goes straight from point to point; or velocities in every point, 0 in these",
+            code="W116",
         )
 
 

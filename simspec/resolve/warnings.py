@@ -4,6 +4,7 @@ too fast for the timestep."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -74,7 +75,7 @@ def warnings(spec: Source, world: World) -> list[Problem]:
     first = [_counted(group) for group in grouped.values()]
     ordered = in_order(first)
     if len(ordered) > MOST_WARNINGS:
-        more = Problem(f"and {len(ordered) - MOST_WARNINGS} more warnings")
+        more = Problem(f"and {len(ordered) - MOST_WARNINGS} more warnings", code="W117")
         ordered = [*ordered[:MOST_WARNINGS], more]
     return ordered
 
@@ -88,7 +89,7 @@ def _counted(group: list[Problem]) -> Problem:
     if not more:
         return first
     message = f"{first.message} (and {more} more of this kind)"
-    return Problem(message, first.path, first.location, first.found, first.allowed, first.hint)
+    return dataclasses.replace(first, message=message)
 
 
 # --- files of other languages --------------------------------------------------------------------------------------------
@@ -135,7 +136,7 @@ def _names(entries: Iterable[str], joint: str) -> bool:
 def _at_limits(source: Source, starts: Sequence[LimitStart]) -> Warned:
     if starts:
         hint = "positions: where the model is placed"
-        yield "start", source.document.problem(starts[0].path, AT_LIMITS, found=listed(starts), hint=hint)
+        yield "start", source.document.problem(starts[0].path, AT_LIMITS, found=listed(starts), hint=hint, code="W102")
 
 
 # --- angles ------------------------------------------------------------------------------------------------------------
@@ -166,7 +167,9 @@ def _angles(spec: Source) -> Warned:
 
 def _angle(source: Source, path: tuple[Key, ...], value: float) -> tuple[str, Problem]:
     message = f"{value:g} without a unit is {value:g} rad: {abs(value) / (2.0 * math.pi):.3g} turns"
-    return "angle", source.document.problem(path, message, hint=f"{value:g} deg, or {value:g} rad if intended")
+    return "angle", source.document.problem(
+        path, message, hint=f"{value:g} deg, or {value:g} rad if intended", code="W101"
+    )
 
 
 def _bare_angles(kind: Any, data: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
@@ -218,12 +221,17 @@ def _time(spec: Source, world: World) -> Warned:
         found = f"{spec.content.physics.duration:g} s"
         yield (
             "time",
-            Problem(message, "physics.duration", locate(spec, "physics.duration"), found, hint="duration: 2 s"),
+            Problem(
+                message, "physics.duration", locate(spec, "physics.duration"), found, hint="duration: 2 s", code="W103"
+            ),
         )
     size = math.hypot(*world.physics.gravity)
     if size > STRONGEST_GRAVITY:
         message, where = f"gravity of {size:g} m/s²", "physics.gravity"
-        yield "gravity", Problem(message, where, locate(spec, where), hint="lengths are in metres: [0, 0, -9.81]")
+        yield (
+            "gravity",
+            Problem(message, where, locate(spec, where), hint="lengths are in metres: [0, 0, -9.81]", code="W104"),
+        )
 
 
 def _sizes(spec: Source, world: World) -> Warned:
@@ -236,7 +244,9 @@ def _sizes(spec: Source, world: World) -> Warned:
         hint = f"{density:g} g/cm^3?" if density < least else "kg/m³ is the unit of a bare number"
         yield (
             "density",
-            Problem(message, path, location, allowed=f"{least:g} to {most:g} for real materials", hint=hint),
+            Problem(
+                message, path, location, allowed=f"{least:g} to {most:g} for real materials", hint=hint, code="W105"
+            ),
         )
     for body in world.bodies:
         if groups[body.name] == "world":
@@ -244,20 +254,20 @@ def _sizes(spec: Source, world: World) -> Warned:
         mass, path = body.inertial.mass, f"bodies.{body.name}.mass"
         if mass and body.name not in kinematic and not MASSES[0] <= mass <= MASSES[1]:
             hint = "a bare number is in kg"
-            yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, locate(spec, path), hint=hint)
+            yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, locate(spec, path), hint=hint, code="W106")
         for index, shape in enumerate(body.shapes):
             size = SHAPES[shape.kind].outer_radius(shape.size)
             if LARGEST_MOVING < size < math.inf:
                 path = f"bodies.{body.name}.shapes.{index}"
                 message = f"a moving body with a {shape.kind} that reaches {size:.4g} m from its centre"
                 hint = "a bare number is in metres: write mm if millimetres are intended"
-                yield "size", Problem(message, path, locate(spec, path), hint=hint)
+                yield "size", Problem(message, path, locate(spec, path), hint=hint, code="W107")
         place = body.joint.position[:3] if body.joint.kind == "free" else body.joint.origin.position
         if math.hypot(*place) > LARGEST_PLACE:
             path = f"bodies.{body.name}.{'pose' if body.joint.parent is None else 'joint.origin'}"
             message = f"{math.hypot(*place):.4g} m away from its parent"
             hint = "a bare number is in metres: write mm if millimetres are intended"
-            yield "place", Problem(message, path, locate(spec, path), hint=hint)
+            yield "place", Problem(message, path, locate(spec, path), hint=hint, code="W107")
 
 
 def _written_densities(spec: Source) -> Iterator[tuple[str, Location | None, float]]:
@@ -280,17 +290,17 @@ def _meshes(spec: Source) -> Warned:
             ratio = made.hull_volume / made.enclosed.volume
             if ratio > LARGEST_HULL:
                 message = f"the convex hull has {ratio:.3g} times the volume of the mesh, and is what touches"
-                yield "hull", shape.problem(message, "as: pieces; or several shapes")
+                yield "hull", shape.problem(message, "as: pieces; or several shapes", code="W108")
         for part in made.parts:
             share = part.error / SHAPES["mesh"].outer_radius(part.size)
             if share > LARGEST_LOSS:
                 kept = f"{len(part.size) // 3} of {part.vertices:,} vertices"
                 message = f"with {kept} the hull is up to {1e3 * part.error:.3g} mm smaller"
-                yield "vertices", shape.problem(message, "more max_vertices")
+                yield "vertices", shape.problem(message, "more max_vertices", code="W108")
         filled = made.enclosed is not None and shape.mesh.mass_from != HULL and fills(shape.body, shape.shape)
         if filled and made.surfaces > 1:
             message = f"the mass is that of {made.surfaces} closed surfaces: where they overlap, it counts twice"
-            yield "surfaces", shape.problem(message, "mass_from: hull; or the body's mass with inertia")
+            yield "surfaces", shape.problem(message, "mass_from: hull; or the body's mass with inertia", code="W109")
 
 
 # --- squeeze, overlap --------------------------------------------------------------------------------------------------
@@ -315,7 +325,7 @@ def _squeeze(spec: Source, world: World) -> Warned:
             clipped = f"gives at most {limits[joint]:g}: the effort is clipped"
             message = f"{joint} is commanded {wanted:.4g} {units[joint]} and {clipped}"
             hint = "a smaller squeeze (or smaller forces of the grasp), or a stronger actuator"
-            yield "squeeze", Problem(message, where, locate(spec, where), hint=hint)
+            yield "squeeze", Problem(message, where, locate(spec, where), hint=hint, code="W110")
 
 
 def _squeeze_place(spec: Source) -> str:
@@ -337,4 +347,7 @@ def _overlaps(spec: Source, world: World) -> Warned:
         path = f"bodies.{body}.shapes.{number}"
         message = f"{overlap.first_body} and {overlap.second_body} overlap by {1e3 * overlap.depth:.4g} mm at the start"
         hint = "move one of them; or contact: exclude, or groups, if they are intended to pass through each other"
-        yield "overlap", Problem(message, path, locate(spec, path), f"{overlap.first} in {overlap.second}", hint=hint)
+        yield (
+            "overlap",
+            Problem(message, path, locate(spec, path), f"{overlap.first} in {overlap.second}", hint=hint, code="W111"),
+        )

@@ -48,9 +48,9 @@ def compiled_folder(case: Case, artifacts: Path | None = None, python: str | Non
     try:
         compiled_of = read_sidecar(artifacts).get("world")
     except (OSError, ValueError) as error:
-        raise SpecError([Problem(f"{artifacts} contains no readable artifacts: {error}")]) from None
+        raise SpecError([Problem(f"{artifacts} contains no readable artifacts: {error}", code="P103")]) from None
     if compiled_of != sha256(case.resolved):
-        raise SpecError([Problem(f"{artifacts} was compiled from another world", hint="compile it again")])
+        raise SpecError([Problem(f"{artifacts} was compiled from another world", hint="compile it again", code="P103")])
     yield artifacts
 
 

@@ -124,7 +124,9 @@ class Run:
 
     def _column(self, array: str, columns: Mapping[str, slice], name: str) -> np.ndarray:
         if name not in columns:
-            raise SpecError([Problem(f"there is no coordinate {name!r}", found=name, hint=near(name, columns))])
+            raise SpecError(
+                [Problem(f"there is no coordinate {name!r}", found=name, hint=near(name, columns), code="R107")]
+            )
         part = columns[name]
         values = self.arrays[array][:, part]
         return values[:, 0] if part.stop - part.start == 1 else values
@@ -132,7 +134,9 @@ class Run:
     def _driven(self, array: str, name: str) -> np.ndarray:
         joints = list(self.provenance.get("control", {}).get("joints", ()))
         if name not in joints:
-            raise SpecError([Problem(f"no controller drives {name!r}", found=name, hint=near(name, joints))])
+            raise SpecError(
+                [Problem(f"no controller drives {name!r}", found=name, hint=near(name, joints), code="R107")]
+            )
         return self.arrays[array][:, joints.index(name)]
 
     @property
@@ -171,12 +175,12 @@ class Run:
         from simspec.runner.tables import arrow_table
 
         if not self.recorded:
-            raise SpecError([Problem(f"{self.label} recorded nothing: {self.failed}")])
+            raise SpecError([Problem(f"{self.label} recorded nothing: {self.failed}", code="R106")])
         try:
             import pandas
         except ImportError as error:
             hint = "pip install 'simspec-physics[pandas]'"
-            raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint)]) from None
+            raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint, code="C110")]) from None
         del pandas  # pyarrow imports it by itself
         return arrow_table(self.world, self.columns, labels_of(self.provenance), table).to_pandas()
 

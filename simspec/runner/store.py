@@ -112,10 +112,12 @@ def read_provenance(folder: Path) -> Provenance:
     schema = plain.get("schema") if isinstance(plain, dict) else None
     if schema != SCHEMA:
         message = f"{path}: schema {schema!r}, this simspec reads {SCHEMA}"
-        raise SpecError([Problem(message, hint="run it again: simspec run")])
+        raise SpecError([Problem(message, hint="run it again: simspec run", code="R101")])
     provenance = read_as(Provenance, content, str(path))
     if provenance.sha256 != content_hash(plain):
-        raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
+        raise SpecError(
+            [Problem(f"{path}: was edited or is damaged: its content does not match its hash", code="R102")]
+        )
     return provenance
 
 
@@ -127,18 +129,22 @@ def load_run(folder: Path | str) -> Run:
         path = folder / WORLD_FILE
         plain = parse(read_bytes(path, LARGEST_WORLD, folder), str(path))
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise SpecError([Problem(f"{folder} is not a saved run: {Path(error.filename).name} is missing")]) from None
+        raise SpecError(
+            [Problem(f"{folder} is not a saved run: {Path(error.filename).name} is missing", code="R101")]
+        ) from None
     try:
         world = from_plain(World, plain)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise _unreadable(path, error) from None
     if facts.world_sha256 != sha256(world):
         message = f"{path}: this is not the world that was run: its hash differs from the provenance"
-        raise SpecError([Problem(message)])
+        raise SpecError([Problem(message, code="R101")])
     provenance = facts.plain()
     arrays = load_tables(folder, world, facts.tables, labels_of(provenance))
     if not arrays and facts.failed is None:
-        raise SpecError([Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed")])
+        raise SpecError(
+            [Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed", code="R103")]
+        )
     spent = arrays.pop("seconds", None)
     return Run(world, facts.engine, arrays, provenance, facts.failed, spent)
 
@@ -147,7 +153,7 @@ def _unreadable(path: Path, error: BaseException) -> SpecError:
     why = str(error).splitlines()[0][:300] if str(error) else type(error).__name__
     if isinstance(error, KeyError):
         why = f"{why} is missing"
-    return SpecError([Problem(f"{path} cannot be read: {why}")])
+    return SpecError([Problem(f"{path} cannot be read: {why}", code="R101")])
 
 
 def load_tables(folder: Path, world: World, stored: Mapping[str, StoredTable], labels: Labels) -> dict[str, np.ndarray]:
@@ -196,7 +202,8 @@ def _opened(
                 raise SpecError(
                     [
                         Problem(
-                            f"{path}: was edited, damaged, or is of another run: its hash differs from the provenance"
+                            f"{path}: was edited, damaged, or is of another run: its hash differs from the provenance",
+                            code="R102",
                         )
                     ]
                 )
@@ -205,7 +212,7 @@ def _opened(
             tables.check(source, schema, rows)
             kept = opened.pop_all()
     except FileNotFoundError:
-        raise SpecError([Problem(f"{folder} is not a complete run: {path.name} is missing")]) from None
+        raise SpecError([Problem(f"{folder} is not a complete run: {path.name} is missing", code="R103")]) from None
     except UNREADABLE as error:
         raise _unreadable(path, error) from None
     with kept:

@@ -118,7 +118,7 @@ def arrow_table(world: World, arrays: Mapping[str, np.ndarray], labels: Labels, 
     known = schemas(world, list(arrays), labels)
     if name not in known:
         hint = f"recorded are {', '.join(known)}"
-        raise SpecError([Problem(f"the run recorded no table {name!r}", found=name, hint=hint)])
+        raise SpecError([Problem(f"the run recorded no table {name!r}", found=name, hint=hint, code="R107")])
     schema = known[name]
     return pa.concat_tables([_table(columns, schema, world, labels) for columns in _COLUMNS[name](world, arrays)])
 

@@ -62,6 +62,10 @@ _CONSTRAINT_FEATURES = {
 }
 
 
+CODES = {"accept": "E101", "outside": "E102", "": "E103"}
+"""Codes of refusals by the option that accepts them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Need:
     """A feature that a world uses, and the places that use it (``bodies.NAME.joint.damping``; the first is shown)."""
@@ -245,7 +249,18 @@ def negotiate(
         meaning = f"{need.feature.value}: {MEANING[need.feature]}"
         place = locate(path)
         problems.append(
-            EngineRefusal(f"{message}{more}", path, place, meaning, None, hint, target, need.feature.value, option)
+            EngineRefusal(
+                f"{message}{more}",
+                path,
+                place,
+                meaning,
+                None,
+                hint,
+                target,
+                need.feature.value,
+                option,
+                code=CODES[option],
+            )
         )
     if problems:
         raise UnsupportedError(problems)

@@ -96,7 +96,7 @@ def test_defects_end_every_command(folder, words):
 
 def test_check_warns_of_losses_of_physics_and_strict_refuses_them(folder):
     done = simspec("check", "good.urdf")
-    assert "good.urdf:5:1: warning: joint[hinge]/unheard" in done.stderr
+    assert "good.urdf:5:1: warning[W119]: joint[hinge]/unheard" in done.stderr
     assert "transmission" not in done.stderr
     simspec("check", "good.urdf", "--strict", code=2)
 

@@ -199,11 +199,11 @@ def test_commands_print_warnings_and_stop_only_on_request(tmp_path, monkeypatch,
 
     assert call("--strict") == 2
     refused = capsys.readouterr().err
-    assert "slip.yaml:5:62: error: bodies.b.pose.rpy.0: 90 without a unit" in refused
+    assert "slip.yaml:5:62: error[W101]: bodies.b.pose.rpy.0: 90 without a unit" in refused
     assert sorted(path.name for path in tmp_path.iterdir()) == ["slip.yaml"]
     assert call() == 0
     said = capsys.readouterr().err
-    assert "slip.yaml:5:62: warning: bodies.b.pose.rpy.0: 90 without a unit is 90 rad: 14.3 turns" in said
+    assert "slip.yaml:5:62: warning[W101]: bodies.b.pose.rpy.0: 90 without a unit is 90 rad: 14.3 turns" in said
     assert "90 deg, or 90 rad if intended" in said
     assert call("--json") == 0
     captured = capsys.readouterr()

@@ -155,13 +155,18 @@ def test_a_certificate_that_fails_says_where(worst, words):
 
 def test_errors_put_the_place_first(capsys):
     problem = Problem(
-        "no such key", "bodies.ball.mas", Location("a.yaml", 3, 5), found="mas", hint="did you mean 'mass'?"
+        "no such key",
+        "bodies.ball.mas",
+        Location("a.yaml", 3, 5),
+        found="mas",
+        hint="did you mean 'mass'?",
+        code="S101",
     )
     show_error(SpecError([problem, problem]))
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "a.yaml:3:5: error: bodies.ball.mas: no such key"
+    assert lines[0] == "a.yaml:3:5: error[S101]: bodies.ball.mas: no such key"
     assert lines[2].strip() == "hint:    did you mean 'mass'?"
-    assert lines[-1] == "2 problems"
+    assert lines[-1] == "2 problems; about it: simspec help S101"
 
 
 def test_text_of_users_is_not_read_as_markup(capsys):

@@ -352,6 +352,7 @@ def problems(world: World, detector: str, engine: str) -> list[Problem]:
                     _first(world, kind),
                     found=f"shapes of kinds {pair[0]} and {pair[1]} that may touch",
                     hint=f"{acceptance(engine, f'shape.{kind}')}; or use other shapes",
+                    code="E104",
                 )
             )
     return found
@@ -364,6 +365,7 @@ def _unsupported(world: World, pair: tuple[str, str], flaw: str, engine: str) ->
         _first(world, name),
         found=f"shapes of kinds {name} and {other} that may touch",
         hint="separate them by collision groups or contact.exclude, use other shapes, or run without this engine",
+        code="E104",
     )
 
 

@@ -142,6 +142,7 @@ def _check(world: World, target: Target) -> None:
             found=f"{pair.friction}",
             allowed=f"0, or above {TINY_FRICTION}",
             hint=acceptance(target.engine, "material.friction"),
+            code="E104",
         )
         for pair in world.contact.pairs
         if pair.collide and 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted

@@ -78,6 +78,7 @@ def check_settings(dialect: str, needed: Mapping[str, NeededSetting], target: Ta
             f"engines.{target.engine}.settings.{name}",
             found=repr(target.settings[name]) if name in target.settings else None,
             allowed=needed[name].expected,
+            code="E105",
         )
         for name in wrong_settings(needed, target.settings)
     ]
@@ -88,6 +89,7 @@ def check_settings(dialect: str, needed: Mapping[str, NeededSetting], target: Ta
             f"engines.{target.engine}.pairs.{first}.{second}.{name}",
             found=repr(settings[name]),
             allowed=by_pair or "no settings of pairs",
+            code="E105",
         )
         for (first, second), settings in target.pair_settings.items()
         for name in wrong_pair_settings(needed, settings)

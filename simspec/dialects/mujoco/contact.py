@@ -307,6 +307,7 @@ def _too_many_pairs(pair: Pair, why: str, limit: int) -> Problem:
         f"contact.pairs.{pair[0]}.{pair[1]}",
         hint="give the material of the many bodies a law of its own friction, restitution and hardness alone that is the "
         "larger of both materials' values, or raise engines.mujoco.settings.explicit_pairs_limit",
+        code="E104",
     )
 
 
@@ -354,6 +355,7 @@ def check_friction(target: Target) -> list[Problem]:
             "engines.mujoco.settings.friction",
             found="friction: coulomb with solver: pgs",
             hint="solver: newton or cg",
+            code="E104",
         )
     ]
 
@@ -362,7 +364,7 @@ def check_laws(world: World) -> list[Problem]:
     """Unsupported laws of materials that meet."""
     laws = meeting_laws(world)
     problems = [
-        Problem(message, f"contact.pairs.{first}.{second}.{name}", hint=hint)
+        Problem(message, f"contact.pairs.{first}.{second}.{name}", hint=hint, code="E104")
         for (first, second), law in laws.items()
         for name, message, hint in _faults(world, law)
     ]
@@ -385,7 +387,13 @@ def check_laws(world: World) -> list[Problem]:
             else:
                 continue
             problems.append(
-                Problem(message, f"contact.pairs.{pair[0]}.{pair[1]}.hardness", found=" with ".join(shapes), hint=hint)
+                Problem(
+                    message,
+                    f"contact.pairs.{pair[0]}.{pair[1]}.hardness",
+                    found=" with ".join(shapes),
+                    hint=hint,
+                    code="E104",
+                )
             )
             break
     return problems

@@ -385,6 +385,7 @@ def _check(world: World, target: Target) -> None:
             f"bodies.{body.name}.joint.limits.position",
             found=f"{body.joint.position_limits}",
             hint="make the joint fixed",
+            code="E104",
         )
         for body in world.bodies
         if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
@@ -395,6 +396,7 @@ def _check(world: World, target: Target) -> None:
             f"control.{controller.name}.effort_limit",
             found=joint,
             hint="leave the joint out of the controller, or give it an effort limit above zero",
+            code="E104",
         )
         for controller in natives(world)
         for joint, limit in zip(controller.joints, controller.effort_limits, strict=True)

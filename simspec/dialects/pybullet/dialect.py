@@ -329,6 +329,7 @@ def _check(world: World, target: Target) -> None:
                     f"bodies.{root}",
                     found=f"{links}, of which {links - len(bodies)} carry further materials or copies of shapes",
                     hint="split the tree, use fewer materials in it, or run without this engine",
+                    code="E104",
                 )
             )
         numbers = 7 + sum(POSITION_SIZE[body.joint.kind] for body in bodies if body.joint.kind != "free")
@@ -340,6 +341,7 @@ def _check(world: World, target: Target) -> None:
                     f"bodies.{root}",
                     found=f"{numbers}: a hinge or slide counts 1, a ball 4",
                     hint="split the tree, or run without this engine",
+                    code="E104",
                 )
             )
     if refused:

@@ -317,6 +317,7 @@ def problems(world: World) -> list[Problem]:
                     f"contact.pairs.{first}.{second}.friction",
                     found=f"{law.friction:g}",
                     allowed=f"up to {LARGEST_FRICTION:g}",
+                    code="E104",
                 )
             )
     return found
@@ -330,6 +331,7 @@ def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> 
         f"contact.pairs.{first}.{second}.{field}",
         found=text,
         hint="make them equal, or run without this engine",
+        code="E104",
     )
 
 

@@ -321,11 +321,11 @@ def _check(world: World, plan: ContactPlan) -> None:
     """Raise UnsupportedError with all that neither the files nor the sidecar can have."""
     problems = []
     if plan.layered:
-        problems.append(Problem("plain URDF does not support copies of shapes in layers", "contact.pairs"))
+        problems.append(Problem("plain URDF does not support copies of shapes in layers", "contact.pairs", code="E104"))
     for body in world.bodies:
         joint, path = body.joint, f"bodies.{body.name}.joint"
         if joint.kind == "ball":
-            problems.append(Problem(_NO_BALL, path))
+            problems.append(Problem(_NO_BALL, path, code="E104"))
         numbers = (*(joint.position_limits or ()), joint.velocity_limit or 0.0, joint.effort_limit or 0.0)
         if any(abs(number) >= UNLIMITED for number in numbers):
             problems.append(
@@ -333,6 +333,7 @@ def _check(world: World, plan: ContactPlan) -> None:
                     "plain URDF has such a limit where a joint has none",
                     f"{path}.limits",
                     allowed=f"below {UNLIMITED:g}",
+                    code="E104",
                 )
             )
     if problems:

@@ -63,7 +63,13 @@ def parse(word: str) -> EngineId:
     name, mark, version = label.partition(MARK)
     if (mark and not VERSION.fullmatch(version)) or (equals and not python) or not name:
         raise SpecError(
-            [Problem(f"{word!r} contains no engine name", allowed="NAME, NAME@VERSION, NAME@VERSION=/path/to/python")]
+            [
+                Problem(
+                    f"{word!r} contains no engine name",
+                    allowed="NAME, NAME@VERSION, NAME@VERSION=/path/to/python",
+                    code="E107",
+                )
+            ]
         )
     return EngineId(name, version, python if equals else None)
 

@@ -279,7 +279,9 @@ def check_bounds(engine: type[HasSettings], world: World) -> list[Problem]:
                     message = (
                         f"{engine.NAME}'s setting {name!r} is too {'large' if sign > 0.0 else 'small'} for this world"
                     )
-                    problems.append(Problem(message, f"{path}.{name}", found=_written(name, value), allowed=allowed))
+                    problems.append(
+                        Problem(message, f"{path}.{name}", found=_written(name, value), allowed=allowed, code="E105")
+                    )
     return problems
 
 
@@ -319,6 +321,7 @@ def check_pair_settings(
                 found=name,
                 allowed=", ".join(by_pair) or f"no settings: {engine.NAME} has none for each pair",
                 hint=f"engines.{engine.NAME}.settings.{name}",
+                code="E105",
             )
             for name in shared
         ]
@@ -344,10 +347,11 @@ def _wrong_settings(
                     found=name,
                     allowed=", ".join(names) or f"no settings: {engine.NAME} has none for each pair",
                     hint=f"did you mean {near[0]!r}?" if near else None,
+                    code="E105",
                 )
             )
         elif wrong := _wrong_value(setting, value):
-            problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong))
+            problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong, code="E105"))
     return problems
 
 
@@ -368,6 +372,7 @@ def _idle(
                 f"{place}.{name}",
                 found=_written(name, value),
                 hint=f"remove it; it has an effect with {acts}",
+                code="E106",
             )
         )
     return problems

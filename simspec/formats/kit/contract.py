@@ -102,7 +102,7 @@ class Format:
     def in_profile(self, name: str) -> Format:
         """The format whose plain files are laid out so. Raises SpecError for a name that is not of ``PROFILES``."""
         allowed = ", ".join(self.PROFILES) or f"none: {self.NAME} has one layout"
-        raise SpecError([Problem(f"{self.NAME} has no profile {name!r}", allowed=allowed)])
+        raise SpecError([Problem(f"{self.NAME} has no profile {name!r}", allowed=allowed, code="E111")])
 
     def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[Body, ...]]:
         """Those of the plain files of a world that readers load, each with the bodies that it has."""
@@ -130,7 +130,7 @@ class Format:
         """``world`` in plain files for any tool, with all that they do not carry. Raises UnsupportedError where this format
         does not write plain files."""
         raise UnsupportedError(
-            [Problem(f"{self.NAME} does not support plain files yet", hint="simspec compile --engine")]
+            [Problem(f"{self.NAME} does not support plain files yet", hint="simspec compile --engine", code="E111")]
         )
 
 

@@ -204,12 +204,13 @@ def _check(world: World) -> None:
             f"bodies.{body.name}.joint.limits.position",
             found=f"{body.joint.position_limits}",
             hint="make the joint fixed",
+            code="E104",
         )
         for body in world.bodies
         if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
     ]
     problems.extend(
-        Problem("MJCF does not support a moving body without mass", f"bodies.{body.name}.mass")
+        Problem("MJCF does not support a moving body without mass", f"bodies.{body.name}.mass", code="E104")
         for body in world.bodies
         if is_carrier(body.name) and not body.inertial.mass and body.name not in absorbed(world)
     )

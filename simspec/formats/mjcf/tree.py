@@ -260,6 +260,7 @@ def _too_many_classes(first: str, second: str) -> Problem:
         f"{FILTER_BITS - 1} classes of shapes",
         "contact",
         hint="use fewer groups that ignore others and fewer materials that pass through others, or one material for a body",
+        code="E104",
     )
 
 

@@ -168,7 +168,9 @@ def encoded(text: str, suffix: str) -> bytes:
         from pxr import Sdf
     except ImportError:
         hint = f"pip install 'simspec-physics[usd]'; {TEXT} needs nothing"
-        raise SpecError([Problem(f"{suffix} is written by usd-core, which is not installed", hint=hint)]) from None
+        raise SpecError(
+            [Problem(f"{suffix} is written by usd-core, which is not installed", hint=hint, code="C110")]
+        ) from None
     layer = Sdf.Layer.CreateAnonymous(TEXT)
     with scratch_folder("usd") as folder:
         inside = folder / INSIDE

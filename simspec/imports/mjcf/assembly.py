@@ -95,7 +95,7 @@ def assemble(files: Files) -> MjcfAssembly:
     for what is too much."""
     root = parse(files.content(), files.shown)
     if root.tag != ROOT:
-        raise root.error(f"an MJCF file begins with <{ROOT}>", found=f"<{root.tag[:80]}>")
+        raise root.error(f"an MJCF file begins with <{ROOT}>", found=f"<{root.tag[:80]}>", code="I101")
     builder = _ModelBuilder(files, MjcfAssembly(root))
     builder.model(root, files.path.resolve(), "main.xml")
     return builder.made
@@ -132,18 +132,22 @@ class _ModelBuilder:
     def _emit(self, element: Element, lines: list[str], depth: int, copies: int, folders: _Folders, path: Path) -> None:
         """The lines of an element; ``copies``: how often replicates around it make it."""
         if depth > DEEPEST:
-            raise element.error(f"more than {DEEPEST} elements within each other")
+            raise element.error(f"more than {DEEPEST} elements within each other", code="I105")
         if element.tag in REFUSED:
-            raise element.error(f"<{element.tag}>: {REFUSED[element.tag]}", hint="remove it")
+            raise element.error(f"<{element.tag}>: {REFUSED[element.tag]}", hint="remove it", code="I104")
         if element.tag == "replicate":
             copies = min(copies * _count(element, "count"), MOST_COPIES)
         made = copies * (_cells(element) if element.tag == "composite" else 1)
         self._elements += made
         if self._elements > MOST_ELEMENTS:
-            raise element.error("too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}", hint=SPLIT)
+            raise element.error(
+                "too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}", hint=SPLIT, code="I105"
+            )
         self._bodies += made if element.tag in ("body", "composite") else 0
         if self._bodies > MOST_BODIES:
-            raise element.error("too many bodies, replicates counted", allowed=f"{MOST_BODIES:,}", hint=SPLIT)
+            raise element.error(
+                "too many bodies, replicates counted", allowed=f"{MOST_BODIES:,}", hint=SPLIT, code="I105"
+            )
         self.made.lines[self._line] = element
         attributes = self._attributes(element, folders, path)
         begin = " ".join((element.tag, *(f"{name}={quoteattr(value)}" for name, value in attributes.items())))
@@ -170,7 +174,7 @@ class _ModelBuilder:
         if element.tag == "material":
             attributes.pop("texture", None)
         if element.tag == "hfield" and _count(element, "nrow") * _count(element, "ncol") > MOST_CELLS:
-            raise element.error("too large a height field", allowed=f"{MOST_CELLS:,} cells")
+            raise element.error("too large a height field", allowed=f"{MOST_CELLS:,} cells", code="I105")
         if element.tag == "model" and "file" in attributes:
             attributes["file"] = self._model_names[self.files.find(attributes["file"], element, path.parent)]
         elif element.tag in FOLDERS and "file" in attributes:
@@ -191,7 +195,9 @@ class _ModelBuilder:
             content = self.files.bytes_of(found, element)
             self._bytes += len(content)
             if self._bytes > MOST_BYTES:
-                raise element.error("the files of this model are too large", allowed=f"{MOST_BYTES:,} bytes together")
+                raise element.error(
+                    "the files of this model are too large", allowed=f"{MOST_BYTES:,} bytes together", code="I105"
+                )
             suffix = found.suffix.lower()
             name = f"file{len(self._given)}{suffix if suffix.isascii() and suffix != '.xml' else ''}"
             self._given[found] = name
@@ -217,11 +223,13 @@ class _ModelBuilder:
                     waiting.append((child, home, depth))
                     continue
                 if depth > DEEPEST:
-                    raise child.error(f"more than {DEEPEST} files that include each other in a chain")
+                    raise child.error(f"more than {DEEPEST} files that include each other in a chain", code="I105")
                 name, path = self._relative_file(child.take().need("file"), child, (main.parent, home))
                 if name in seen:
                     hint = "the compiler of this language reads each file once"
-                    raise child.error("this file is included already, or is the file itself", path.name, hint=hint)
+                    raise child.error(
+                        "this file is included already, or is the file itself", path.name, hint=hint, code="I101"
+                    )
                 _demand_few(seen, child)
                 seen.append(name)
                 inside = parse(self.files.bytes_of(path, child), _shown(self.files, path))
@@ -250,15 +258,15 @@ class _ModelBuilder:
     def _attached(self, element: Element, path: Path) -> None:
         found = self.files.find(element.attributes["file"], element, path.parent)
         if found in self._chain:
-            raise element.error("this model attaches itself", found=found.name)
+            raise element.error("this model attaches itself", found=found.name, code="I101")
         if found in self._model_names:
             return
         _demand_few(self._model_names, element)
         if len(self._chain) > DEEPEST:
-            raise element.error(f"more than {DEEPEST} models within each other")
+            raise element.error(f"more than {DEEPEST} models within each other", code="I105")
         root = parse(self.files.bytes_of(found, element), _shown(self.files, found))
         if root.tag != ROOT:
-            raise element.error("only models in MJCF can be attached", found=found.name)
+            raise element.error("only models in MJCF can be attached", found=found.name, code="I101")
         self._model_names[found] = name = f"model{len(self._model_names)}.xml"
         self.made.models.append(root)
         self.model(root, found, name)
@@ -278,7 +286,7 @@ class _ModelBuilder:
 
 def _demand_few(read: Sized, element: Element) -> None:
     if len(read) >= MOST_FILES:
-        raise element.error("too many files", allowed=f"{MOST_FILES:,}")
+        raise element.error("too many files", allowed=f"{MOST_FILES:,}", code="I105")
 
 
 def _shown(files: Files, path: Path) -> str:
@@ -312,7 +320,9 @@ def _count(element: Element, name: str) -> int:
     try:
         return _copies(numerals.parts_of(text)[0])
     except (numerals.NumeralError, IndexError):
-        raise element.error(f"{name} of <{element.tag}> should be a whole number", found=text[:80]) from None
+        raise element.error(
+            f"{name} of <{element.tag}> should be a whole number", found=text[:80], code="I101"
+        ) from None
 
 
 def _cells(element: Element) -> int:
@@ -321,5 +331,7 @@ def _cells(element: Element) -> int:
         try:
             product = min(product * _copies(text), MOST_COPIES)
         except numerals.NumeralError:
-            raise element.error(f"count of <{element.tag}> should be whole numbers", found=text[:80]) from None
+            raise element.error(
+                f"count of <{element.tag}> should be whole numbers", found=text[:80], code="I101"
+            ) from None
     return product

@@ -365,7 +365,7 @@ def _compiler(root: Element) -> Compiler:
             return chosen
         extras.append(compiler.EXTRA)
     hint = f"pip install 'simspec-physics[{extras[0]}]'" if extras else None
-    raise root.error("MJCF is imported by way of its own compiler, which is not installed", hint=hint)
+    raise root.error("MJCF is imported by way of its own compiler, which is not installed", hint=hint, code="I109")
 
 
 def compile_model(assembly: MjcfAssembly, states: Random | None = None) -> CompiledMjcf:
@@ -382,7 +382,7 @@ def compile_model(assembly: MjcfAssembly, states: Random | None = None) -> Compi
         answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), message, PATIENCE, POLICY)
         answer = parse_json(answered)
     except (ChildError, NotReadableError) as error:
-        raise root.error(f"the compiler of this model gave no answer: {error}") from None
+        raise root.error(f"the compiler of this model gave no answer: {error}", code="I109") from None
     if "error" in answer:
         raise SpecError([_refused(str(answer["error"]), assembly)])
     return CompiledMjcf(answer, assembly)
@@ -400,4 +400,4 @@ def _refused(error: str, assembly: MjcfAssembly) -> Problem:
     text = " ".join(_LINE.sub("", error).split())
     for name, path in assembly.named.items():
         text = text.replace(name, path.name)
-    return element.problem(f"the compiler of this model refuses it: {text[:500]}")
+    return element.problem(f"the compiler of this model refuses it: {text[:500]}", code="I109")

@@ -110,7 +110,7 @@ class MjcfSurfaces:
             if len(solid) > MOST_SURFACES:
                 found, allowed = f"{len(solid):,}", f"{MOST_SURFACES:,}"
                 hint = "give geoms that touch alike the same friction, condim, contype, conaffinity and priority"
-                raise model.root.error("too many different surfaces of contact", found, allowed, hint)
+                raise model.root.error("too many different surfaces of contact", found, allowed, hint, code="I105")
             touching = {entry for entry in solid if any(self.meets(entry, other) for other in solid)}
             self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
         self._grouped = self._groups(set(self._of.values()))

@@ -284,7 +284,7 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
     bodies.folder = files.path.resolve().parent
     bodies.make()
     if not bodies.names and not model.numbers["ngeom"]:
-        raise assembly.root.error("this model has no bodies")
+        raise assembly.root.error("this model has no bodies", code="I113")
     surfaces = MjcfSurfaces(model, features)
     add_shapes(bodies, surfaces)
     constraints = add_constraints(bodies, surfaces)

@@ -231,30 +231,34 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
     around = SdfContext(version_of(root), path.resolve().parent, (path.resolve(),))
     worlds = root.look("world")
     if len(worlds) > 1:
-        raise worlds[1].error("a file of several worlds is not supported", hint="save each world in a file of its own")
+        raise worlds[1].error(
+            "a file of several worlds is not supported", hint="save each world in a file of its own", code="I104"
+        )
     if worlds:
         for other in root.look("model", "include"):
             message = "a file with both a world and a model next to it is not supported"
-            raise other.error(message, hint="put it into the world")
+            raise other.error(message, hint="put it into the world", code="I104")
         world = Scope(worlds[0].word("name") or "world", worlds[0].take(), around.version)
         reader.fill(world, around)
         if world.joints:
             element = next(iter(world.joints.values()))
-            raise element.error("joints between models of a world are not supported", hint="put them into one model")
+            raise element.error(
+                "joints between models of a world are not supported", hint="put them into one model", code="I104"
+            )
         if not world.models:
-            raise worlds[0].error("this world has no models")
+            raise worlds[0].error("this world has no models", code="I113")
         return list(world.models.values()), world
     root.lose_children("light actor", "simspec has no lights and no actors", APPEARANCE)
     models = root.look("model")
     if not models and not root.look("include"):
-        raise root.error("this file has no model and no world")
+        raise root.error("this file has no model and no world", code="I113")
     read = [reader.read(element, around) for element in (*models, *root.look("include"))]
     scopes = [scope for scope in read if scope is not None]
     if not scopes:
-        raise root.error("this file has no model")
+        raise root.error("this file has no model", code="I113")
     for scope in scopes:
         if scope.placed.relative_to:
-            raise scope.element.error("a model that is alone is not relative to another frame")
+            raise scope.element.error("a model that is alone is not relative to another frame", code="I101")
     return scopes, None
 
 
@@ -276,12 +280,12 @@ class SdfAssembly:
         """Make the spec of the models."""
         for empty in [model for model in self.models if not model.bodies]:
             if self.world is None:
-                raise empty.scope.element.error("this model has no link")
+                raise empty.scope.element.error("this model has no link", code="I113")
             empty.scope.element.ignore(None, "a model without links")
             self.models.remove(empty)
         if not self.models:
             assert self.world is not None
-            raise self.world.element.error("this world has no links")
+            raise self.world.element.error("this world has no links", code="I113")
         self._name_shapes()
         model = self.models[0]
         alone = self.world is None and len(self.models) == 1 and len(model.roots) == 1
@@ -309,7 +313,7 @@ class SdfAssembly:
         wrong: list[Path_] = []
         self.data = tidy(self.data, (), wrong)
         if wrong:
-            raise SpecError([Problem(TOO_LARGE, location=self._place_of(path)) for path in wrong])
+            raise SpecError([Problem(TOO_LARGE, location=self._place_of(path), code="I105") for path in wrong])
 
     def _place_of(self, path: Path_) -> Location:
         """Where a value of the data comes from: its own place, or that of the nearest value around it."""

@@ -60,13 +60,15 @@ class FrameGraph:
         while part:
             around = scope.owner(part)
             if around is None or part not in around.models:
-                raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
+                raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200], code="I101")
             scope = around.models[part]
             part, last = split(scope, last)
         owner = scope.owner(last)
         if owner is None and last not in (MODEL, WORLD):
             known = ", ".join(sorted(scope.names())[:20])
-            raise asking.error(f"nothing is called {last[:80]!r} here", found=name[:200], allowed=known or None)
+            raise asking.error(
+                f"nothing is called {last[:80]!r} here", found=name[:200], allowed=known or None, code="I101"
+            )
         return owner or scope, last
 
     def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
@@ -84,7 +86,7 @@ class FrameGraph:
             scope, name = self.home(scope, further, scope.frames[name])
         key = (id(scope), name)
         if key in self._open or name in known:
-            raise asking.error("frames that are attached to each other", found=name[:80])
+            raise asking.error("frames that are attached to each other", found=name[:80], code="I101")
         if key not in self._attached:
             self._open.append(key)
             self._attached[key] = self._link(scope, name, asking)
@@ -115,7 +117,7 @@ class FrameGraph:
             return scope, next(iter(scope.links))
         for inner in scope.models.values():
             return self.canonical(inner, asking)
-        raise asking.error(f"the model {scope.name[:80]!r} has no link")
+        raise asking.error(f"the model {scope.name[:80]!r} has no link", code="I101")
 
     def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
         """The pose of a frame in that of the scope itself. Raises SpecError at the element ``asking``."""
@@ -131,7 +133,7 @@ class FrameGraph:
         if name == MODEL or (name == WORLD and scope.is_world):
             return Placement()
         if name == WORLD and name not in scope.links:
-            raise asking.error("nothing in a model is relative to the world", found=name)
+            raise asking.error("nothing in a model is relative to the world", found=name, code="I101")
         for below in reversed(self._chain(scope, name, asking)):
             self._poses[id(scope), below] = self._pose(scope, below)
         return self._poses[id(scope), name]
@@ -143,7 +145,7 @@ class FrameGraph:
         known: set[str] = set()
         while (id(scope), name) not in self._poses:
             if name in known or (id(scope), name) in self._open:
-                raise asking.error("poses that are relative to each other", found=name[:80])
+                raise asking.error("poses that are relative to each other", found=name[:80], code="I101")
             known.add(name)
             chain.append(name)
             placed, element = self.placed(scope, name)
@@ -261,9 +263,11 @@ def read_joint(graph: FrameGraph, scope: Scope, name: str) -> SdfJointRead:
     word = element.need("type")
     if word in REFUSED:
         message = f"simspec does not support joints of the type {word}: {REFUSED[word]}"
-        raise element.error(message, hint="leave it out, or fix it")
+        raise element.error(message, hint="leave it out, or fix it", code="I104")
     if word not in KINDS:
-        raise element.error("not a type of joint", found=word[:60], allowed=", ".join((*KINDS, "gearbox", *REFUSED)))
+        raise element.error(
+            "not a type of joint", found=word[:60], allowed=", ".join((*KINDS, "gearbox", *REFUSED)), code="I101"
+        )
     parent, child = side_of(graph, scope, element, "parent"), child_of(graph, scope, element)
     in_child = _between(graph, scope, element, name, child)
     kind = KINDS[word]
@@ -287,7 +291,7 @@ def side_of(graph: FrameGraph, scope: Scope, element: Element, tag: str) -> Link
     """The link on one side of a joint (``parent`` or ``child``); None: the world. Raises SpecError where there is none."""
     side = element.child(tag)
     if side is None or not side.text:
-        raise element.error(f"<joint> has no <{tag}>")
+        raise element.error(f"<joint> has no <{tag}>", code="I101")
     if side.text == WORLD and WORLD not in scope.links:
         return None
     return graph.link(scope, side.text, side)
@@ -297,7 +301,9 @@ def child_of(graph: FrameGraph, scope: Scope, element: Element) -> Link:
     """The link that a joint moves. Raises SpecError where there is none."""
     child = side_of(graph, scope, element, "child")
     if child is None:
-        raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
+        raise element.error(
+            "the child of a joint is a link, not the world", hint="exchange parent and child", code="I101"
+        )
     return child
 
 
@@ -332,7 +338,7 @@ def _axis(
     axis.lose_children("initial_position", "where a joint begins is not read", PHYSICS, hint)
     mimics = axis.look("mimic")
     if len(mimics) > 1:
-        raise mimics[1].error("a joint follows one other at most")
+        raise mimics[1].error("a joint follows one other at most", code="I101")
     return data, _mimic(graph, joint.scope, mimics[0].take()) if mimics else None
 
 
@@ -346,9 +352,11 @@ def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> SdfMimicRead | 
     leader = graph.home(scope, element.need("joint"), element)
     axis = element.word("axis") or FIRST_AXIS
     if leader[1] not in leader[0].joints:
-        raise element.error("not a joint", found=element.attributes["joint"][:80])
+        raise element.error("not a joint", found=element.attributes["joint"][:80], code="I101")
     if axis not in (FIRST_AXIS, SECOND_AXIS):
-        raise element.error("not an axis of a joint", found=axis[:80], allowed=f"{FIRST_AXIS}, {SECOND_AXIS}")
+        raise element.error(
+            "not an axis of a joint", found=axis[:80], allowed=f"{FIRST_AXIS}, {SECOND_AXIS}", code="I101"
+        )
     ratio, offset = values.finite_of(element, "multiplier", 1.0), values.finite_of(element, "offset", 0.0)
     reference = values.finite_of(element, "reference", 0.0)
     if ratio == 0.0:
@@ -364,7 +372,7 @@ def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: 
     xyz = axis.child("xyz")
     direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else values.vector(xyz)
     if not any(direction):
-        raise axis.error("the axis of a joint has no length")
+        raise axis.error("the axis of a joint has no length", code="I101")
     by_frame = scope.version >= values.JOINT_FRAME_SINCE
     by_flag = by_frame and scope.version < values.EXPRESSED_SINCE
     of_model = values.flag_of(axis, "use_parent_model_frame", False) if by_flag else not by_frame
@@ -387,9 +395,9 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
             child.ignore(None, "a continuous joint has no limits")
     elif lower > -UNLIMITED or upper < UNLIMITED:
         if not (lower > -UNLIMITED and upper < UNLIMITED):
-            raise limit.error("a joint with one limit is not supported", hint="give both limits, or none")
+            raise limit.error("a joint with one limit is not supported", hint="give both limits, or none", code="I104")
         if math.inf in (lower, -upper):
-            raise limit.error("a limit that nothing reaches", found=f"{lower:g} to {upper:g}")
+            raise limit.error("a limit that nothing reaches", found=f"{lower:g} to {upper:g}", code="I102")
         data["position"] = [angle(value) if turns else value for value in (lower, upper)]
     for tag in ("velocity", "effort"):
         value = values.number_of(limit, tag, -1.0)

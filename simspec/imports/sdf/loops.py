@@ -81,9 +81,11 @@ def refused(joint: SdfJointRead) -> Iterator[Problem]:
         kind = joint.element.attributes["type"][:40]
         message = f"a loop that is closed by a joint of the type {kind} is not supported"
         hint = "make another joint of the loop hang on two links, or leave this one out"
-        yield joint.element.problem(message, allowed="ball, revolute, fixed", hint=hint)
+        yield joint.element.problem(message, allowed="ball, revolute, fixed", hint=hint, code="I104")
     elif joint.mimic is not None:
-        yield joint.element.problem("a joint that closes a loop follows no other", hint="leave <mimic> out")
+        yield joint.element.problem(
+            "a joint that closes a loop follows no other", hint="leave <mimic> out", code="I104"
+        )
 
 
 def closed(
@@ -141,11 +143,15 @@ def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[SdfJoint
     element = scope.joints[name]
     reference = element.child(REFERENCE)
     if reference is None:
-        raise element.error(f"<joint> has no <{REFERENCE}>", hint="it names the link that both shafts turn against")
+        raise element.error(
+            f"<joint> has no <{REFERENCE}>", hint="it names the link that both shafts turn against", code="I101"
+        )
     body = graph.link(scope, reference.text, reference)
     ratio = finite_of(element, "gearbox_ratio", 1.0)
     if ratio == 0.0:
-        raise element.error("with a ratio of 0 the gearbox couples nothing", hint="make the joint of the child fixed")
+        raise element.error(
+            "with a ratio of 0 the gearbox couples nothing", hint="make the joint of the child fixed", code="I102"
+        )
     parent, child = (side_of(graph, scope, element, tag) for tag in ("parent", "child"))
     (leader, first), (follower, second) = (
         _shaft(graph, scope, name, (body, link), word, joints)
@@ -156,7 +162,9 @@ def couple(graph: FrameGraph, scope: Scope, name: str, joints: Sequence[SdfJoint
         # a follower begins within its limits, a leader anywhere
         leader, follower, factor = follower, leader, 1.0 / factor
     if follower.mimic is not None or follower is leader:
-        raise element.error(f"the joint {follower.name!r} follows another already", hint="leave the gearbox out")
+        raise element.error(
+            f"the joint {follower.name!r} follows another already", hint="leave the gearbox out", code="I101"
+        )
     follower.mimic = SdfMimicRead(element, (leader.scope, leader.name), FIRST_AXIS, factor, 0.0)
     set_aside(element, IN_JOINT)
     solver_of(element)
@@ -187,11 +195,13 @@ def _shaft(
         squares = frames.dot(joint_axis, joint_axis) * frames.dot(turned, turned)
         along = frames.dot(joint_axis, turned) / math.sqrt(squares)
         if not abs(along) > 1.0 - PARALLEL:
-            raise axis.error(f"the axis of a gearbox is that of the joint {joint.name!r}, whose angle it is about")
+            raise axis.error(
+                f"the axis of a gearbox is that of the joint {joint.name!r}, whose angle it is about", code="I104"
+            )
         sign = 1.0 if between == wanted else -1.0
         return joint, sign if along > 0.0 else -sign
     message = f"no hinge joins the reference body of the gearbox and its {'parent' if word == FIRST_AXIS else 'child'}"
-    raise element.error(message, hint="leave it out, or write `constraints` of the scenario")
+    raise element.error(message, hint="leave it out, or write `constraints` of the scenario", code="I104")
 
 
 def _turned(graph: FrameGraph, scope: Scope, link: Link, vector: Vector3, element: Element) -> Vector3:

@@ -60,7 +60,7 @@ def find_model(files: Files, uri: Element, folder: Path) -> Path | None:
     text = uri.text
     if text.lower().endswith(suffixes()) and not text.lower().endswith(ENDS):
         hint = f"use: {text} in a scenario, which places the robot"
-        raise uri.error("only models in SDF can be included", found=text[:200], hint=hint)
+        raise uri.error("only models in SDF can be included", found=text[:200], hint=hint, code="I106")
     bare = text.removeprefix("./")
     by_path = SCHEME.fullmatch(text) is not None or text.startswith("/")
     is_file = "/" not in bare and text.lower().endswith(ENDS)
@@ -100,7 +100,7 @@ def _file(files: Files, text: str, uri: Element, folder: Path) -> Path:
         if version is not None and values.OLDEST <= version <= values.NEWEST and child.text:
             choices.append((version, child.text))
     if not choices:
-        raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1))])
+        raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1), code="I106")])
     return files.find(f"{place}/{max(choices)[1]}", uri, folder)
 
 
@@ -111,7 +111,7 @@ def _older(files: Files, place: str, uri: Element, folder: Path) -> Path:
     except MissingFileError as error:
         problem = error.problems[0]
     hint = (problem.hint or "").replace(CONFIGURATIONS[1], CONFIGURATIONS[0])
-    raise MissingFileError([uri.problem(problem.message, problem.found, hint=hint)])
+    raise MissingFileError([uri.problem(problem.message, problem.found, hint=hint, code="I106")])
 
 
 MISSING: Final = "missing-meshes"
@@ -141,12 +141,12 @@ class SdfMeshes:
         SpecError."""
         uri = kind.child("uri")
         if uri is None or not uri.text:
-            raise kind.error("<mesh> has no <uri>")
+            raise kind.error("<mesh> has no <uri>", code="I106")
         scale = values.vector_of(kind, "scale", (1.0, 1.0, 1.0))
         as_pieces = self._pieces(shape, kind)
         try:
             for part in kind.look("submesh"):
-                raise part.error(NO_PART, hint="save the part as a file of its own")
+                raise part.error(NO_PART, hint="save the part as a file of its own", code="I104")
             mesh = self._find(uri, scale, folder)
         except SpecError as error:
             known = isinstance(error, MissingFileError) or shape.tag == "visual"
@@ -173,7 +173,9 @@ class SdfMeshes:
     def _pieces(self, shape: Element, kind: Element) -> bool:
         how = kind.word("optimization", "") or ""
         if how not in OPTIMIZATIONS:
-            raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
+            raise kind.error(
+                "not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]), code="I101"
+            )
         reason = "how many pieces there are, and how they are found, is not in the language"
         kind.lose_children(DECOMPOSED, reason, INFORMATION)
         return how == DECOMPOSED and shape.tag == "collision"
@@ -294,7 +296,7 @@ class ModelReader:
         while outer is not None:
             depth, outer = depth + 1, outer.parent
         if depth > DEEPEST:
-            raise scope.element.error(f"more than {DEEPEST} models within each other")
+            raise scope.element.error(f"more than {DEEPEST} models within each other", code="I105")
         tables = {"link": scope.links, "joint": scope.joints, "frame": scope.frames}
         taken: set[str] = set()
         often: dict[str, int] = {}
@@ -321,16 +323,16 @@ class ModelReader:
                 name = inner.name
                 scope.models[name] = inner
             if name in taken:
-                raise child.error(f"{name!r} is the name of two things in one model")
+                raise child.error(f"{name!r} is the name of two things in one model", code="I101")
             taken.add(name)
             if self._links > MOST_BODIES:
-                raise child.error(f"more than {MOST_BODIES:,} links and frames", hint=SPLIT)
+                raise child.error(f"more than {MOST_BODIES:,} links and frames", hint=SPLIT, code="I105")
 
     def _merge(self, element: Element, scope: Scope, inner: Scope, taken: set[str]) -> None:
         names = inner.names()
         for name in names:
             if name in taken:
-                raise element.error(f"{name!r} is the name of two things in one model")
+                raise element.error(f"{name!r} is the name of two things in one model", code="I101")
         taken.update(names)
         inner.name = next(name for number in count() if (name := f"__merged_{number}__") not in taken)
         taken.add(inner.name)
@@ -345,14 +347,14 @@ class ModelReader:
         """The model of an ``<include>``, with what the include says of it; None for one without bodies. Raises SpecError."""
         self._includes += 1
         if self._includes > MOST_INCLUDES:
-            raise element.error(f"more than {MOST_INCLUDES:,} includes")
+            raise element.error(f"more than {MOST_INCLUDES:,} includes", code="I105")
         merges = values.flag(element, element.word("merge") or "false")
         if merges and (around.parent is None or around.parent.is_world):
             hint = "include the model as it is"
-            raise element.error("an include that merges a model into a world is not supported", hint=hint)
+            raise element.error("an include that merges a model into a world is not supported", hint=hint, code="I104")
         uri = element.child("uri")
         if uri is None or not uri.text:
-            raise element.error("<include> has no <uri>")
+            raise element.error("<include> has no <uri>", code="I101")
         path = find_model(self.files, uri, around.folder)
         known = path is None
         if path is None:
@@ -360,15 +362,17 @@ class ModelReader:
             path = Path(f"{MODELS}{called(uri.text)}")
         else:
             if path in around.chain:
-                raise uri.error("files that include each other", found=uri.text[:200])
+                raise uri.error("files that include each other", found=uri.text[:200], code="I101")
             if len(around.chain) > DEEPEST:
-                raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
+                raise uri.error(
+                    f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200], code="I105"
+                )
             root = self.root(path, self.files.bytes_of(path, uri), self.files.options.shown(path))
         if root is None or _without_bodies(element, root):
             return None
         models = root.look("model", "include")
         if len(models) != 1 or root.look("world"):
-            raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
+            raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200], code="I101")
         context = SdfContext(values.version_of(root), path.parent, (*around.chain, path), around.parent)
         scope = self.read(models[0], context)
         if scope is None:
@@ -421,7 +425,7 @@ def _named(element: Element, version: Version) -> str:
     strict = version >= values.UNIQUE_SINCE
     reserved = ("__model__", "__root__") if not strict and element.tag == "link" else ("__model__", "__root__", "world")
     if not name or name in reserved or (SEPARATOR in name and version >= values.FLAT_BEFORE):
-        raise element.error(f"not a name of a <{element.tag}>", found=name[:80])
+        raise element.error(f"not a name of a <{element.tag}>", found=name[:80], code="I101")
     return name
 
 

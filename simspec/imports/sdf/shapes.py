@@ -256,10 +256,10 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
     said. Raises SpecError for geometries that SDF does not have."""
     geometry = shape.child("geometry")
     if geometry is None:
-        raise shape.error(f"<{shape.tag}> has no <geometry>")
+        raise shape.error(f"<{shape.tag}> has no <geometry>", code="I101")
     kinds = geometry.look()
     if len(kinds) != 1:
-        raise geometry.error("<geometry> should have one shape in it", found=str(len(kinds)))
+        raise geometry.error("<geometry> should have one shape in it", found=str(len(kinds)), code="I101")
     kind = kinds[0]
     if kind.tag in GEOMETRY:
         kind.take()
@@ -282,9 +282,9 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         return None
     if kind.tag not in NOT_CARRIED:
         allowed = ", ".join((*GEOMETRY, *OTHERS, *NOT_CARRIED))
-        raise kind.error("not a shape of SDF", found=kind.tag[:60], allowed=allowed)
+        raise kind.error("not a shape of SDF", found=kind.tag[:60], allowed=allowed, code="I101")
     if shape.tag == "collision":
-        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)))
+        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)), code="I104")
     kind.lose(None, NOT_CARRIED[kind.tag], APPEARANCE)
     return None
 
@@ -295,12 +295,14 @@ def _extruded(kind: Element, shape: Element, around: LinkContext) -> _Geometry:
     points = [point.content(2) for point in kind.look("point")]
     corners = [point for point, following in zip(points, [*points[1:], *points[:1]], strict=True) if point != following]
     if len(points) > MOST_CORNERS:
-        raise kind.error("too many points", found=str(len(points)), allowed=f"{MOST_CORNERS:,}")
+        raise kind.error("too many points", found=str(len(points)), allowed=f"{MOST_CORNERS:,}", code="I105")
     if len(corners) < 3 or height <= 0.0:
-        raise kind.error("an extruded polygon has three corners or more, and a height above 0")
+        raise kind.error("an extruded polygon has three corners or more, and a height above 0", code="I102")
     turns = _turns(corners)
     if turns is None:
-        raise kind.error(NOT_CONVEX, hint='several convex polygons, or a mesh with optimization="convex_decomposition"')
+        raise kind.error(
+            NOT_CONVEX, hint='several convex polygons, or a mesh with optimization="convex_decomposition"', code="I104"
+        )
     count = len(corners)
     around_up = range(count) if turns > 0 else range(count - 1, -1, -1)
     top = [corner + count for corner in around_up]
@@ -337,7 +339,7 @@ def _upright(plane: Element) -> Placement:
     x, y, z = vector_of(plane, "normal", (0.0, 0.0, 1.0))
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:
-        raise plane.error("the normal of a plane has no length")
+        raise plane.error("the normal of a plane has no length", code="I102")
     if x == 0.0 and y == 0.0 and z > 0.0:
         return Placement()
     if x == 0.0 and y == 0.0:
@@ -350,7 +352,9 @@ def _posed(shape: Element, around: LinkContext) -> _Geometry | None:
     read = _geometry(shape, around)
     pose = pose_of(shape)
     if pose.relative_to:
-        raise shape.error("the pose of a shape against another frame is not supported", found=pose.relative_to[:80])
+        raise shape.error(
+            "the pose of a shape against another frame is not supported", found=pose.relative_to[:80], code="I104"
+        )
     if read is None:
         return None
     place = around.move.then(pose.placement).then(read.place)
@@ -408,7 +412,7 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
         return None
     values = diffuse[0].content(None)
     if len(values) not in (3, 4):
-        raise diffuse[0].error("a colour has three or four numbers", found=diffuse[0].text[:80])
+        raise diffuse[0].error("a colour has three or four numbers", found=diffuse[0].text[:80], code="I101")
     return tuple(min(1.0, max(0.0, value)) for value in (*values, 1.0)[:4])
 
 

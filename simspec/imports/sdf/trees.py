@@ -87,7 +87,9 @@ def _computed(link: Element) -> float | None:
         if flag(inertial, inertial.word("auto") or "false"):
             inertial.take()
             if inertial.look("mass", "inertia", "pose"):
-                raise inertial.error("an inertial that is computed and has numbers of its own is not supported")
+                raise inertial.error(
+                    "an inertial that is computed and has numbers of its own is not supported", code="I104"
+                )
             return finite_of(inertial, "density", DENSITY)
     return None
 
@@ -96,7 +98,9 @@ def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[di
     mass = finite_of(inertial, "mass", 1.0)
     pose = pose_of(inertial)
     if pose.relative_to:
-        raise inertial.error("the pose of an inertial is relative to its link", found=pose.relative_to[:80])
+        raise inertial.error(
+            "the pose of an inertial is relative to its link", found=pose.relative_to[:80], code="I101"
+        )
     place = move.then(pose.placement)
     tensor = inertial.child("inertia")
     values = [default if tensor is None else finite_of(tensor, key, default) for key, default in UNIT_INERTIA.items()]
@@ -116,7 +120,7 @@ def _possible(inertial: Element, tensor: tuple[float, ...], spec: draft.Draft) -
     if why is None or min(before) < 0.0:
         return tensor, ""
     if not spec.repairing(draft.RULE):
-        raise inertial.error(why, hint=spec.way_out(draft.RULE))
+        raise inertial.error(why, hint=spec.way_out(draft.RULE), code="I102")
     after = draft.nearest(tensor)
     return after, draft.became(before, principal_moments(after))
 
@@ -221,7 +225,9 @@ def _massless(read: SdfModelRead, root: SdfBodyRead, spec: draft.Draft, problems
     if root.static or root.joint is not None or not root.content.is_massless:
         return
     if not spec.repairing(MASSLESS):
-        problems.append(root.element.problem("a link that moves freely has no mass", hint=spec.way_out(MASSLESS)))
+        problems.append(
+            root.element.problem("a link that moves freely has no mass", hint=spec.way_out(MASSLESS), code="I102")
+        )
         return
     root.static = True
     root.content.mass = {}
@@ -264,9 +270,9 @@ def _bodies(
             problems.extend(refused(read))
             if parent is None:
                 hint = "let a link that is fixed to the world be the parent"
-                problems.append(read.element.problem(TO_WORLD, hint=hint))
+                problems.append(read.element.problem(TO_WORLD, hint=hint, code="I101"))
             elif parent is body:
-                problems.append(read.element.problem("a joint between a link and itself", found=body.name))
+                problems.append(read.element.problem("a joint between a link and itself", found=body.name, code="I101"))
             else:
                 closed.append(Closing(read, parent, body, joint_name))
     _join_static(list(bodies.values()))
@@ -326,7 +332,7 @@ def _parents_first(bodies: list[SdfBodyRead]) -> list[SdfBodyRead]:
     for body in bodies:
         if id(body) not in placed:
             assert body.joint is not None
-            raise body.joint.element.error("a loop: these links are each other's parents")
+            raise body.joint.element.error("a loop: these links are each other's parents", code="I101")
     return order
 
 
@@ -406,7 +412,7 @@ def constraints(read: SdfModelRead) -> dict[str, dict[str, Any]]:
             driven = _axis_name(leader, mimic.axis) if leader is not None else ""
             if not driven:
                 message = "this axis has no position to be followed"
-                problems.append(mimic.element.problem(message, found=mimic.leader[1][:80]))
+                problems.append(mimic.element.problem(message, found=mimic.leader[1][:80], code="I101"))
                 continue
             follower = _axis_name(body, word)
             said[names.give(follower)] = draft.follow(follower, driven, mimic.ratio, mimic.offset)

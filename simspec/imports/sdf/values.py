@@ -51,14 +51,16 @@ def number(element: Element) -> float:
     try:
         return numerals.number(element.text, infinite=True)
     except numerals.NumeralError as error:
-        raise element.error(f"<{element.tag}> should be a number{error.suffix}", found=element.text[:80]) from None
+        raise element.error(
+            f"<{element.tag}> should be a number{error.suffix}", found=element.text[:80], code="I101"
+        ) from None
 
 
 def finite_of(parent: Element, tag: str, default: float) -> float:
     """The same, finite. Raises SpecError for others."""
     value = number_of(parent, tag, default)
     if math.isinf(value):
-        raise parent.error(f"<{tag}> should be finite", found=str(value))
+        raise parent.error(f"<{tag}> should be finite", found=str(value), code="I102")
     return value
 
 
@@ -84,7 +86,7 @@ def flag(element: Element, text: str) -> bool:
     """A flag of an element. Raises SpecError for other texts."""
     word = text.strip().lower()
     if word not in (*TRUE, *FALSE):
-        raise element.error("not a flag", found=text[:80], allowed="true, false, 1, 0")
+        raise element.error("not a flag", found=text[:80], allowed="true, false, 1, 0", code="I101")
     return word in TRUE
 
 
@@ -150,7 +152,7 @@ def pose_of(parent: Element) -> SdfPose:
     wording = child.word("rotation_format", EULER)
     degrees = flag(child, child.word("degrees") or "false")
     if wording not in (EULER, QUATERNION):
-        raise child.error("not a format of rotations", found=wording, allowed=f"{EULER}, {QUATERNION}")
+        raise child.error("not a format of rotations", found=wording, allowed=f"{EULER}, {QUATERNION}", code="I101")
     if not child.text:
         return SdfPose(Placement(), relative, child)
     values = child.content(7 if wording == QUATERNION else 6)
@@ -158,12 +160,12 @@ def pose_of(parent: Element) -> SdfPose:
     if wording == QUATERNION:
         x, y, z, w = values[3:]
         if abs(math.hypot(w, x, y, z) - 1.0) > UNIT:
-            raise child.error("not a unit quaternion", found=child.text[:80])
+            raise child.error("not a unit quaternion", found=child.text[:80], code="I102")
         return SdfPose(Placement(Pose(position, frames.normalise((w, x, y, z)))), relative, child)
     turn = (math.pi / 180.0) if degrees else 1.0
     rpy = frames.vector3(value * turn for value in values[3:])
     if any(abs(angle) > 1e6 for angle in rpy):
-        raise child.error("angles of more than 1e6 rad", found=child.text[:80])
+        raise child.error("angles of more than 1e6 rad", found=child.text[:80], code="I102")
     return SdfPose(Placement(Pose(position, frames.from_rpy(*rpy)), rpy), relative, child)
 
 
@@ -228,7 +230,7 @@ def version_of(root: Element) -> Version:
     version = parsed(text)
     if version is None or not OLDEST <= version <= NEWEST:
         allowed = f"{OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
-        raise root.error("this version of SDF is not read", found=text[:20], allowed=allowed)
+        raise root.error("this version of SDF is not read", found=text[:20], allowed=allowed, code="I101")
     return version
 
 
@@ -242,7 +244,7 @@ def check_outermost(root: Element) -> None:
     """Raise SpecError where an element is not the outermost one of SDF."""
     is_old = root.tag == OLD_OUTERMOST and (parsed(root.attributes.get("version", "")) or NEWEST) < OUTERMOST_SINCE
     if root.tag != OUTERMOST and not is_old:
-        raise root.error(f"the outermost element is <{root.tag[:60]}>", allowed="<sdf version=...>")
+        raise root.error(f"the outermost element is <{root.tag[:60]}>", allowed="<sdf version=...>", code="I114")
 
 
 def modernise(root: Element) -> None:

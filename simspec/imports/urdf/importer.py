@@ -103,7 +103,9 @@ class RobotReader:
     def imported(self) -> Imported:
         """The spec and the accounts. Raises SpecError with every problem."""
         if self.root.tag != "robot":
-            raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
+            raise self.root.error(
+                "not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot", code="I114"
+            )
         set_aside(self.root)
         mend(self.root, self.draft)
         masses.scale_file(self.root, self.draft)
@@ -135,7 +137,7 @@ class RobotReader:
         elements = self.root.children("link")
         if len(elements) > MOST_BODIES:
             found = f"{len(elements):,}"
-            raise elements[MOST_BODIES].error("too many links", found, f"{MOST_BODIES:,}", SPLIT)
+            raise elements[MOST_BODIES].error("too many links", found, f"{MOST_BODIES:,}", SPLIT, code="I105")
         for element, given in zip(elements, joints.names_of(elements, WORLD), strict=True):
             with self.draft.collecting():
                 self._link(element, known, given)
@@ -160,7 +162,7 @@ class RobotReader:
         self.all_read = len(self.joints) == len(elements)
         self._declare_missing()
         if not self.links and not self.draft.problems:
-            raise self.root.error("a robot without links")
+            raise self.root.error("a robot without links", code="I113")
 
     def _declare_missing(self) -> None:
         """Add the links that joints lead from, and that the file does not have, where the rule is requested."""
@@ -189,7 +191,7 @@ class RobotReader:
         name = element.need("name")
         if name in self.links:
             first = self.links[name].element.location
-            raise element.error(f"two links are called {name[:80]!r}", found=f"first at {first}")
+            raise element.error(f"two links are called {name[:80]!r}", found=f"first at {first}", code="I101")
         link = self.links[name] = UrdfLinkRead(element, given)
         renamed(element, "name", link.name)
         with self.draft.collecting():
@@ -430,7 +432,9 @@ class UrdfImporter:
         if (found := _PROGRAM.search(plain)) is not None:
             line = plain.count(b"\n", 0, found.start()) + 1
             text = plain[found.start() :].split(b"\n", 1)[0][:60].decode("utf-8", "replace")
-            raise SpecError([Problem("unexpanded xacro", location=Location(files.shown, line, 1), found=text)])
+            raise SpecError(
+                [Problem("unexpanded xacro", location=Location(files.shown, line, 1), found=text, code="I111")]
+            )
         return RobotReader(parse(content, files.shown), files).imported()
 
 

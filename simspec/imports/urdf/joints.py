@@ -125,7 +125,7 @@ def read_joint(
     renamed(element, "name", given)
     word = element.need("type")
     if word not in TYPES:
-        raise element.error("not a type of joint", word, ", ".join(TYPES))
+        raise element.error("not a type of joint", word, ", ".join(TYPES), code="I101")
     parent, child = _link(element, "parent"), _link(element, "child")
     joint = UrdfJointRead(element, given, bodies.get(child, child), TYPES[word], parent, child)
     origin = element.child("origin")
@@ -173,7 +173,7 @@ def names_of_joints(elements: Sequence[Element]) -> tuple[list[str], dict[int, l
 def _link(element: Element, tag: str) -> str:
     part = element.child(tag)
     if part is None:
-        raise element.error(f"<joint> has no <{tag}>")
+        raise element.error(f"<joint> has no <{tag}>", code="I101")
     return part.need("link")
 
 
@@ -181,7 +181,7 @@ def _axis(element: Element) -> list[float]:
     axis = element.child("axis")
     along = axis.vector("xyz", AXIS) if axis is not None else AXIS
     if axis is not None and not any(along):
-        raise axis.error("an axis of length 0", axis.attributes["xyz"])
+        raise axis.error("an axis of length 0", axis.attributes["xyz"], code="I102")
     return numbers(along)
 
 
@@ -229,7 +229,7 @@ def _dynamics(joint: UrdfJointRead) -> None:
 def _not_negative(element: Element, name: str) -> float | None:
     value = element.number(name)
     if value is not None and value < 0.0:
-        raise element.error(f"{name} of <{element.tag}> must not be below 0", f"{value:g}")
+        raise element.error(f"{name} of <{element.tag}> must not be below 0", f"{value:g}", code="I102")
     return value
 
 
@@ -245,7 +245,7 @@ def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
                 rotor = inertia.number("value", 0.0) or 0.0
                 ratio = gears[0].number("value", 1.0) or 0.0 if gears else 1.0
                 if rotor < 0.0:
-                    raise inertia.error("an inertia of a rotor below 0", f"{rotor:g}")
+                    raise inertia.error("an inertia of a rotor below 0", f"{rotor:g}", code="I102")
                 joint = known.get(names[0]) if len(names) == 1 else None
                 if joint is None or joint.kind not in SCALAR_JOINTS:
                     inertia.lose(None, "it is of no single hinge or slide")

@@ -270,7 +270,7 @@ def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) ->
         for member in group.children("drake:member"):
             link = member.need("link").strip()
             if link not in links:
-                raise member.error(f"there is no link {link[:80]!r}", link[:80])
+                raise member.error(f"there is no link {link[:80]!r}", link[:80], code="I101")
             if link in bodies:
                 members.setdefault(name, []).append(bodies[link])
         ignored += [(name, other.need("name")) for other in group.children("drake:ignored_collision_filter_group")]
@@ -294,13 +294,13 @@ def _of_contact(contact: Element, before: LinkSurface) -> LinkSurface:
             child.need("value")
             numbers[word] = _not_negative(child, child.number("value") or 0.0)
     if numbers.get("restitution", 0.0) > 1.0:
-        raise contact.error("restitution must not be above 1", f"{numbers['restitution']:g}")
+        raise contact.error("restitution must not be above 1", f"{numbers['restitution']:g}", code="I102")
     return replace(before, **numbers)
 
 
 def _not_negative(element: Element, value: float) -> float:
     if value < 0.0:
-        raise element.error(f"<{element.tag}> must not be below 0", f"{value:g}")
+        raise element.error(f"<{element.tag}> must not be below 0", f"{value:g}", code="I102")
     return value
 
 

@@ -192,9 +192,9 @@ def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
             return None
         found = ", ".join(child.tag for child in geometry.look())[:80] if geometry is not None else ""
         found = found or "nothing"
-        raise element.error("a collision shape without a known geometry", found, ", ".join(GEOMETRIES))
+        raise element.error("a collision shape without a known geometry", found, ", ".join(GEOMETRIES), code="I101")
     if len(kinds) > 1:
-        raise geometry.error("one <geometry> holds one shape", ", ".join(child.tag for child in kinds))
+        raise geometry.error("one <geometry> holds one shape", ", ".join(child.tag for child in kinds), code="I101")
     kind = kinds[0].take()
     word, size = _word(kind), list[float]()
     if kind.tag == "mesh":
@@ -225,7 +225,7 @@ def _upright(element: Element, kind: Element) -> dict[str, Any]:
     """The pose of a plane, whose normal the language has along z."""
     normal = kind.vector("normal", (0.0, 0.0, 1.0))
     if not any(normal):
-        raise kind.error("a normal of length 0", kind.attributes["normal"])
+        raise kind.error("a normal of length 0", kind.attributes["normal"], code="I102")
     length = math.hypot(*normal)
     x, y = across(normal)
     along = [value / length for value in normal]

@@ -89,7 +89,7 @@ class UsdAssembly:
                 order.append(self._body(link, shapes.pop(link.prim.where, [])))
         static = self._static_bodies(shapes)
         if not order and not static:
-            raise self.stage.root.error("this stage has no bodies and nothing that they could touch")
+            raise self.stage.root.error("this stage has no bodies and nothing that they could touch", code="I113")
         self.alone = self._stands_alone(tops, static)
         self._name(tops, order, static)
         self._scenario(tops, order, static, loops)

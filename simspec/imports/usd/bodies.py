@@ -41,12 +41,12 @@ def reverse(joint: UsdJointRead) -> None:
     hint = "exchange physics:body0 and physics:body1"
     if joint.outer:
         message = "several joints of two bodies, the first of which is the one that they move"
-        raise joint.prim.error(message, hint=hint)
+        raise joint.prim.error(message, hint=hint, code="I101")
     joint.first, joint.second = joint.second, joint.first
     joint.in_first, joint.in_second = joint.in_second, joint.in_first
     if len(joint.freedoms) > 1 and joint.freedoms[-1].kind == "ball":
         message = "a joint with slides and three turns, whose first body is the one that it moves"
-        raise joint.prim.error(message, hint=hint)
+        raise joint.prim.error(message, hint=hint, code="I101")
     joint.freedoms = [_turned(freedom) for freedom in reversed(joint.freedoms)]
 
 
@@ -278,7 +278,9 @@ class MassReader:
             return {}
         if mass < 0.0:
             if not self.draft.repairing(NOT_POSITIVE):
-                raise prim.error("a mass below 0", found=f"{mass:g}", hint=self.draft.way_out(NOT_POSITIVE))
+                raise prim.error(
+                    "a mass below 0", found=f"{mass:g}", hint=self.draft.way_out(NOT_POSITIVE), code="I102"
+                )
             prim.lose("physics:mass", f"replaced by the rule {NOT_POSITIVE}")
             self.draft.repaired(NOT_POSITIVE, prim, f"a mass of {mass:g} kg follows from the shapes", path)
             mass = 0.0

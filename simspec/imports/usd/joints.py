@@ -130,13 +130,13 @@ class JointReader:
     def _side(self, prim: PrimRead, number: int) -> tuple[PrimRead | None, Pose]:
         targets = prim.targets(f"physics:body{number}")
         if len(targets) > 1:
-            raise prim.error(f"physics:body{number} should name one body", found=" ".join(targets)[:80])
+            raise prim.error(f"physics:body{number} should name one body", found=" ".join(targets)[:80], code="I101")
         at = prim.reals(f"physics:localPos{number}", 3) or (0.0, 0.0, 0.0)
         rotation = f"physics:localRot{number}"
         turn = quaternion(prim, rotation, prim.reals(rotation, 4) or frames.IDENTITY)
         holder = self.stage.prims.get(targets[0]) if targets else None
         if targets and (holder is None or not holder.used):
-            raise prim.error(f"physics:body{number} names what is not there", found=targets[0][:200])
+            raise prim.error(f"physics:body{number} names what is not there", found=targets[0][:200], code="I101")
         if holder is None:
             place = self.places.world(self.stage.root)
         else:
@@ -155,7 +155,7 @@ class JointReader:
         if kind in SCALAR_JOINTS:
             axis = prim.token("physics:axis", "X")
             if axis not in UNITS:
-                raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z")
+                raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z", code="I101")
             freedom = Freedom(kind, UNITS[axis], axis)
             drive = "angular" if kind == "hinge" else "linear"
             self._moves(prim, freedom, "physics:lowerLimit", "physics:upperLimit", drive)
@@ -262,7 +262,9 @@ class JointReader:
         most = prim.real(f"{start}maxForce", math.inf, infinite=True)
         kind = prim.token(f"{start}type", "force")
         if stiffness < 0.0 or damping < 0.0:
-            raise prim.error("a drive with a stiffness or a damping below 0", found=f"{stiffness:g}, {damping:g}")
+            raise prim.error(
+                "a drive with a stiffness or a damping below 0", found=f"{stiffness:g}, {damping:g}", code="I102"
+            )
         if not stiffness and not damping:
             for word in ("targetPosition", "targetVelocity", "maxForce", "type"):
                 prim.ignore(f"{start}{word}", "a drive without stiffness and damping does nothing")

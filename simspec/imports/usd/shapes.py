@@ -102,13 +102,15 @@ class PrimPlaces:
         axes = matrix[:3, :3]
         factors = np.linalg.norm(axes, axis=0)
         if not np.isfinite(matrix).all() or factors.min() == 0.0:
-            raise prim.error("its transformation leaves no volume, or is not finite")
+            raise prim.error("its transformation leaves no volume, or is not finite", code="I102")
         if float(np.ptp(factors)) <= ALIKE * float(factors.max()):
             factors[:] = factors.mean()
         factors[np.abs(factors - 1.0) <= ALIKE] = 1.0
         unit = axes / np.linalg.norm(axes, axis=0)
         if np.abs(unit.T @ unit - np.eye(3)).max() > SHEARED:
-            raise prim.error("its axes are not at right angles to each other: sheared shapes are not supported")
+            raise prim.error(
+                "its axes are not at right angles to each other: sheared shapes are not supported", code="I104"
+            )
         if np.linalg.det(unit) < 0.0:
             unit[:, 0], factors[0] = -unit[:, 0], -factors[0]
         rows: Any = tuple(tuple(row) for row in unit.tolist())
@@ -130,7 +132,7 @@ class PrimPlaces:
                     return None
                 scale = tuple(map(float, value))  # type: ignore[assignment]
                 if 0.0 in scale:
-                    raise prim.error("a factor of 0 leaves no volume", found=str(value)[:80])
+                    raise prim.error("a factor of 0 leaves no volume", found=str(value)[:80], code="I102")
                 continue
             operations = self._pose(prim, kind, value)
             if operations is None:
@@ -141,7 +143,7 @@ class PrimPlaces:
     def _pose(self, prim: PrimRead, kind: str, value: Any) -> Pose | None:
         values = value if isinstance(value, list) else [value]
         if any(not isinstance(item, (int, float)) for item in values):
-            raise prim.error("a transformation should be finite", found=str(value)[:80])
+            raise prim.error("a transformation should be finite", found=str(value)[:80], code="I102")
         if kind == "Translate":
             return Pose(frames.vector3(self.metres * item for item in values))
         if kind == "Orient":
@@ -165,7 +167,7 @@ def quaternion(prim: PrimRead, name: str, values: Any) -> Quaternion:
     if length == 0.0 or not (abs(length - 1.0) <= UNIT or prim.forgiving):
         hint = f"simspec import --repair {ROTATIONS}: quaternions of another length than 1 become unit quaternions"
         message = f"{name} is no rotation: its length is {length:g}"
-        raise prim.error(message, found=str(values)[:80], hint=hint if length else None)
+        raise prim.error(message, found=str(values)[:80], hint=hint if length else None, code="I102")
     if abs(length - 1.0) > UNIT:
         prim.set_aside(name, CARRIED, f"made a unit quaternion by the rule {ROTATIONS}")
     return frames.normalise((w, x, y, z))
@@ -185,7 +187,7 @@ def _matrix(prim: PrimRead) -> NDArray[np.float64]:
         if "world" in above.record:
             values = above.record["world"]
             if any(not isinstance(item, (int, float)) for item in values):
-                raise above.error("a transformation should be finite")
+                raise above.error("a transformation should be finite", code="I102")
             return np.array(values, float).reshape(4, 4).T
     return np.eye(4)
 
@@ -307,7 +309,7 @@ class ShapeReader:
             return
         axis = prim.token("axis", "Z")
         if axis not in AXES:
-            raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z")
+            raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z", code="I101")
         turn = Pose(quaternion=TOWARDS[axis])
         if kind == "Plane":
             for name in ("width", "length"):
@@ -335,7 +337,7 @@ class ShapeReader:
         default = 0.5 if prim.tag == "Capsule_1" else 1.0
         bottom, top = prim.real("radiusBottom", default), prim.real("radiusTop", default)
         if bottom != top:
-            raise prim.error("two radii are not supported", found=f"{bottom:g}, {top:g}")
+            raise prim.error("two radii are not supported", found=f"{bottom:g}, {top:g}", code="I104")
         return bottom
 
     def _of(self, shape: UsdShapeRead, kind: str, size: list[float]) -> None:
@@ -368,10 +370,10 @@ class ShapeReader:
             if not same:
                 prim.lose(f"{PREFIX}points", STALE, INFORMATION)
         if not np.isfinite(points).all():
-            raise prim.error("the points of a mesh should be finite")
+            raise prim.error("the points of a mesh should be finite", code="I102")
         wrong = counts.size and (counts.min() < 0 or int(counts.sum()) != indices.size)
         if wrong or (indices.size and (indices.min() < 0 or indices.max() >= len(points))):
-            raise prim.error("faces of a mesh name points that it does not have")
+            raise prim.error("faces of a mesh name points that it does not have", code="I102")
         if shape.collision:
             self._approximation(prim)
         factors = np.array(place.scale) * self.places.metres
@@ -386,7 +388,7 @@ class ShapeReader:
         said = prim.token("physics:approximation", "none")
         prim.applies("PhysicsMeshCollisionAPI")
         if said not in HULLS:
-            raise prim.error("not an approximation of a mesh", found=said[:40], allowed=", ".join(HULLS))
+            raise prim.error("not an approximation of a mesh", found=said[:40], allowed=", ".join(HULLS), code="I101")
         if said != "convexHull":
             where = "physics:approximation" if prim.has("physics:approximation") else "points"
             prim.lose(where, f"approximation {said}: the convex hull stands for it")

@@ -142,9 +142,10 @@ class PrimRead(Element):
             return None
         self._taken.add(name)
         if "connected" in said:
-            raise self.error(f"{name} is connected to another attribute, which simspec does not follow")
+            raise self.error(f"{name} is connected to another attribute, which simspec does not follow", code="I104")
         if "value" not in said and said.get("samples"):
-            raise self.error(f"{name} changes in time and has no default value", hint="give it a default value")
+            message = f"{name} changes in time and has no default value"
+            raise self.error(message, hint="give it a default value", code="I101")
         return said.get("value")
 
     def real(self, name: str, default: float, infinite: bool = False) -> float:
@@ -158,21 +159,21 @@ class PrimRead(Element):
         if value is None:
             return None
         if not isinstance(value, list) or len(value) != count:
-            raise self.error(f"{name} should be {count} numbers", found=str(value)[:80])
+            raise self.error(f"{name} should be {count} numbers", found=str(value)[:80], code="I101")
         return tuple(self._number(name, item, infinite) for item in value)
 
     def _number(self, name: str, value: Any, infinite: bool) -> float:
         if value in ("inf", "-inf") and infinite:
             return float(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.error(f"{name} should be a finite number", found=str(value)[:80])
+            raise self.error(f"{name} should be a finite number", found=str(value)[:80], code="I101")
         return float(value)
 
     def flag(self, name: str, default: bool) -> bool:
         """A flag, taken. Raises SpecError for what is none."""
         value = self.value(name)
         if value is not None and not isinstance(value, (bool, int)):
-            raise self.error(f"{name} should be true or false", found=str(value)[:80])
+            raise self.error(f"{name} should be true or false", found=str(value)[:80], code="I101")
         return default if value is None else bool(value)
 
     def token(self, name: str, default: str = "") -> str:
@@ -276,7 +277,7 @@ def read_stage(files: Files, forgive: bool) -> StageRead:
         limits = (str(SECONDS), str(MEMORY))
         answer = parse_json(run(PROGRAM, limits, json.dumps(requested).encode(), PATIENCE, policy_of(files)))
     except (ChildError, NotReadableError) as error:
-        raise SpecError([Problem(f"usd-core gave no answer: {error}", location=here)]) from None
+        raise SpecError([Problem(f"usd-core gave no answer: {error}", location=here, code="I109")]) from None
     if "error" in answer:
         raise SpecError([_refused(answer, here)])
     files.read.update({Path(path): digest for path, digest in answer["read"].items()})
@@ -301,7 +302,7 @@ def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
     elif message.startswith("leaves"):
         hint = "--allow-outside allows it"
     line, column = answer.get("at", (1, 1))
-    return Problem(message, location=Location(here.file, line, max(1, column)), found=found, hint=hint)
+    return Problem(message, location=Location(here.file, line, max(1, column)), found=found, hint=hint, code="I109")
 
 
 def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> StageRead:
@@ -321,10 +322,10 @@ def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> S
         parent._children.append(prim)
     units = [root.real(name, answer[_UNITS[name]]) for name in _UNITS]
     if not all(unit > 0.0 and math.isfinite(unit) for unit in units):
-        raise root.error("units should be above 0", found=str(units))
+        raise root.error("units should be above 0", found=str(units), code="I102")
     up = root.token("upAxis", answer["up"])
     if up not in ("Y", "Z"):
-        raise root.error("not an axis that is up", found=up[:20], allowed="Y, Z")
+        raise root.error("not an axis that is up", found=up[:20], allowed="Y, Z", code="I101")
     return StageRead(root, prims, units[0], units[1], up, answer["default"], answer["missing"])
 
 

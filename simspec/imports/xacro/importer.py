@@ -62,10 +62,10 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
     text = _decoded(files.content(), files.shown, Location(files.shown, 1, 1))
     for name, value in arguments.items():
         if (why := numerals.like_a_number(value)) is not None:
-            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not a number: {why}")])
+            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is not a number: {why}", code="I111")])
     if importlib.util.find_spec("xacro") is None:
         hint = 'pip install "simspec-physics[import]"'
-        raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint)])
+        raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint, code="C110")])
     with tempfile.TemporaryFile() as memory:
         memory.write(bytes(PLACE_NOW.size))
         memory.flush()
@@ -220,7 +220,7 @@ def _message(line: bytes) -> dict[str, Any]:
 
 
 def _refused(why: str, place: Location) -> SpecError:
-    return SpecError([Problem(f"xacro: {why}", location=place)])
+    return SpecError([Problem(f"xacro: {why}", location=place, code="I111")])
 
 
 ARGUMENT: Final = "xacro:arg"
@@ -260,13 +260,15 @@ class XacroImporter:
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
         if root.tag != "robot":
-            raise root.error("does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot")
+            raise root.error(
+                "does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot", code="I111"
+            )
         if not root.look("link"):
             message, hint = (
                 "is a library: it expands to no links",
                 "import the file that includes it and places its macros",
             )
-            raise SpecError([Problem(f"{shown} {message}", location=root.location, hint=hint)])
+            raise SpecError([Problem(f"{shown} {message}", location=root.location, hint=hint, code="I111")])
         if PARENTS not in options.repairs:
             _check_whole(root, shown)
         files.looks_above = True
@@ -306,7 +308,9 @@ def _check_arguments(expanded: Expanded, files: Files, options: ImportOptions) -
         *{name.decode(errors="replace") for content in _texts(files) for name in _USE.findall(content)},
     }
     problems = [
-        Problem(f"{files.shown}: no argument is called {name!r}", allowed=MANY.join(sorted(known)) or "none")
+        Problem(
+            f"{files.shown}: no argument is called {name!r}", allowed=MANY.join(sorted(known)) or "none", code="I111"
+        )
         for name in unknown
         if name not in known
     ]
@@ -356,7 +360,7 @@ def _check_whole(root: Element, shown: str) -> None:
         return
     message = f"{shown} is a part: its joints lead from {', '.join(missing[:4])}, which it does not have"
     hint = f"import the file that includes it; simspec import --repair {PARENTS}: {RULES[PARENTS]}"
-    raise SpecError([Problem(message, location=root.location, hint=hint)])
+    raise SpecError([Problem(message, location=root.location, hint=hint, code="I111")])
 
 
 def _end(joint: Element, tag: str) -> str:

@@ -332,9 +332,9 @@ def law_of_files(world: World, engine: type[Engine], folder: Path, read: ReadBac
 def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
     """Values in the files with which no probe world can be written."""
     if contact.friction_cone not in FRICTION_CONES:
-        yield Problem("the files hold an unknown friction cone", found=contact.friction_cone)
+        yield Problem("the files hold an unknown friction cone", found=contact.friction_cone, code="P102")
     if not 0.0 < timestep < math.inf:
-        yield Problem("the files hold an impossible timestep", found=f"{timestep}")
+        yield Problem("the files hold an impossible timestep", found=f"{timestep}", code="P102")
     surfaces: list[tuple[str, Surface | PairContact]] = [
         *((f"{name} in layer {layer}", surface) for (name, layer), surface in numbers.items()),
         *((f"{pair.first} with {pair.second}", pair) for pair in contact.pairs),
@@ -345,7 +345,9 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
         values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
         for name, value in values.items():
             if value is not None and not math.isfinite(value):
-                yield Problem(f"the files hold an impossible {name.replace('_', ' ')} of {where}", found=f"{value}")
+                yield Problem(
+                    f"the files hold an impossible {name.replace('_', ' ')} of {where}", found=f"{value}", code="P102"
+                )
 
 
 def of_pair(whole: FileLaw, first: str, second: str) -> FileLaw:

@@ -190,7 +190,7 @@ def page(studies: Sequence[Part], kind: str = "report") -> str:
     """
     if not 0 < len(studies) <= MOST_STUDIES:
         message = f"a page has 1 to {MOST_STUDIES} studies"
-        raise SpecError([Problem(message, found=str(len(studies)), hint="write several pages")])
+        raise SpecError([Problem(message, found=str(len(studies)), hint="write several pages", code="R108")])
     packed = PackedNumbers()
     sections: list[Section] = []
     for stored in studies:
@@ -199,7 +199,9 @@ def page(studies: Sequence[Part], kind: str = "report") -> str:
         else:
             sections += [section(stored, packed)] if isinstance(stored, StoredStudy) else stored(packed)
     if sum(part.scene is not None for part in sections) > MOST_STUDIES:
-        raise SpecError([Problem(f"a page plays at most {MOST_STUDIES} studies back", hint="write several pages")])
+        raise SpecError(
+            [Problem(f"a page plays at most {MOST_STUDIES} studies back", hint="write several pages", code="R108")]
+        )
     return _text(sections, packed, kind)
 
 

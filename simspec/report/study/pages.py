@@ -78,21 +78,25 @@ def marks(text: str, page: str) -> list[PageMark]:
         end = text.find(END, begin.end())
         following = BEGIN.search(text, begin.end())
         if end < 0 or (following is not None and following.start() < end):
-            problems.append(Problem(f"{page}:{line}: a marked place has no end", found=begin.group(), hint=END))
+            problems.append(
+                Problem(f"{page}:{line}: a marked place has no end", found=begin.group(), hint=END, code="R110")
+            )
             continue
         try:
             words = tuple(shlex.split(begin.group(2)))
         except ValueError as error:
-            problems.append(Problem(f"{page}:{line}: {error}", found=begin.group()))
+            problems.append(Problem(f"{page}:{line}: {error}", found=begin.group(), code="R110"))
             continue
         if (words != (MEASURED,) and len(words) not in (2, 3, 4)) or (len(words) == 3 and words[2] != SAID):
             allowed = f"{MEASURED}; SWEEP TABLE; SWEEP TABLE {SAID}; SWEEP TABLE ROW COLUMN"
-            problems.append(Problem(f"{page}:{line}: not a place of a study", found=begin.group(), allowed=allowed))
+            problems.append(
+                Problem(f"{page}:{line}: not a place of a study", found=begin.group(), allowed=allowed, code="R110")
+            )
             continue
         found.append(PageMark(begin.group(1), words, line, text[begin.end() : end]))
         after = end + len(END)
     if END in text[after:] or (text.count(END) != len(found) and not problems):
-        problems.append(Problem(f"{page}: {END} without a beginning"))
+        problems.append(Problem(f"{page}: {END} without a beginning", code="R110"))
     if problems:
         raise SpecError(problems)
     return found
@@ -116,7 +120,8 @@ def filled(text: str, page: str, study: Callable[[str], StudyTables | None], old
             parts.append(_content(mark, study(mark.study), (mark.study, mark.sweep) in older))
         except SpecError as error:
             problems += [
-                Problem(f"{page}:{mark.line}: {problem.message}", allowed=problem.allowed) for problem in error.problems
+                Problem(f"{page}:{mark.line}: {problem.message}", allowed=problem.allowed, code=problem.code)
+                for problem in error.problems
             ]
     if problems:
         raise SpecError(problems)
@@ -136,7 +141,9 @@ def _content(mark: PageMark, tables: StudyTables | None, older: bool) -> str:
     if mark.sweep not in tables.sweeps:
         if tables.small:
             return NOT_SMALL if inline else _block(NOT_SMALL)
-        raise SpecError([Problem(f"{mark.study} has no sweep {mark.sweep!r}", allowed=", ".join(tables.sweeps))])
+        raise SpecError(
+            [Problem(f"{mark.study} has no sweep {mark.sweep!r}", allowed=", ".join(tables.sweeps), code="R110")]
+        )
     shown = _table(mark, tables)
     if inline:
         return _cell(mark, shown) + (OLDER_CELL if older else "")
@@ -157,7 +164,7 @@ def _table(mark: PageMark, tables: StudyTables) -> StoredTableShown:
     shown = next((shown for shown in sweep if shown.name == mark.words[1]), None)
     if shown is None:
         message = f"the sweep {mark.words[0]} of {mark.study} has no table {mark.words[1]!r}"
-        raise SpecError([Problem(message, allowed=", ".join(shown.name for shown in sweep))])
+        raise SpecError([Problem(message, allowed=", ".join(shown.name for shown in sweep), code="R110")])
     return shown
 
 
@@ -169,7 +176,7 @@ def _cell(mark: PageMark, shown: StoredTableShown) -> str:
     if heads.count(column) != 1 or len(rows) != 1:
         firsts = "; ".join(row[0].text for row in shown.rows)
         message = f"the table {shown.name} has not one cell for row {mark.words[2]!r}, column {column!r}"
-        raise SpecError([Problem(message, allowed=f"rows {firsts}; columns {'; '.join(heads)}")])
+        raise SpecError([Problem(message, allowed=f"rows {firsts}; columns {'; '.join(heads)}", code="R110")])
     return escaped(rows[0][heads.index(column)].text)
 
 
@@ -233,7 +240,7 @@ def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packe
     for record in records:
         key, engine, proof = (record.get(name) for name in ("run", "engine", "certificate"))
         if not isinstance(key, str) or not isinstance(engine, str) or not isinstance(proof, str | None):
-            raise SpecError([Problem(f"{study}: {sweep} does not name the runs that are played back")])
+            raise SpecError([Problem(f"{study}: {sweep} does not name the runs that are played back", code="R110")])
         if not store.has(key):
             notes.append(f"{engine}: the run is not in the store {store.shown}: it is not played back")
             continue
@@ -290,7 +297,9 @@ def tables_text(folder: Path) -> tuple[Path, bytes] | None:
             try:
                 return path, read(path, LARGEST, folder)
             except FileNotFoundError:
-                raise SpecError([Problem(f"{path} is missing", hint="simspec study STUDY writes it")]) from None
+                raise SpecError(
+                    [Problem(f"{path} is missing", hint="simspec study STUDY writes it", code="R110")]
+                ) from None
     return None
 
 
@@ -299,7 +308,9 @@ def parsed_tables(path: Path, content: bytes) -> StudyTables:
     tables = read_as(StudyTables, content, str(path))
     if tables.schema_ != SCHEMA:
         hint = "simspec study STUDY writes it anew"
-        raise SpecError([Problem(f"{path}: schema {tables.schema_}, this simspec reads {SCHEMA}", hint=hint)])
+        raise SpecError(
+            [Problem(f"{path}: schema {tables.schema_}, this simspec reads {SCHEMA}", hint=hint, code="R104")]
+        )
     return tables
 
 

@@ -59,7 +59,7 @@ def charts(tables: StudyTables) -> list[dict[str, Any]]:
             except (KeyError, TypeError, ValueError, IndexError) as error:
                 why = f"{type(error).__name__} {error}"
                 message = f"the figures of {sweep}, {shown.name}, are not those of simspec: {why}"
-                raise SpecError([Problem(message, hint="simspec study STUDY writes them anew")]) from None
+                raise SpecError([Problem(message, hint="simspec study STUDY writes them anew", code="R110")]) from None
     return [chart for chart in made if any(series["marks"] for series in chart["series"])]
 
 
@@ -352,7 +352,7 @@ def verdict(tables: StudyTables) -> list[Sentence]:
                 sentences += part(name, local)
             except (KeyError, TypeError, ValueError) as error:
                 message = f"the figures of {visible(name)} are damaged: {type(error).__name__}: {error}"
-                raise SpecError([Problem(message)]) from None
+                raise SpecError([Problem(message, code="R106")]) from None
     return [Sentence(sentence.tone, visible(sentence.text)) for sentence in sentences]
 
 

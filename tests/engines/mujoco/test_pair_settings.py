@@ -290,14 +290,20 @@ def test_settings_of_pairs_that_do_nothing_are_warnings(tmp_path, capsys):
     path.write_text(SLICK, encoding="utf-8")
     assert main(["check", str(path)]) == 0
     err = capsys.readouterr().err
-    assert "m.yaml:19:58: warning: engines.mujoco.pairs.0.settings.friction_rate: friction_rate has no effect" in err
+    assert (
+        "m.yaml:19:58: warning[E106]: engines.mujoco.pairs.0.settings.friction_rate: friction_rate has no effect" in err
+    )
     assert "found:   no friction" in err
-    assert "m.yaml:23:13: warning: engines.mujoco.at_timestep.0.pairs.0: no shapes of wood and wood can touch" in err
+    assert (
+        "m.yaml:23:13: warning[E106]: engines.mujoco.at_timestep.0.pairs.0: no shapes of wood and wood can touch" in err
+    )
     assert err.count("warning") == 2
     assert main(["check", str(path), "--strict"]) == 2
     wrong = "engines.mujoco.at_timestep.0.pairs.0.settings.iterations"
     assert main(["check", str(path), "--set", f"{wrong}=3"]) == 2
-    assert f"error: {wrong}: mujoco's setting 'iterations' has one value for all contacts" in capsys.readouterr().err
+    assert (
+        f"error[E105]: {wrong}: mujoco's setting 'iterations' has one value for all contacts" in capsys.readouterr().err
+    )
 
 
 SLICK = """\

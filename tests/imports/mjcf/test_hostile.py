@@ -108,7 +108,8 @@ def test_a_size_that_is_no_number_when_it_is_doubled_is_refused_at_its_place(tmp
     )
     assert main(["check", str(written(tmp_path, text))]) == 2
     assert (
-        "model.xml:2:1: error: model.bodies.body_1.shapes.0.box.size.2: not a usable number" in capsys.readouterr().err
+        "model.xml:2:1: error[S203]: model.bodies.body_1.shapes.0.box.size.2: not a usable number"
+        in capsys.readouterr().err
     )
 
 

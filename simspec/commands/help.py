@@ -1,0 +1,55 @@
+"""``simspec help``: the page of a code of an error or a warning, of a word of ``accept``, of a rule of plausibility."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from simspec.codes import CODES
+from simspec.commands.options import print_json
+from simspec.commands.scenario_options import HelpOptions
+from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.language.strict import near
+from simspec.report.error_pages import FOLDER, page_files, page_of
+from simspec.report.screen import say
+
+CODE = re.compile("[A-Z][0-9]+")
+MOST_NAMED = 6
+"""Words that a hint names."""
+
+
+def help_about(options: HelpOptions) -> int:
+    """Print the pages of the words. Raises SpecError for a word that has none."""
+    files = page_files()
+    pages = {word: page_of(word) for word in options.words}
+    unknown = [word for word, page in pages.items() if page is None]
+    if unknown:
+        raise SpecError(
+            Problem(
+                f"{word!r} has no page",
+                found=word,
+                allowed="a code of a message (S101), a word of accept (material.restitution), a rule of plausibility",
+                hint=_nearest(word, files),
+                code="C103",
+            )
+            for word in unknown
+        )
+    if options.as_json:
+        print_json({"pages": pages})
+        return EXIT_OK
+    for number, (word, page) in enumerate(pages.items()):
+        if number:
+            say("")
+        for line in (page or "").rstrip().split("\n"):
+            say(line)
+        say("")
+        say(f"page: {FOLDER}/{files.get(word.upper()) or files.get(word.lower())}")
+    return EXIT_OK
+
+
+def _nearest(word: str, known: Iterable[str]) -> str | None:
+    """A hint: the codes and words that begin with a word, or the nearest."""
+    same = [name for name in known if word and name.lower().startswith(word.lower())]
+    if same:
+        return f"did you mean {', '.join(same[:MOST_NAMED])}{', ...' if len(same) > MOST_NAMED else ''}?"
+    return near(word.upper(), CODES) if CODE.fullmatch(word.upper()) else near(word.lower(), known)
