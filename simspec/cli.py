@@ -13,6 +13,7 @@ from typing import Any
 import typer
 
 from simspec.commands import experiment_options, scenario_options  # noqa: F401  # they declare the commands
+from simspec.commands.help_format import HelpCommand
 from simspec.commands.options import COMMANDS, NUMBERS, function_of
 from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecError
 from simspec.numerals import NumeralError, whole
@@ -102,10 +103,10 @@ def registered(word: str | None = None) -> typer.Typer:
             engines = typer.Typer(rich_markup_mode=None, context_settings=HELP_NAMES)
             engines.callback(invoke_without_command=True)(guarded(function_of(COMMANDS["engines"])))
             for part in ("show", "doctor", "install"):
-                engines.command(part)(guarded(function_of(COMMANDS[f"engines {part}"])))
+                engines.command(part, cls=HelpCommand)(guarded(function_of(COMMANDS[f"engines {part}"])))
             app.add_typer(engines, name="engines")
         else:
-            app.command(name)(guarded(function_of(COMMANDS[name])))
+            app.command(name, cls=HelpCommand)(guarded(function_of(COMMANDS[name])))
     return app
 
 

@@ -16,6 +16,7 @@ from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.commands.help_format import GROUPS
 from simspec.commands.options import COMMANDS as OPTIONS
 from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines
@@ -116,6 +117,28 @@ def test_every_command_teaches_by_an_example_and_speaks_json(command):
     text = simspec(command, "--help").output
     assert re.search(rf"^  simspec {command} ", text, re.MULTILINE), text
     assert "--json" in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_help_has_every_option_once_and_no_brace_or_type(command):
+    text = simspec(command, "--help").output
+    usage = text.splitlines()[0]
+    assert usage.startswith(f"Usage: simspec {command} [OPTIONS]")
+    assert not set("{}<") & set(usage)
+    assert "x>=" not in text
+    options = re.findall(r"^  (?:-\w, )?(--[\w-]+)", text, re.MULTILINE)
+    assert len(options) == len(set(options))
+    kind = OPTIONS[command]
+    named = [name for name in kind.TAKES if "Argument" not in str(get_type_hints(kind, include_extras=True)[name])]
+    assert len(options) == len([name for name in named if name != "context"]) + 1
+
+
+def test_a_long_help_has_headings():
+    text = simspec("run", "--help").output
+    titles = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
+    assert titles == ["Arguments", *GROUPS]
+    fields = {name for kind in OPTIONS.values() for name in kind.TAKES} | {"help"}
+    assert set(" ".join(GROUPS.values()).split()) <= fields
 
 
 def test_the_list_of_commands_is_whole():

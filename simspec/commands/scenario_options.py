@@ -33,7 +33,7 @@ class NewOptions(Options):
     simspec run pendulum.yaml --all-engines
     """
 
-    name: Annotated[str, Argument(help="Name of the scenario; the file is NAME.yaml.")]
+    name: Annotated[str, Argument(metavar="NAME", help="Name of the scenario; the file is NAME.yaml.")]
 
 
 @command("list", "check:list_scenarios", "as_json")
@@ -271,8 +271,8 @@ class VerifyOptions(Options):
 @command(
     "run",
     "run:run",
-    "spec all_engines every_engine engine without keep_going out quick repeats no_verify tolerance fail_on_diff sets "
-    f"accept ROBOTS allow_outside strict python deadline report {REPORTS} baseline write_baseline timed_runs verbose "
+    "spec all_engines every_engine engine without keep_going out quick repeats no_cache no_verify tolerance fail_on_diff "
+    f"sets accept ROBOTS allow_outside strict python deadline report {REPORTS} baseline write_baseline timed_runs verbose "
     "quiet as_json",
 )
 class RunOptions(Options):
