@@ -13,17 +13,12 @@ from typing import Any
 import typer
 
 from simspec.commands import experiment_options, scenario_options  # noqa: F401  # they declare the commands
-from simspec.commands.help_format import HelpCommand
+from simspec.commands.help_format import COMMAND_GROUPS, HelpCommand, HelpGroup
 from simspec.commands.options import COMMANDS, NUMBERS, function_of
 from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecError
 from simspec.numerals import NumeralError, whole
 from simspec.processes import exit_if_signalled, in_order
 
-ORDER = (
-    "new list check import export accept fmt schema compile verify run sweep study pages explain bisect audit report view "
-    "diff help"
-)
-"""The commands in the order of ``simspec --help``; ``trust`` and the group ``engines`` follow."""
 HELP_NAMES = {"help_option_names": ["--help", "-h"]}
 
 
@@ -73,12 +68,9 @@ def simspec_command() -> None:
     Start here:
       simspec new pendulum                     write a commented spec, pendulum.yaml
       simspec run pendulum.yaml --all-engines  compile, verify, run, compare
+      simspec view runs/pendulum               see it: verdict, playback, plots
       simspec list                             the scenarios of the library
-      simspec run spheres-216 --all-engines    one of them, by name
-      simspec verify pendulum.yaml             prove that every engine has the spec's model
-      simspec sweep pendulum.yaml              all runs that its `sweep` requests
-      simspec diff runs/pendulum/ENGINE1 runs/pendulum/ENGINE2
-      simspec engines                          the names of the engines
+      simspec engines                          the engines, and what they support
 
     \b
     Exit codes: 0 success; 1 an expectation, a proof or a comparison failed; 2 error in
@@ -91,13 +83,14 @@ def registered(word: str | None = None) -> typer.Typer:
     takes as long as parsing its options."""
     app = typer.Typer(
         name="simspec",
+        cls=HelpGroup,
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
         context_settings={**HELP_NAMES, "max_content_width": 110},
     )
     app.callback()(simspec_command)
-    names = [*ORDER.split(), "engines", "trust"]
+    names = " ".join(COMMAND_GROUPS.values()).split()
     for name in [word] if word in names else names:
         if name == "engines":
             engines = typer.Typer(rich_markup_mode=None, context_settings=HELP_NAMES)

@@ -30,10 +30,10 @@ REPORTS = "junit annotations summary github"
     f"deadline {REPORTS} as_json",
 )
 class SweepOptions(Options):
-    """Do all runs that the `sweep` of a spec requests, and store them. Runs that are stored already are not repeated.
+    """Run all values that the `sweep` of a spec lists, and store the runs.
 
-    Without --engine, `sweep.engines` and default-engines (simspec.toml): every installed engine that supports the spec.
-    Ended at any moment, the same command does what is left.
+    Runs that are stored already are not repeated. Without --engine, `sweep.engines` and default-engines (simspec.toml):
+    every installed engine that supports the spec. Ended at any moment, the same command does what is left.
 
     \b
     simspec sweep friction.yaml --dry-run
@@ -63,9 +63,10 @@ class SweepOptions(Options):
     "study", "study:study", "study small store dry_run publish no_verify wait python deadline allow_outside as_json"
 )
 class StudyOptions(Options):
-    """Do all sweeps of a study, and write its tables: runs/NAME/study.md and study.json (with --small: runs/NAME-small).
+    """Do all sweeps of a study, and write its tables.
 
-    Runs that are stored already are not repeated. Ended at any moment, the same command does what is left.
+    Writes runs/NAME/study.md and study.json (with --small: runs/NAME-small). Runs that are stored already are not
+    repeated. Ended at any moment, the same command does what is left.
 
     \b
     simspec study koerber-2021 --small --dry-run
@@ -73,8 +74,8 @@ class StudyOptions(Options):
     simspec study mine.yaml --store /data/store
     simspec study koerber-2021 --publish docs/records/studies/koerber-2021
 
-    A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if values make a
-    scenario invalid, 3 if an engine was stopped.
+    A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if
+    values make a scenario invalid, 3 if an engine was stopped.
     """
 
     study: Annotated[str, Argument(metavar="STUDY", help="A study file, or the name of a study of the library.")]
@@ -91,10 +92,11 @@ class StudyOptions(Options):
 
 @command("pages", "pages:pages", "pages check older python allow_outside as_json")
 class PagesOptions(Options):
-    """Fill the marked places of pages from published studies: those in the folder `studies` next to a page.
+    """Fill the marked places of Markdown pages from published studies.
 
-    No engine is run. Where a model that a study measured is compiled to something else today, its figures are older than the
-    code: exit code 1, unless the page says so (--older).
+    The studies are those in the folder `studies` next to a page. No engine is run. Where a model that a study measured
+    is compiled to something else today, its figures are older than the code: exit code 1, unless the page says so
+    (--older).
 
     \b
     simspec pages docs/records/results.md
@@ -114,10 +116,10 @@ class PagesOptions(Options):
     "a b engine others windows verify sets accept ROBOTS allow_outside python deadline as_json",
 )
 class ExplainOptions(Options):
-    """Explain where the difference of two runs, or of two engines, comes from. Writes nothing.
+    """Explain where the difference of two runs, or of two engines, comes from.
 
-    Both begin short windows in states of A's run; one thing that differs is taken away at a time, and the share
-    of the difference that this closes is printed. Exit code 0 whatever the shares are.
+    Writes nothing. Both begin short windows in states of A's run; one thing that differs is taken away at a time, and
+    the share of the difference that this closes is printed. Exit code 0 whatever the shares are.
 
     \b
     simspec explain runs/arm/ENGINE1 runs/arm/ENGINE2
@@ -145,10 +147,10 @@ class ExplainOptions(Options):
     "spec first last figure engine versions yes store no_verify sets accept ROBOTS allow_outside python deadline as_json",
 )
 class BisectOptions(Options):
-    """Find the released version of an engine that changed a figure beyond noise, by halving. See docs/guide/bisect.md.
+    """Find the engine release that changed a figure beyond noise.
 
-    Each version is run once, with repeats for its noise; runs that are stored already are not repeated. The search
-    assumes one change between the two versions.
+    The versions between two releases are halved (docs/guide/bisect.md). Each version is run once, with repeats for its
+    noise; runs that are stored already are not repeated. The search assumes one change between the two versions.
 
     \b
     simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure "deepest penetration" --yes
@@ -210,9 +212,10 @@ class ViewOptions(Options):
 
 @command("engines", "engines:engines", "context markdown out check as_json")
 class EnginesOptions(Options):
-    """List the engines, their versions, here and in other interpreters, and the features they support.
+    """List the engines, their versions, and the features that they support.
 
-    Interpreters that simspec.toml names are not started; `simspec engines doctor` starts them.
+    Engines of other interpreters are listed too. Interpreters that simspec.toml names are not started; `simspec engines
+    doctor` starts them.
 
     \b
     simspec engines
@@ -230,7 +233,7 @@ class EnginesOptions(Options):
 
 @command("engines show", "engines:show", "shown as_json")
 class ShowEnginesOptions(Options):
-    """Print the features that an engine supports, with reasons, its capabilities and solver settings.
+    """Print the features, capabilities and solver settings of an engine.
 
     \b
     simspec engines show NAME
@@ -242,11 +245,11 @@ class ShowEnginesOptions(Options):
 
 @command("engines doctor", "engines:doctor", "names every as_json")
 class DoctorOptions(Options):
-    """Say of each engine whether it is installed and works, in which version, and what is missing and why.
+    """Test whether the engines are installed and work.
 
-    A ball falls in each for a tenth of a second, in the engine's own process. Exit code 3 where an installed engine does
-    not work, or an engine that is named is not there. Interpreters of simspec.toml are started once `simspec trust` has
-    been said of it.
+    Prints the version of each, and what is missing and why. A ball falls in each for a tenth of a second, in the
+    engine's own process. Exit code 3 where an installed engine does not work, or an engine that is named is not
+    there. Interpreters of simspec.toml are started once `simspec trust` has been said of it.
 
     \b
     simspec engines doctor
@@ -259,7 +262,9 @@ class DoctorOptions(Options):
 
 @command("engines install", "engines:install", "names every yes as_json")
 class InstallOptions(Options):
-    """Print the commands that install engines; nothing is run without --yes. NAME@VERSION gets an environment of its own.
+    """Print the commands that install engines; --yes runs them.
+
+    NAME@VERSION gets a separate environment.
 
     \b
     simspec engines install NAME
@@ -276,10 +281,11 @@ class InstallOptions(Options):
 
 @command("trust", "engines:trust", "file listed revoked as_json")
 class TrustOptions(Options):
-    """Let simspec use the interpreters and folders that a project file names, until the file changes.
+    """Trust the interpreters and folders that a project file names.
 
-    A simspec.toml may come from anybody with a repository. Read it first: the interpreters that it names are started, and
-    what a relative path leads to in the repository is not looked at. See docs/guide/project-file.md.
+    The trust ends when the file changes. A simspec.toml may come from anybody with a repository. Read it first: the
+    interpreters that it names are started, and what a relative path leads to in the repository is not looked at.
+    See docs/guide/project-file.md.
 
     \b
     simspec trust

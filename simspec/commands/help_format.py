@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-from typer.core import TyperArgument, TyperCommand
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 GROUPS: Final = {
     "Engines": "engine all_engines every_engine without python keep_going deadline",
@@ -16,6 +16,14 @@ GROUPS: Final = {
     "Output": "out store csv html report verbose quiet as_json help",
 }
 """Fields of options by the heading under which a long help lists them; all others stand under "Options", which come first."""
+COMMAND_GROUPS: Final = {
+    "Write and check specs": "new import check list fmt accept schema",
+    "Compile and prove": "compile export verify",
+    "Run": "run sweep study bisect",
+    "Look and compare": "view explain diff report audit pages",
+    "Set up and explain": "engines trust help",
+}
+"""All commands, by the heading under which ``simspec --help`` lists them."""
 FEW: Final = 12
 """Options up to which a help has no headings."""
 _AT_LEAST = re.compile(r"x>=([0-9.]+)")
@@ -51,6 +59,20 @@ class HelpCommand(TyperCommand):
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
+
+
+class HelpGroup(TyperGroup):
+    """The command ``simspec``, whose help lists its commands under headings."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands."""
+        known = {name: command for name in self.list_commands(ctx) if (command := self.get_command(ctx, name))}
+        limit = formatter.width - 6 - max(map(len, known))
+        for title, names in COMMAND_GROUPS.items():
+            rows = [(name, known[name].get_short_help_str(limit)) for name in names.split() if name in known]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl([(name.ljust(max(map(len, known))), text) for name, text in rows])
 
 
 def _arguments(parameters: list[Any]) -> list[TyperArgument]:

@@ -48,7 +48,7 @@ class ListOptions(Options):
 
 @command("help", "help:help_about", "words as_json")
 class HelpOptions(Options):
-    """Explain a code of an error or a warning, a word of `accept`, or a rule: print its page.
+    """Print the page of an error code, a warning, an accept word or a rule.
 
     \b
     simspec help S101
@@ -141,10 +141,12 @@ class ExportOptions(Options):
 
 @command("accept", "check:accept", "spec engine ROBOTS allow_outside as_json")
 class AcceptOptions(Options):
-    """Add the `accept` and `outside` entries that engines need to a spec, each with its reason as a comment.
+    """Write the approximations that engines need into a spec.
 
-    Without --engine and default-engines (simspec.toml): for the installed engines; those that do not support the spec at
-    all are listed. Review the entries: each one is a difference from the spec. If a named engine does not
+    Adds `accept` and `outside` entries, each with its reason as a comment.
+
+    Without --engine and default-engines (simspec.toml): for the installed engines; those that do not support the spec
+    at all are listed. Review the entries: each one is a difference from the spec. If a named engine does not
     support a feature at all, this is an error, and nothing is written.
 
     \b
@@ -170,7 +172,9 @@ class FmtOptions(Options):
 
 @command("schema", "files:schema", "of out check as_json")
 class SchemaOptions(Options):
-    """Write a JSON Schema: of the language or of simspec.toml, for editors, or of requests and results of engine processes.
+    """Write a JSON Schema of the language, for editors.
+
+    Also those of simspec.toml, of studies, and of the files that engine processes exchange (--of).
 
     \b
     simspec schema --out simspec.schema.json
@@ -198,10 +202,12 @@ class SchemaOptions(Options):
     "specs engine format_name out check explain sets accept ROBOTS allow_outside strict as_json",
 )
 class CompileOptions(Options):
-    """Compile specs to the formats of the engines: generated/NAME/ with world.json and one folder per engine.
+    """Compile specs to the files of the engines.
 
-    Without SPEC: all files in ./specs. Without --engine and default-engines (simspec.toml): for every known engine; those
-    that do not support a spec are listed.
+    Writes generated/NAME/ with world.json and one folder per engine.
+
+    Without SPEC: all files in ./specs. Without --engine and default-engines (simspec.toml): for every known engine;
+    those that do not support a spec are listed.
 
     \b
     simspec compile robot.yaml
@@ -235,7 +241,9 @@ class CompileOptions(Options):
     f"{REPORTS} as_json",
 )
 class VerifyOptions(Options):
-    """Prove that every engine has the spec's model; writes generated/NAME/certificate.json.
+    """Prove that every engine has the spec's model.
+
+    Writes generated/NAME/certificate.json.
 
     Without --engine and default-engines (simspec.toml): in every installed engine; those that do not support the
     spec are listed.
@@ -362,15 +370,17 @@ class RunOptions(Options):
     f"files engine pair details no_verify ROBOTS html allow_outside python deadline {REPORTS} as_json",
 )
 class AuditOptions(Options):
-    """Load robot files as they are in every engine that reads them, and list what each engine changes, drops or refuses.
+    """List what each engine changes, drops or refuses in a robot file.
 
-    Each engine loads the file by its own loader with its defaults, in a separate process; the model that it
-    reads is compared with the meaning of the file. Then the same file is compiled by simspec and proven.
+    Each engine that reads the language loads the file by its own loader with its defaults, in a separate process; the
+    model that it reads is compared with the meaning of the file. Then the same file is compiled by simspec and
+    proven.
 
     \b
     simspec audit ROBOT
     simspec audit robots/* --junit audit.xml --html audit.html
     simspec audit ROBOT OTHER --pair       two files of one robot
+
     Exit codes: 0 nothing is changed in silence; 1 findings; 2 a file is wrong; 3 an engine died.
     """
 
