@@ -298,24 +298,26 @@ def _together(explanation: Explanation, telling: Sequence[str]) -> str:
 
 
 def _idle(idle: Sequence[str]) -> str:
-    text = "No value or setting that was given differently acts here"
-    return f"{text}: {_listed(idle)}. The difference is the engines' own." if idle else f"{text}."
+    if not idle:
+        return "None of the values and settings that differ has an effect here."
+    text = f"The values and settings that differ have no effect here ({_listed(idle)})"
+    return f"{text}: the difference comes from the engines themselves."
 
 
 def _no_cause(explanation: Explanation) -> str:
     if explanation.same_engine:
         return "Nothing differs between the two, and yet their motions do: the engine does not repeat itself."
-    return "Nothing given differs: the same world, and no setting is away from its default. The difference is the engines' own."
+    return "The world and all settings are the same: the difference comes from the engines themselves."
 
 
 def _nothing(explanation: Explanation) -> Iterable[str]:
     if not explanation.causes and explanation.same_engine:
         yield "Nothing differs: the same world, the same settings, the same engine, and the same motion."
     elif not explanation.causes:
-        yield "There is nothing to explain: both make the same motion, to round-off."
+        yield "There is nothing to explain: the motions agree to round-off."
     else:
         names = [swap.name for swap in explanation.causes]
-        yield "There is nothing to explain: both make the same motion, to round-off."
+        yield "There is nothing to explain: the motions agree to round-off."
         yield f"Different, and without effect here: {_listed(names)}."
 
 
@@ -329,9 +331,7 @@ def _cause(swap: Swap, telling: Sequence[str]) -> str:
     if closing:
         return f"{name} accounts for {_shares(closing, telling, swap.interval)}."
     moving = ", ".join(f"{percent(part)} in {WORDS[kind]}" for kind, part in swap.effect.items() if kind != ALL)
-    return (
-        f"{name} acts, but accounts for none of the difference; it moves its own side by, of the difference, {moving}."
-    )
+    return f"{name} has an effect, but closes none of the difference: of that, it moves one side by {moving}."
 
 
 def _shares(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
@@ -401,7 +401,7 @@ def _places(explanation: Explanation) -> Iterable[str]:
     places = [swap for swap in useful(explanation.probes) if swap.kind == CandidateKind.REMOVAL.value]
     for swap in places:
         if swap.share.get(ALL, 0.0) > 0.5:
-            yield f"With {swap.name}, {percent(swap.share[ALL])} of it is gone: it is there that the two differ."
+            yield f"With {swap.name}, {percent(swap.share[ALL])} of the difference is gone."
 
 
 def _plain(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
@@ -452,14 +452,15 @@ def _located(
     engines = {declared.engine: clipped(declared.what, LONGEST) for declared in reversed(some)}
     yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
     given = {name: part for name, part in parts.items() if name != ALL} or parts
-    yield f"Of the rest, {_in_classes(given)} is gone without {acts}: the cause is there, and need not be what is declared."
+    gone = f"Without {acts}, {_in_classes(given)} of the rest is gone"
+    yield f"{gone}: the cause lies there; it need not be the declared deviation."
     swaps = {declared.swap: declared for declared in some if declared.swap}
     claimed = dict.fromkeys(parts, 0.0)
     for name, swap in swaps.items():
         closed = {kind: share for kind, share in swap.closed.items() if kind in given}
         share = _in_classes(closed) if closed else "nothing"
         subject = f"{name[:1].upper()}{name[1:]}"
-        yield f"{subject} takes this deviation of {swap.engine} away and closes {share}: it accounts for no more."
+        yield f"{subject} removes this deviation of {swap.engine} and closes {share}: the deviation accounts for no more."
         if name not in explanation.probed.names:
             claimed = {kind: min(parts[kind], claimed[kind] + swap.closed.get(kind, 0.0)) for kind in parts}
     rest = _worth_telling({name: left[name] * (part - claimed[name]) for name, part in parts.items()})
@@ -469,7 +470,7 @@ def _located(
     if all(declared.swap for declared in some):
         yield f"Within {acts}, not explained: {_in_classes(rest)}."
     else:
-        yield f"Within {acts}, explained only if what is declared is the cause, which no swap shows: {_in_classes(rest)}."
+        yield f"Within {acts}, explained only if the declared deviation is the cause, which no swap shows: {_in_classes(rest)}."
 
 
 def _worth_telling(share: Mapping[str, float]) -> dict[str, float]:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from simspec.report.console import Screen
 
 
+MEASURED = "L5"
+"""The level whose deviations are in units of each figure's tolerance."""
 SHOWN_FAILURES = 12
 """Failed checks that the terminal lists; the certificate has all."""
 
@@ -74,7 +76,7 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         tolerances = sorted({check.tolerance for check in tightest if check is not None and check.tolerance})
         deviations.add(
             level_title(level, (check for checks in blocks for check in checks)),
-            ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if any(blocks) else "–"),
+            _tolerance_cell(level, tolerances) or ("exact" if any(blocks) else "–"),
             *(
                 _level_cell(checks, worst, level in proof.unchecked)
                 for checks, worst, proof in zip(blocks, tightest, proofs, strict=True)
@@ -122,7 +124,14 @@ def _level_cell(checks: list[Check], worst: Check | None, unchecked: bool) -> Ta
         return TableCell(f"{bad} FAILED", BAD)
     if worst is None:
         return TableCell("not checked" if unchecked else "not compared", DIM)
+    if worst.level == MEASURED and worst.worst:
+        return TableCell(f"{100.0 * worst.worst:.0f} %", GOOD)
     return TableCell(f"{worst.worst:.1e}" if worst.worst else "equal", GOOD)
+
+
+def _tolerance_cell(level: str, tolerances: Iterable[float]) -> str:
+    """The tolerances of a level: those of contact differ by figure, and its deviations are shares of them."""
+    return "by figure" if level == MEASURED else ", ".join(f"{value:.1e}" for value in tolerances)
 
 
 def _failures(certificate: Certificate) -> list[Table]:

@@ -51,12 +51,13 @@ def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     """Each engine's own noise."""
     if not floors:
         return None
-    repeats = Table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
+    columns = ("engine", "repeated run", "initial state moved by", "largest deviation")
+    repeats = Table("Repeatability", *columns, right=(2, 3))
     words = {True: "bitwise equal", False: "bits differ", None: "not run"}
     for name, floor in floors.items():
-        moved = f"  (initial state perturbed by {floor.perturbation:g})" if floor.perturbation else ""
+        moved = f"{floor.perturbation:g}" if floor.perturbation else "–"
         cached = " (cached)" if floor.cached else ""
-        repeats.add(name, words[floor.bitwise] + cached, length(floor.largest) + moved)
+        repeats.add(name, words[floor.bitwise] + cached, moved, length(floor.largest))
     return repeats
 
 

@@ -333,7 +333,10 @@ def _speed(study: Study) -> list[VerdictPart]:
     if not known:
         return []
     best, first = known[0]
-    slower = [f"{name} {rounded(best / value, 2)}" for value, name in known[1:]]
+    slower = [
+        f"{name} {best / value:.1f}" if best / value < 10 else f"{name} {rounded(best / value, 2)}"
+        for value, name in known[1:]
+    ]
     text = f"{first} {rounded(best, 3)} × real time" + (f"; {', '.join(slower)} times slower" if slower else "")
     return [VerdictPart("speed", text, brief=False)]
 

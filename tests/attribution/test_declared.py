@@ -101,7 +101,7 @@ def test_deviations_of_friction_are_located_where_the_difference_goes_with_frict
     assert any(line.startswith("Unexplained, and not within friction") for line in lines)
     # the setting with which MuJoCo has the friction of impacts was tried: the deviation accounts for what that closes
     assert COULOMB in {declared.swap for declared in mine}
-    assert any("takes this deviation of MuJoCo away and closes" in line for line in lines)
+    assert any("removes this deviation of MuJoCo and closes" in line for line in lines)
 
 
 @given(st.floats(0.0, 1e-2), st.integers(0, 300), st.floats(1e-5, 1e-2), st.floats(0.0, 0.5), st.floats(1e-5, 10.0))
@@ -180,11 +180,11 @@ def test_differences_within_a_located_deviation_are_explained():
     other = dataclasses.replace(declared, engine="OTHER", what="hops")
     lines = explanation_of(declared=(declared, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
-    gone = (
-        "Of the rest, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
-    )
+    gone = "Without friction, 50 % in contact of the rest is gone: the cause lies there; it need not be the declared deviation."
     assert gone in lines
-    only = "Within friction, explained only if what is declared is the cause, which no swap shows: 50 % in contact."
+    only = (
+        "Within friction, explained only if the declared deviation is the cause, which no swap shows: 50 % in contact."
+    )
     assert only in lines
     assert lines[-1] == "Unexplained, and not within friction: 50 % in contact, 50 % in all windows."
 
@@ -205,7 +205,10 @@ def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(close
     )
     lines = explanation_of(declared=(declared,), probed=CombinedSwap(("the cone: pyramid",) if made else (), {}, {}))
     share = "15 % in contact" if closed else "nothing"
-    assert f"The cone: pyramid takes this deviation of ONE away and closes {share}: it accounts for no more." in lines
+    assert (
+        f"The cone: pyramid removes this deviation of ONE and closes {share}: the deviation accounts for no more."
+        in lines
+    )
     assert f"Within friction, not explained: {words}." in lines
     assert lines[-1] == "Unexplained, and not within friction: less than 1.0 %."
 

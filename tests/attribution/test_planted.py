@@ -85,7 +85,7 @@ def test_a_difference_that_acts_without_closing_anything_is_reported(asking, mon
     (cause,) = explanation.causes
     assert not cause.share
     assert 1e-4 < cause.effect["contact"] < 0.01
-    assert "acts, but accounts for none of the difference" in verdict(explanation)[0]
+    assert "has an effect, but closes none of the difference" in verdict(explanation)[0]
 
 
 def test_an_engine_begins_windows_with_the_contact_points_that_it_keeps(asking, monkeypatch):

@@ -19,7 +19,7 @@ from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
-from simspec.report.page import document
+from simspec.report.page import sentences
 from simspec.report.screen import console, diff_data
 from simspec.report.table import GOOD
 from simspec.report.tested import junit, study_suites, summary
@@ -32,8 +32,8 @@ TWO = world(free_body("still"), free_body("mover"))
 Noise = Callable[[np.ndarray], np.ndarray]
 
 
-def verdict(study) -> list[document.Sentence]:
-    return [document.summary(study), *document.remarks(study)]
+def verdict(study) -> list[sentences.Sentence]:
+    return [sentences.summary(study), *sentences.remarks(study)]
 
 
 def chaos(begin: float) -> Noise:
