@@ -196,18 +196,49 @@ class ReportOptions(Options):
     out: PageFile = None
 
 
-@command("view", "reports:view", "folder out as_json")
+@command(
+    "view",
+    "view:view",
+    "seen port no_browser page out video gif fps size speed sets ROBOTS allow_outside as_json",
+)
 class ViewOptions(Options):
-    """Open the report of a study or a run in the browser; it is written first if it is not current.
+    """Show a scene in the browser before it is run, or the report of a study or a run; write videos of runs.
 
-    Without a display, it is only written.
+    A spec is shown in its initial state, with sliders for its joints, until Ctrl-C (extra `view`); the address works on
+    this machine alone. Without the extra, or with --page, it is a page in a file. A report is written first where it is not
+    current. --video and --gif need the extra `video`.
 
     \b
+    simspec view arm.yaml
+    simspec view ur10e --page ur10e.html
     simspec view runs/arm
+    simspec view runs/arm --video arm.mp4 --speed 0.5
     """
 
-    folder: Annotated[Path, Argument(metavar="FOLDER", help="Folder of a study (runs/NAME), or of a run.")]
+    seen: Annotated[
+        str,
+        Argument(metavar="SPEC|FOLDER", help="A spec, a library scenario, or the folder of a study or a run."),
+    ]
+    port: Annotated[
+        int | None,
+        Option("--port", metavar="N", min=1, max=65535, help="Port of the live scene (default: any free one)."),
+    ] = None
+    no_browser: Annotated[bool, Option("--no-browser", help="Open nothing; print the address or the file.")] = False
+    page: Annotated[Path | None, Option("--page", metavar="FILE", help="Write the page to this file, and end.")] = None
     out: PageFile = None
+    video: Annotated[Path | None, Option("--video", metavar="FILE.mp4", help="Write the playback as a video.")] = None
+    gif: Annotated[
+        Path | None, Option("--gif", metavar="FILE.gif", help="Write the playback as an animated image.")
+    ] = None
+    fps: Annotated[int | None, Option("--fps", metavar="N", min=1, max=60, help="Frames per second (default 30).")] = (
+        None
+    )
+    size: Annotated[
+        str | None, Option("--size", metavar="WxH", help="Size of a video in pixels (default 1280x720).")
+    ] = None
+    speed: Annotated[
+        float | None, Option("--speed", metavar="X", help="Simulated seconds in a second of a video (default 1).")
+    ] = None
 
 
 @command("engines", "engines:engines", "context markdown out check as_json")

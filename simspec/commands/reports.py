@@ -1,18 +1,16 @@
-"""Reports: ``simspec report``, ``simspec view``, and files for CI systems: a test report, annotations of the spec's lines, a
+"""Reports: ``simspec report``, and files for CI systems: a test report, annotations of the spec's lines, a
 summary of the job. ``simspec diff``: how two stored runs, or two specs, differ."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import sys
-import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simspec.commands.experiment_options import ReportOptions, ViewOptions
+from simspec.commands.experiment_options import ReportOptions
 from simspec.commands.options import Options, print_json
 from simspec.commands.scenario_options import DiffOptions
 from simspec.comparison.floor import load_floor
@@ -38,8 +36,6 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 """Variable of the environment of a step of GitHub Actions: the file that the job's summary is added to."""
 SWEEP_FOLDER = "sweep"
 """Folder of the store of ``simspec study``, in the folder of its results."""
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Variables that name the display, on systems that need one."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +134,8 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
 
     Raises SpecError when one of them is damaged, or the target may not be written.
     """
-    from simspec.experiments.store import Store
-    from simspec.report.page.document import Part, is_page, page
+    from simspec.report.page.document import is_page
     from simspec.report.screen import PAGE_FILE
-    from simspec.report.studies import load_study
-    from simspec.report.study.pages import study_parts, study_tables
     from simspec.runner.store import is_run
 
     if out is None and len(folders) != 1:
@@ -150,14 +143,7 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
         raise SpecError([Problem(message, hint="use -o FILE", code="C107")])
     if out is not None:
         demand([file_problem(out, is_page)])
-    parts: list[Part] = []
-    for folder in folders:
-        tables, store = study_tables(folder), folder / SWEEP_FOLDER
-        if tables is None:
-            parts.append(load_study(folder))
-        else:
-            parts.append(study_parts(tables, Store.open(store) if store.is_dir() else None))
-    content = page(parts).encode()
+    content = page_of(folders).encode()
     if out is not None:
         return write_file(out, content, is_page)
     (folder,) = folders
@@ -166,33 +152,21 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     return folder / PAGE_FILE
 
 
-def view(options: ViewOptions) -> int:
-    """Write the page of a study or a run where it is not current, and open it in a browser, or say why it was not opened."""
-    path = write_page([options.folder], options.out)
-    why = _open(path)
-    if options.as_json:
-        print_json({"file": path, "opened": why is None, "reason": why})
-    else:
-        say(f"{path}: opened" if why is None else f"written: {path} (not opened: {why})")
-    return EXIT_OK
+def page_of(folders: Sequence[Path]) -> str:
+    """The text of that page. Raises SpecError when a folder is damaged."""
+    from simspec.experiments.store import Store
+    from simspec.report.page.document import Part, page
+    from simspec.report.studies import load_study
+    from simspec.report.study.pages import study_parts, study_tables
 
-
-def _open(path: Path) -> str | None:
-    """Open a page in the user's browser; None, or why it was not opened."""
-    if (why := no_display(os.environ, sys.platform)) is not None:
-        return why
-    try:
-        browser = webbrowser.get()
-    except webbrowser.Error:
-        return "no browser is installed"
-    return None if browser.open(path.absolute().as_uri()) else "the browser did not start"
-
-
-def no_display(environment: Mapping[str, str], platform: str) -> str | None:
-    """Why nothing can be shown here; None where it can. A browser that the user names (``BROWSER``) is believed."""
-    if platform in ("darwin", "win32") or any(environment.get(name) for name in (*DISPLAYS, "BROWSER")):
-        return None
-    return "there is no display"
+    parts: list[Part] = []
+    for folder in folders:
+        tables, store = study_tables(folder), folder / SWEEP_FOLDER
+        if tables is None:
+            parts.append(load_study(folder))
+        else:
+            parts.append(study_parts(tables, Store.open(store) if store.is_dir() else None))
+    return page(parts)
 
 
 # --- diff -------------------------------------------------------------------------------------------------------------------

@@ -160,6 +160,7 @@ class Run:
         return self._factor("process")
 
     diff = Method("simspec.comparison.runs:diff")
+    show = Method("simspec.report.notebook:show_run")
 
     def save(self, folder: Path | str) -> Path:
         """Write the run as the whole content of ``folder``: Parquet tables, world.json, provenance.json."""

@@ -374,6 +374,7 @@ class World:
     verify = Method("simspec.proof.verify:verify")
     run = Method("simspec.runner.execution:run")
     session = Method("simspec.api:session")
+    show = Method("simspec.report.notebook:show_world")
 
     def options(self, engine: str) -> EngineOptions:
         """The options given for ``engine``; empty ones when the spec gives none."""
