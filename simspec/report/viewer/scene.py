@@ -239,7 +239,9 @@ class LiveScene:
         pointer = (f"/world/{_path(body.name)}/pointer", drawn.pointer_line(joint, length), AXIS_COLOUR)
         for path, segments, colour in (*lines, pointer):
             if len(segments):
-                made.append(Placed(scene.add_line_segments(path, segments, colour, line_width=2.0)))
+                made.append(
+                    Placed(scene.add_line_segments(path, segments, colour, thickness=2.0, thickness_units="screen"))
+                )
         return made
 
     def _joint_frame(self, body: Body) -> Callable[[dict[str, Pose]], Pose]:
@@ -252,7 +254,7 @@ class LiveScene:
         self._near.value = f"{len(pairs)} near each other" if on else "not shown"
         lines = pairs if len(pairs) else np.zeros((1, 2, 3))
         self.server.scene.add_line_segments(
-            "/contact pairs", lines, CONTACT_COLOUR, line_width=3.0, visible=bool(len(pairs))
+            "/contact pairs", lines, CONTACT_COLOUR, thickness=3.0, thickness_units="screen", visible=bool(len(pairs))
         )
 
     def _loads(self) -> list[Placed]:
