@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import threading
 import webbrowser
 from collections.abc import Mapping
@@ -122,8 +121,7 @@ def view_spec(options: ViewOptions) -> int:
     if (missing := _missing_viser()) is not None:
         if options.port is not None:
             raise SpecError([_without_effect("--port", missing)])
-        path = _temporary_page(world)
-        code = _opened(path, options)
+        code = _opened(write_file(Path(f"{world.name}.html"), scene_text(world), is_page), options)
         say(GET_VISER, error=True)
         return code
     return serve(world, options)
@@ -140,15 +138,6 @@ def _missing_viser() -> str | None:
     from importlib.util import find_spec
 
     return None if find_spec("viser") is not None else "viser is not installed: pip install 'simspec-physics[view]'"
-
-
-def _temporary_page(world: World) -> Path:
-    """The page in a new file of the system's folder of temporary files: a browser reads it after this process has ended."""
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="simspec-view-", suffix=".html", delete=False, encoding="utf-8"
-    ) as file:
-        file.write(scene_text(world))
-    return Path(file.name)
 
 
 def serve(world: World, options: ViewOptions) -> int:

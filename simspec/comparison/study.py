@@ -19,6 +19,7 @@ from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Locat
 from simspec.files import scratch_folder
 from simspec.numerals import rounded
 from simspec.outputs.writing import Artifacts
+from simspec.plugins import Method
 from simspec.runner.execution import failed_run, run_case, run_jobs
 from simspec.runner.expectations import Outcome, evaluate
 from simspec.runner.run import Case, Run
@@ -47,6 +48,8 @@ class Study:
 
     def __repr__(self) -> str:
         return f"<Study of {self.world.name!r} in {', '.join(self.runs)[:100]}>"
+
+    show = Method("simspec.report.notebook:show_study")
 
     @property
     def exit_code(self) -> int:

@@ -11,6 +11,7 @@ from pathlib import Path
 from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError, visible
 from simspec.outputs.writing import write_file
+from simspec.report.screen import say
 from simspec.runner.run import Run
 from simspec.world.types import World
 
@@ -81,7 +82,7 @@ def _shown(name: str, text: str, width: int, height: int) -> ShownPage:
         if not SMALLEST <= size <= LARGEST:
             raise SpecError([Problem(f"{word} of a shown page", found=f"{size}", allowed=f"{SMALLEST} to {LARGEST}")])
     if not in_notebook():
-        print(OUTSIDE, file=sys.stderr)
+        say(OUTSIDE, error=True)
     return ShownPage(visible(name), text, width, height)
 
 

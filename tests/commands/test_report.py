@@ -1,4 +1,4 @@
-"""``simspec report``, ``simspec view`` and ``simspec run --report``: written files and refusals."""
+"""``simspec report`` and ``simspec run --report``: written files and refusals."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import html
 import json
 import re
 import shutil
-import stat
 
 import pytest
 
 from simspec import cli
 from simspec.commands import run as run_command
-from simspec.commands.reports import no_display
 from simspec.commands.scenario_options import RunOptions
 from simspec.errors import EXIT_OK, EXIT_WRONG, Location
 from simspec.outputs.targets import read_marker
@@ -126,44 +124,6 @@ def test_a_study_that_was_ended_before_its_report(folder, capsys):
     samples.a_run(samples.a_world(title="earlier"), "fourth", 0.0).save(folder / "fourth")
     assert call("report", folder) == EXIT_WRONG
     assert "runs of 2 worlds" in capsys.readouterr().err
-
-
-def test_view_opens_the_page_in_the_users_browser(folder, tmp_path, monkeypatch, capsys):
-    browser, opened = tmp_path / "browser", tmp_path / "opened"
-    browser.write_text(f'#!/bin/sh\nprintf %s "$1" > {opened}\n')
-    browser.chmod(browser.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setenv("BROWSER", f"{browser} %s")
-    assert call("view", folder) == EXIT_OK
-    assert opened.read_text() == (folder / PAGE_FILE).absolute().as_uri()
-    assert capsys.readouterr().out == f"{folder / PAGE_FILE}: opened\n"
-    before = (folder / PAGE_FILE).stat().st_ino
-    assert call("view", folder) == EXIT_OK
-    assert (folder / PAGE_FILE).stat().st_ino == before  # it was current
-
-
-def test_view_without_a_display_says_so_and_writes(folder, monkeypatch, capsys):
-    for name in ("BROWSER", "DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    assert call("view", folder) == EXIT_OK
-    assert capsys.readouterr().out == f"written: {folder / PAGE_FILE} (not opened: there is no display)\n"
-    assert is_page((folder / PAGE_FILE).read_bytes())
-
-
-@pytest.mark.parametrize(
-    ("environment", "platform", "shown"),
-    [
-        ({}, "linux", False),
-        ({"DISPLAY": ""}, "linux", False),
-        ({"DISPLAY": ":0"}, "linux", True),
-        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
-        ({"BROWSER": "w3m"}, "linux", True),
-        ({}, "darwin", True),
-        ({}, "win32", True),
-    ],
-)
-def test_where_windows_can_be_shown(environment, platform, shown):
-    assert (no_display(environment, platform) is None) is shown
 
 
 def keeping(made):

@@ -1,5 +1,5 @@
-"""What the viewer draws of a world: triangles of shapes, axes and limits of joints, near pairs of contact, loads. All lengths
-in m; nothing here knows how it is shown."""
+"""The drawing of a world: triangles of shapes, axes and limits of joints, near pairs of contact, loads. Lengths in m; nothing
+here depends on the viewer."""
 
 from __future__ import annotations
 
@@ -169,8 +169,8 @@ def solids(world: World) -> Solids:
 
 
 def near_pairs(world: World, shapes: Solids, placed: Mapping[str, Pose], reach: float) -> Floats:
-    """Segments (n, 2, 3) between the centres of collision shapes that may touch and whose bounding spheres are at most
-    ``reach`` apart; from a plane, between its nearest point and the centre of the other shape. The nearest ones first."""
+    """Segments (n, 2, 3) between the centres of collision shapes that may touch, with a gap of at most ``reach`` between their
+    bounding spheres; from a plane, between its nearest point and the centre of the other shape. The nearest come first."""
     at = [frames.compose(placed[body], shape.pose) for body, shape in zip(shapes.bodies, shapes.shapes, strict=True)]
     centres = np.array([pose.position for pose in at]).reshape(-1, 3)
     found: list[tuple[float, Vector3, Vector3]] = []

@@ -54,7 +54,7 @@ def port_problem(port: int) -> Problem | None:
 
 
 class Guard:
-    """Who may see the page: those that know the token, through an address of this machine."""
+    """The rule for requests: the token is in the path, and the address is one of this machine."""
 
     def __init__(self, token: str | None = None):
         self.token = secrets.token_urlsafe(TOKEN_BYTES) if token is None else token

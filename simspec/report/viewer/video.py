@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from simspec.errors import EngineError, Problem, SpecError, clipped, visible
 from simspec.files import scratch_folder
+from simspec.outputs.writing import write_private
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -73,7 +74,7 @@ SHOW = """([time, words]) => {
 STATE = """() => {
   const player = (window.simspec?.players ?? [])[0];
   if (document.documentElement.dataset.state !== "ready") return "the page does not start";
-  if (player === undefined) return "the page has no playback";
+  if (player === undefined || player.scene.runs.length === 0) return "the page has no run";
   return player.stage === null ? "the browser has no WebGL" : "";
 }"""
 RANGE = "() => { const p = window.simspec.players[0]; return [p.times[0], p.times[p.times.length - 1]]; }"
@@ -140,12 +141,12 @@ def film(page: str, kinds: list[str], options: VideoOptions, progress: Progress)
     demand_libraries(kinds)
     made = {}
     with scratch_folder("video") as folder:
-        path = folder / "page.html"
-        path.write_text(page, encoding="utf-8")
-        with _opened(path, options) as shown:
+        write_private({"page.html": page}, folder / "page")
+        with _opened(folder / "page" / "page.html", options) as shown:
             for kind in kinds:
                 fps = GIF_UNIT / max(2, round(GIF_UNIT / options.fps)) if kind == GIF else float(options.fps)
-                times = frame_times(*shown.evaluate(RANGE), fps, options.speed)
+                first, last = shown.evaluate(RANGE)
+                times = frame_times(first, last, fps, options.speed)
                 pictures = _pictures(shown, times, kind, options.speed, progress)
                 write = _gif if kind == GIF else _mp4
                 made[kind] = write(pictures, fps, options, folder / f"video{kind}")
@@ -243,7 +244,7 @@ def _gif(pictures: Iterator[Image.Image], fps: float, options: VideoOptions, pat
 
     delay = round(1000.0 / fps)
     first = next(pictures)
-    # one palette for all frames: what does not move does not flicker
+    # one palette for all frames: still parts do not flicker
     palette = first.quantize(colors=256)
     later = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
     first.quantize(palette=palette, dither=Image.Dither.NONE).save(

@@ -1,4 +1,4 @@
-"""The guard of the viewer's server: without the token nobody gets anything, neither files nor the websocket."""
+"""The guard of the viewer's server: a request without the token gets neither files nor the websocket."""
 
 from __future__ import annotations
 

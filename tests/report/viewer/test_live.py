@@ -125,28 +125,50 @@ def test_every_group_is_switched_on_and_off(live):
     assert scene._groups.keys() | {"contact pairs"} == set(GROUPS)
 
 
+@pytest.fixture(scope="module")
+def running():
+    with browser.browsers() as start:
+        yield start(*browser.SOFTWARE)
+
+
 @pytest.mark.browser
-def test_sliders_move_the_model(live):
+def test_sliders_move_the_model(live, running):
     scene, address = live
     names = [body.name for body in scene.world.bodies]
     before = dict(scene.placed)
-    with browser.browsers() as start:
-        page = start(*browser.SOFTWARE).new_page()
-        page.goto(address)
-        sliders = page.get_by_role("slider")
-        sliders.nth(1).wait_for(timeout=browser.PATIENCE)
-        sliders.nth(1).focus()
-        page.keyboard.press("End")
-        eventually(lambda: scene.positions["left_slide"] == (0.05,))
-        eventually(lambda: scene._bodies["right"].node.position[0] != pytest.approx(before["right"].position[0]))
-        moved = {name: scene._bodies[name].node.position - before[name].position for name in names}
-        shift = 0.05 - scene.world.bodies[names.index("left")].joint.position[0]
-        assert moved["left"] == pytest.approx((shift, 0.0, 0.0))
-        assert moved["right"] == pytest.approx((-shift, 0.0, 0.0))  # it follows
-        assert moved["bar"] == pytest.approx((0.0, 0.0, 0.0))
-        page.get_by_role("button", name="Initial state").click()
-        eventually(lambda: scene.placed == before)
-        eventually(lambda: sliders.nth(1).get_attribute("aria-valuenow") != "0.05")
-        other = page.context.browser.new_page()
-        with pytest.raises(Exception, match="ERR_HTTP_RESPONSE_CODE_FAILURE"):  # refused, and empty
-            other.goto(address.replace(urlsplit(address).path, "/"))
+    page = running.new_page()
+    page.goto(address)
+    sliders = page.get_by_role("slider")
+    sliders.nth(1).wait_for(timeout=browser.PATIENCE)
+    sliders.nth(1).focus()
+    page.keyboard.press("End")
+    eventually(lambda: scene.positions["left_slide"] == (0.05,))
+    eventually(lambda: scene._bodies["right"].node.position[0] != pytest.approx(before["right"].position[0]))
+    moved = {name: scene._bodies[name].node.position - before[name].position for name in names}
+    shift = 0.05 - scene.world.bodies[names.index("left")].joint.position[0]
+    assert moved["left"] == pytest.approx((shift, 0.0, 0.0))
+    assert moved["right"] == pytest.approx((-shift, 0.0, 0.0))  # it follows
+    assert moved["bar"] == pytest.approx((0.0, 0.0, 0.0))
+    page.get_by_role("button", name="Initial state").click()
+    eventually(lambda: scene.placed == before)
+    eventually(lambda: sliders.nth(1).get_attribute("aria-valuenow") != "0.05")
+    other = running.new_page()
+    with pytest.raises(Exception, match="ERR_HTTP_RESPONSE_CODE_FAILURE"):  # refused, and empty
+        other.goto(address.replace(urlsplit(address).path, "/"))
+
+
+@pytest.mark.browser
+def test_the_page_in_a_notebook_works_in_a_frame_that_reaches_nothing_else(live, running, tmp_path):
+    scene, _ = live
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<h1>notebook</h1>{scene.world.show(width=500, height=400)._repr_html_()}", encoding="utf-8")
+    page = running.new_page()
+    page.goto(path.as_uri())
+    box = page.locator("iframe").bounding_box()
+    assert (box["width"], box["height"]) == (500, 400)
+    frame = page.frames[1]
+    frame.wait_for_selector("html[data-state=ready]", state="attached", timeout=browser.PATIENCE)
+    assert frame.get_by_role("slider").count() > 1
+    assert frame.evaluate("() => { try { return parent.document.title } catch (error) { return error.name } }") == (
+        "SecurityError"
+    )

@@ -1,4 +1,4 @@
-"""What the viewer draws of a world, and where joints and the joints that follow them put bodies."""
+"""The drawing of a world, and where joints and the joints that follow them put bodies."""
 
 from __future__ import annotations
 
