@@ -88,6 +88,15 @@ class MeshEntry(Stored):
     made: str
 
 
+class DrawnEntry(Stored):
+    """An entry of the cache of drawn surfaces. ``made``: JSON, kept as text."""
+
+    simspec_drawn: int
+    key: str
+    sha256: str
+    made: str
+
+
 class StoredTable(Stored):
     """One table of a saved run: the hash of its file, and its rows."""
 
@@ -121,11 +130,12 @@ class Provenance(BaseModel):
     warnings: list[str] = []
     control: StoredControl | None = None
     contact_groups: list[list[str]] | None = None
+    looks: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """The provenance of the run itself, without the fields that saving added."""
         kept = self.model_dump(by_alias=True, exclude_unset=True)
-        return {key: value for key, value in kept.items() if key not in ("failed", "tables", "sha256")}
+        return {key: value for key, value in kept.items() if key not in ("failed", "tables", "looks", "sha256")}
 
 
 class StoreFacts(Stored):

@@ -4,6 +4,15 @@ export type Triple = [number, number, number];
 
 export type Quad = [number, number, number, number];
 
+/** Names of packed numbers: x y z of vertices, and the triangles' indices of them. With `low` and `high` a surface, whose vertices
+ * are 16-bit numbers between these corners, and which is smooth but for its edges. */
+export interface Hull {
+  vertices: string;
+  triangles: string;
+  low?: Triple;
+  high?: Triple;
+}
+
 /** A shape of a body, at a pose in the body's frame. `size`: as in simspec's table of shapes. `seen`, `solid`: whether it is drawn as
  * what is seen, and as what collides. */
 export interface Shape {
@@ -12,8 +21,8 @@ export interface Shape {
   seen: boolean;
   solid: boolean;
   size: number[];
-  /** Of a mesh: names of packed numbers, x y z of its vertices and the triangles' indices of them, wound outwards. */
-  hull?: { vertices: string; triangles: string };
+  /** Of a mesh, wound outwards. */
+  hull?: Hull;
   position: Triple;
   quaternion: Quad;
   colour: Quad;

@@ -4,8 +4,9 @@ import {
   BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial,
   Quaternion, SphereGeometry, Vector3,
 } from "three";
-import type { PageData, Shape } from "./data";
-import { float32, uint16 } from "./packing";
+import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
+import type { PageData, Shape, Triple } from "./data";
+import { float32, int16, uint16, unpacked } from "./packing";
 
 export const MODES = ["visual", "collision", "both"] as const;
 export type Mode = (typeof MODES)[number];
@@ -14,9 +15,16 @@ const ONE = new Vector3(1, 1, 1);
 /** Of what collides, drawn over what is seen. */
 const COLLISION_COLOUR = "#009e73";
 const COLLISION_OPACITY = 0.35;
+/** Angle (rad) between triangles from which on their edge is sharp. */
+const CREASE = 0.6;
 const MATRIX = new Matrix4();
 const POSITION = new Vector3();
 const QUATERNION = new Quaternion();
+
+/** Numbers of 16 bits as places in a box. */
+function between(codes: Int16Array, low: Triple, high: Triple): Float32Array {
+  return Float32Array.from(codes, (code, index) => unpacked(code, low[index % 3], high[index % 3]));
+}
 
 async function made(page: PageData, shape: Shape): Promise<BufferGeometry | null> {
   const [a, b, c] = shape.size;
@@ -33,9 +41,12 @@ async function made(page: PageData, shape: Shape): Promise<BufferGeometry | null
       return new SphereGeometry(1, 24, 16).scale(a, b, c);
     case "mesh": {
       if (shape.hull === undefined) return null;
+      const { low, high, vertices } = shape.hull;
       const hull = new BufferGeometry();
-      hull.setAttribute("position", new BufferAttribute(await float32(page, shape.hull.vertices), 3));
+      const places = low && high ? between(await int16(page, vertices), low, high) : await float32(page, vertices);
+      hull.setAttribute("position", new BufferAttribute(places, 3));
       hull.setIndex(new BufferAttribute(await uint16(page, shape.hull.triangles), 1));
+      if (low) return toCreasedNormals(hull, CREASE);
       const faces = hull.toNonIndexed(); // each with a normal of its own
       faces.computeVertexNormals();
       return faces;
@@ -52,7 +63,7 @@ export class Geometries {
   constructor(private readonly page: PageData) {}
 
   static key(shape: Shape): string {
-    return `${shape.kind} ${shape.size.join(" ")} ${shape.hull?.vertices ?? ""}`;
+    return `${shape.kind} ${shape.size.join(" ")} ${shape.hull?.vertices ?? ""} ${shape.hull?.triangles ?? ""}`;
   }
 
   of(shape: Shape): Promise<BufferGeometry | null> {

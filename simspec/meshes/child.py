@@ -33,7 +33,8 @@ MOST_FACES = 200_000
 FORBIDDEN = ("socket.connect", "socket.bind", "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork")
 
 Read = tuple[np.ndarray, np.ndarray, dict[str, Any]]
-"""Vertices (n, 3), faces (m, 3), and what the file says of itself: ``unit`` (m), ``up``."""
+"""Vertices (n, 3), faces (m, 3), and what the file says of itself: ``unit`` (m), ``up``, ``colours`` (red, green, blue,
+opacity; or None) of so many faces in turn."""
 
 
 class RefusedMeshError(ValueError):
@@ -64,7 +65,7 @@ def main() -> None:
         content = source.read(requested["size"])
         alongside = {name: source.read(size) for name, size in requested["beside"].items()}
         _allow_cpu(CPU_SECONDS)
-        _answer(answers, requested["suffix"], content, alongside)
+        _answer(answers, requested["suffix"], content, alongside, requested["colours"])
 
 
 def _limit(what: int, most: int) -> None:
@@ -93,9 +94,9 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
             raise PermissionError("no file is opened here")
 
 
-def _answer(answers: IO[bytes], suffix: str, content: bytes, buffers: Mapping[str, bytes]) -> None:
+def _answer(answers: IO[bytes], suffix: str, content: bytes, buffers: Mapping[str, bytes], colours: bool) -> None:
     try:
-        vertices, faces, said = READERS[suffix](content, buffers)
+        vertices, faces, said = _coloured(suffix, content, buffers) if colours else READERS[suffix](content, buffers)
         _check(vertices, faces)
         head: dict[str, Any] = {"vertices": len(vertices), "faces": len(faces), **said}
         body = np.ascontiguousarray(vertices, "<f8").tobytes() + np.ascontiguousarray(faces, "<i8").tobytes()
@@ -262,7 +263,7 @@ def _msh(content: bytes, buffers: Mapping[str, bytes]) -> Read:
     return vertices.astype(np.float64), corners.astype(np.int64), {}
 
 
-def _gltf(content: bytes, buffers: Mapping[str, bytes]) -> Read:
+def _gltf(content: bytes, buffers: Mapping[str, bytes], skip_materials: bool = True) -> Read:
     from trimesh import load_scene
 
     header = gltf_header(content)
@@ -271,9 +272,9 @@ def _gltf(content: bytes, buffers: Mapping[str, bytes]) -> Read:
         raise RefusedMeshError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
     _demand_trees(header.get("nodes", []))
     kind = "glb" if content[:4] == b"glTF" else "gltf"
-    scene = load_scene(io.BytesIO(content), kind, Sidecars(buffers), skip_materials=True, process=False)
-    vertices, faces, _ = _of_scene(scene)
-    return vertices, faces, {"unit": 1.0, "up": "y"}
+    scene = load_scene(io.BytesIO(content), kind, Sidecars(buffers), skip_materials=skip_materials, process=False)
+    vertices, faces, said = _of_scene(scene)
+    return vertices, faces, {**said, "unit": 1.0, "up": "y"}
 
 
 def _demand_trees(nodes: Any) -> None:
@@ -325,6 +326,7 @@ def _dae(content: bytes, buffers: Mapping[str, bytes]) -> Read:
         raise RefusedMeshError("it has a skin or a morph, which simspec does not support")
     vertices: list[np.ndarray] = []
     faces: list[np.ndarray] = []
+    colours: list[tuple[list[float] | None, int]] = []
     count = 0
     for bound in document.scene.objects("geometry"):
         for primitive in bound.primitives():
@@ -336,12 +338,14 @@ def _dae(content: bytes, buffers: Mapping[str, bytes]) -> Read:
             vertices.append(np.asarray(triangles.vertex, np.float64))
             faces.append(np.asarray(triangles.vertex_index, np.int64) + count)
             count += len(triangles.vertex)
+            diffuse = getattr(getattr(primitive.material, "effect", None), "diffuse", None)
+            colours.append((_rgba(diffuse) if isinstance(diffuse, tuple) else None, len(faces[-1])))
     if not faces:
         raise RefusedMeshError("it has no faces")
     asset = document.assetInfo
     up = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}[asset.upaxis] if asset.upaxis is not None else "y"
     unit = 1.0 if asset.unitmeter is None else float(asset.unitmeter)
-    return np.concatenate(vertices), np.concatenate(faces), {"unit": unit, "up": up}
+    return np.concatenate(vertices), np.concatenate(faces), {"unit": unit, "up": up, "colours": colours}
 
 
 def _of_appearance(error: Exception) -> bool:
@@ -365,6 +369,7 @@ def _of_scene(scene: Any) -> Read:
     """The meshes of a scene, where it places them."""
     vertices: list[np.ndarray] = []
     faces: list[np.ndarray] = []
+    colours: list[tuple[list[float] | None, int]] = []
     count = total = 0
     for node in scene.graph.nodes_geometry:
         place, name = scene.graph[node]
@@ -379,9 +384,56 @@ def _of_scene(scene: Any) -> Read:
         mirrored = np.linalg.det(place[:3, :3]) < 0.0
         faces.append(np.asarray(mesh.faces, np.int64)[:, :: -1 if mirrored else 1] + count)
         count += len(values)
+        colours.append((_colour_of(mesh), len(faces[-1])))
     if not faces:
         raise RefusedMeshError("it has no faces")
-    return np.concatenate(vertices), np.concatenate(faces), {}
+    return np.concatenate(vertices), np.concatenate(faces), {"colours": colours}
+
+
+# --- colours: for pictures alone ------------------------------------------------------------------------------------
+
+
+def _coloured(suffix: str, content: bytes, buffers: Mapping[str, bytes]) -> Read:
+    """A file with the colours of its materials; without them where they cannot be read."""
+    if suffix not in WITH_MATERIALS:
+        return READERS[suffix](content, {} if suffix == ".obj" else buffers)
+    try:
+        return WITH_MATERIALS[suffix](content, buffers)
+    # a material may be damaged in any way, and costs no more than its colour
+    except Exception:
+        return READERS[suffix](content, {} if suffix == ".obj" else buffers)
+
+
+def _obj_materials(content: bytes, buffers: Mapping[str, bytes]) -> Read:
+    from trimesh import load_scene
+
+    plain = _obj(content, {})
+    read = _of_scene(load_scene(io.BytesIO(content), "obj", Sidecars(buffers), process=False, group_material=True))
+    _demand_all(len(read[1]), len(plain[1]))
+    return read
+
+
+def _gltf_materials(content: bytes, buffers: Mapping[str, bytes]) -> Read:
+    return _gltf(content, buffers, skip_materials=False)
+
+
+def _colour_of(mesh: Any) -> list[float] | None:
+    """The colour of the material of one of trimesh's meshes; None where it has none, or a picture."""
+    material = getattr(mesh.visual, "material", None)
+    picture = any(getattr(material, name, None) is not None for name in ("image", "baseColorTexture"))
+    if material is None or picture:
+        return None
+    for name in ("baseColorFactor", "diffuse"):
+        value = getattr(material, name, None)
+        if value is not None:
+            values = np.asarray(value)
+            return _rgba(values / 255.0 if values.dtype == np.uint8 else values)
+    return None
+
+
+def _rgba(values: Any) -> list[float] | None:
+    numbers = [min(1.0, max(0.0, float(value))) for value in values]
+    return [*numbers, 1.0][:4] if len(numbers) in (3, 4) and np.isfinite(numbers).all() else None
 
 
 def _demand_all(read: int, written: int) -> None:
@@ -389,6 +441,7 @@ def _demand_all(read: int, written: int) -> None:
         raise RefusedMeshError(f"{written:,} triangles are written in it, and {read:,} can be read")
 
 
+WITH_MATERIALS = {".obj": _obj_materials, ".gltf": _gltf_materials, ".glb": _gltf_materials}
 READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".msh": _msh, ".gltf": _gltf, ".glb": _gltf, ".dae": _dae}
 
 if __name__ == "__main__":

@@ -87,8 +87,8 @@ class FlatMeshError(MeshError):
 def made(surface: MeshSurface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
     """The geometry that a world takes from ``surface``; a hull whose options allow any number of vertices may have
     ``most_vertices``. Raises MeshError where no solid can be made of it, before a hull with too many is computed."""
-    vertices, triangles = merged(_placed(surface, options), surface.triangles)
-    if _mirrored(options):
+    vertices, triangles = merged(placed(surface, options), surface.triangles)
+    if mirrored(options):
         triangles = triangles[:, ::-1]
     if len(vertices) and not np.abs(vertices).max() < FURTHEST:
         raise MeshError(f"it reaches further than {FURTHEST:g} m: `unit` and `scale` say how large it is")
@@ -148,7 +148,7 @@ def _convex(points: Points, most: int | None) -> ConvexSolid:
         kept = kept[chosen]
 
 
-def _placed(surface: MeshSurface, options: MeshOptions) -> Points:
+def placed(surface: MeshSurface, options: MeshOptions) -> Points:
     """The vertices in m, in the shape's axes: unit, then the axis that is up (as COLLADA defines x, y and z up), then scale."""
     unit = options.unit if options.unit is not None else surface.unit if surface.unit is not None else 1.0
     if not (math.isfinite(unit) and unit > 0.0):
@@ -158,7 +158,7 @@ def _placed(surface: MeshSurface, options: MeshOptions) -> Points:
     return np.stack([axis * unit * factor for axis, factor in zip(axes, options.scale, strict=True)], axis=1)
 
 
-def _mirrored(options: MeshOptions) -> bool:
+def mirrored(options: MeshOptions) -> bool:
     x, y, z = options.scale
     return x * y * z < 0.0
 

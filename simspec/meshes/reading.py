@@ -24,12 +24,16 @@ from simspec.confinement import ANY_LOCALE
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.files import NotReadableError, parse_json, read_bytes
 from simspec.processes import ELSEWHERE, exchange, with_search_path
+from simspec.world.appearance import Rgba
 from simspec.world.hull import Points, Triangles
 
 # Files of triangles before they are parsed: their bytes, and those of the files that they cannot do without.
 
 LARGEST_FILE = 64 * 2**20
 """Bytes of one file: 200,000 triangles as text have 50 million in the most spacious of the languages."""
+LARGEST_MATERIALS = 2**20
+"""Bytes of a file of materials."""
+_LIBRARIES = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]{1,400})", re.MULTILINE)
 MOST_BUFFERS = 16
 """Further files that a glTF file may need."""
 GLB = b"glTF"
@@ -41,11 +45,13 @@ class MeshError(ValueError):
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A file with its content; ``beside``: the buffers of a glTF, by the text that names them."""
+    """A file with its content; ``buffers``: the buffers of a glTF, the materials of an OBJ file, by the text that names them;
+    ``colours``: whether the colours of its materials are wanted."""
 
     path: Path
     content: bytes
     buffers: Mapping[str, bytes] = field(default_factory=dict)
+    colours: bool = False
 
     @property
     def suffix(self) -> str:
@@ -87,12 +93,15 @@ def _demand_numerals(suffix: str, content: bytes) -> None:
             raise MeshError(f"line {line}: {text!r} should be numbers: {why}")
 
 
-def open_mesh(path: Path) -> MeshFile:
-    """A file with the buffers that it needs, which must lie in its folder or below. Raises MeshError."""
+def open_mesh(path: Path, colours: bool = False) -> MeshFile:
+    """A file with the buffers that it needs, which must lie in its folder or below; with ``colours`` also the materials of an
+    OBJ file that lie there. Raises MeshError."""
     content = _bytes(path, LARGEST_FILE)
     _demand_numerals(path.suffix.lower(), content)
+    if path.suffix.lower() == ".obj" and colours:
+        return MeshFile(path, content, _materials(path, content), colours)
     if path.suffix.lower() not in (".gltf", ".glb"):
-        return MeshFile(path, content)
+        return MeshFile(path, content, {}, colours)
     alongside: dict[str, bytes] = {}
     left = LARGEST_FILE - len(content)
     for name in _needed(content):
@@ -101,7 +110,21 @@ def open_mesh(path: Path) -> MeshFile:
             raise MeshError(f"it needs {name[:80]!r}, which leaves its folder")
         alongside[name] = _bytes(target, left)
         left -= len(alongside[name])
-    return MeshFile(path, content, alongside)
+    return MeshFile(path, content, alongside, colours)
+
+
+def _materials(path: Path, content: bytes) -> dict[str, bytes]:
+    """The files of materials that an OBJ file names, if they are in its folder or below."""
+    found: dict[str, bytes] = {}
+    for line in _LIBRARIES.findall(content)[:MOST_BUFFERS]:
+        name = line.decode("utf-8", "replace").strip()
+        try:
+            target = _buffer_path(path, name)
+            if name and target.is_relative_to(path.parent) and target.suffix.lower() == ".mtl":
+                found[name] = _bytes(target, LARGEST_MATERIALS)
+        except MeshError:
+            continue  # the mesh is drawn without its colours
+    return found
 
 
 def _bytes(path: Path, most: int) -> bytes:
@@ -171,12 +194,14 @@ INSTALL = "pip install 'simspec-physics[meshes]'"
 
 @dataclass(frozen=True)
 class MeshSurface:
-    """Triangles of a file, in its own unit and axes; ``unit`` (m) and ``up`` where the file says them."""
+    """Triangles of a file, in its own unit and axes; ``unit`` (m) and ``up`` where the file says them; ``colours`` of so many
+    triangles in turn, None where the file has none, where they were wanted."""
 
     vertices: Points
     triangles: Triangles
     unit: float | None = None
     up: str | None = None
+    colours: tuple[tuple[Rgba | None, int], ...] = ()
 
 
 def read_surfaces(files: Sequence[MeshFile]) -> list[MeshSurface | MeshError]:
@@ -257,6 +282,7 @@ def _request(file: MeshFile) -> bytes:
     head = {
         "suffix": file.suffix,
         "size": len(file.content),
+        "colours": file.colours,
         "beside": {name: len(content) for name, content in file.buffers.items()},
     }
     return json.dumps(head).encode() + b"\n" + file.content + b"".join(file.buffers.values())
@@ -284,7 +310,23 @@ def _answers(output: bytes, most: int) -> list[MeshSurface | MeshError]:
         if len(corners) < 24 * counts[1]:
             break
         vertices = np.frombuffer(places, "<f8").reshape(-1, 3)
-        answers.append(
-            MeshSurface(vertices, np.frombuffer(corners, "<i8").reshape(-1, 3), head.get("unit"), head.get("up"))
-        )
+        triangles = np.frombuffer(corners, "<i8").reshape(-1, 3)
+        colours = _colours(head.get("colours"), len(triangles))
+        answers.append(MeshSurface(vertices, triangles, head.get("unit"), head.get("up"), colours))
     return answers
+
+
+def _colours(given: Any, count: int) -> tuple[tuple[Rgba | None, int], ...]:
+    """The colours in an answer, if they are those of all triangles."""
+    try:
+        colours = tuple((None if rgba is None else _rgba(*map(float, rgba)), int(faces)) for rgba, faces in given)
+    except (TypeError, ValueError):
+        return ()
+    whole = sum(faces for _, faces in colours) == count and all(faces > 0 for _, faces in colours)
+    return colours if whole else ()
+
+
+def _rgba(red: float, green: float, blue: float, opacity: float) -> Rgba:
+    if not all(0.0 <= value <= 1.0 for value in (red, green, blue, opacity)):
+        raise ValueError("a colour is four numbers between 0 and 1")
+    return red, green, blue, opacity

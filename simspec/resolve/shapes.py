@@ -27,6 +27,7 @@ from simspec.language.strict import required
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.meshes.reading import MeshError
 from simspec.world import frames, inertia
+from simspec.world.appearance import DrawnMesh
 from simspec.world.shapes import HEIGHTFIELD_HEAD, SHAPES, heightfield_size
 from simspec.world.types import Body, Pose, Quaternion, Shape, Vector3, Velocity6
 
@@ -331,8 +332,12 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
     if kind == "mesh":
         written = required(spec.mesh)
         mesh = files.meshes[source.meshes[written.file], options_of(written)]
+        surface = _drawn(written, spec, source, place) if spec.visual else None
         shapes = tuple(
-            shape(f"{PIECE}{index}" if index else "", part.size, frames.compose(place, part.pose), part.pose)
+            replace(
+                shape(f"{PIECE}{index}" if index else "", part.size, frames.compose(place, part.pose), part.pose),
+                drawn=surface and replace(surface, first=not index),
+            )
             for index, part in enumerate(mesh.parts)
         )
         enclosed = mesh.enclosed if written.mass_from != HULL else None
@@ -343,6 +348,13 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
     values = getattr(spec, kind).__dict__.values()
     size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
     return Resolved(spec, (single := (shape("", size, place, Pose()),)), lambda: _all(single))
+
+
+def _drawn(mesh: Mesh, spec: SpecShape, source: Source, place: Pose) -> DrawnMesh:
+    """The surface that is drawn of a mesh."""
+    coloured = "colour" in spec.model_fields_set
+    file, options = str(source.meshes[mesh.file]), options_of(mesh)
+    return DrawnMesh(file, options.unit, options.up, options.scale, place.position, place.quaternion, coloured)
 
 
 def _seen_from(frame: Pose, linear: Vector3, angular: Vector3) -> Velocity6:

@@ -20,6 +20,7 @@ from simspec.outputs.targets import RUN
 from simspec.outputs.writing import build_folder, put
 from simspec.runner import tables
 from simspec.runner.labels import Labels, labels_of
+from simspec.runner.looks import looks_of, with_looks
 from simspec.runner.run import SCHEMA, Run
 from simspec.stored import Provenance, StoredTable, parse, read_as
 from simspec.world.canonical import canonical_json, from_plain, sha256
@@ -32,8 +33,11 @@ if TYPE_CHECKING:
 
 PROVENANCE_FILE = "provenance.json"
 WORLD_FILE = "world.json"
+LOOKS_FILE = "looks.json"
+"""The surfaces of meshes, for pictures alone."""
 LARGEST_FACTS = 16 * 2**20
 """Bytes of a provenance: a few kB, and an engine's warnings."""
+LARGEST_LOOKS = 64 * 2**20
 LARGEST_WORLD = 64 * 2**20
 """Bytes of a world; the largest of the library has 1 MB."""
 NONE = StoredTable(sha256="", rows=0)
@@ -59,6 +63,10 @@ def save_run(run: Run, folder: Path) -> Path:
         put(fresh / WORLD_FILE, canonical_json(run.world) + "\n")
         yield WORLD_FILE
         facts = {**run.provenance, "failed": run.failed, "tables": written}
+        if (looks := looks_of(run.world)) is not None:
+            put(fresh / LOOKS_FILE, looks)
+            yield LOOKS_FILE
+            facts["looks"] = hashlib.sha256(looks.encode()).hexdigest()
         facts["sha256"] = content_hash(facts)
         text = json.dumps(facts, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
         put(fresh / PROVENANCE_FILE, text + "\n")
@@ -139,6 +147,8 @@ def load_run(folder: Path | str) -> Run:
     if facts.world_sha256 != sha256(world):
         message = f"{path}: this is not the world that was run: its hash differs from the provenance"
         raise SpecError([Problem(message, code="R101")])
+    if facts.looks is not None:
+        world = _with_looks(world, folder, facts.looks)
     provenance = facts.plain()
     arrays = load_tables(folder, world, facts.tables, labels_of(provenance))
     if not arrays and facts.failed is None:
@@ -147,6 +157,22 @@ def load_run(folder: Path | str) -> Run:
         )
     spent = arrays.pop("seconds", None)
     return Run(world, facts.engine, arrays, provenance, facts.failed, spent)
+
+
+def _with_looks(world: World, folder: Path, wanted: str) -> World:
+    """The world with the surfaces that are stored with it. Raises SpecError where they are not those of the hash."""
+    path = folder / LOOKS_FILE
+    try:
+        content = read_bytes(path, LARGEST_LOOKS, folder)
+    except (FileNotFoundError, NotADirectoryError):
+        raise SpecError([Problem(f"{folder} is not a complete run: {LOOKS_FILE} is missing", code="R103")]) from None
+    if hashlib.sha256(content).hexdigest() != wanted:
+        message = f"{path}: was edited or is damaged: its hash differs from the provenance"
+        raise SpecError([Problem(message, code="R102")])
+    try:
+        return with_looks(world, parse(content, str(path)))
+    except UNREADABLE as error:
+        raise _unreadable(path, error) from None
 
 
 def _unreadable(path: Path, error: BaseException) -> SpecError:

@@ -82,7 +82,7 @@ def to_plain(value: Any) -> Any:
 
 
 def _names_of_fields(cls: type) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls))
+    return tuple(field.name for field in dataclasses.fields(cls) if not field.metadata.get("unstored"))
 
 
 def _fields_left_out(cls: type) -> tuple[tuple[str, Any], ...]:
@@ -93,7 +93,7 @@ def _fields_left_out(cls: type) -> tuple[tuple[str, Any], ...]:
 
 def _types_of_fields(cls: type) -> tuple[tuple[str, Any], ...]:
     hints = typing.get_type_hints(cls)
-    return tuple((field.name, hints[field.name]) for field in dataclasses.fields(cls))
+    return tuple((name, hints[name]) for name in _names_of_fields(cls))
 
 
 _field_names: Callable[[type], tuple[str, ...]] = functools.cache(_names_of_fields)

@@ -17,6 +17,7 @@ from typing import Literal
 from simspec.language.vocabulary import CHANNELS
 from simspec.plugins import Method
 from simspec.world.actions import Fluid, Force, InertiaBox, JointController, JointSum, JointTrajectory, KinematicMotion
+from simspec.world.appearance import UNSTORED, DrawnMesh
 
 Pair = tuple[str, str]
 
@@ -118,6 +119,8 @@ class Shape:
     rounding: float = field(default=0.0, metadata=LEFT_OUT)
     margin: float = field(default=0.0, metadata=LEFT_OUT)
     surface_velocity: Velocity6 = field(default=(0.0,) * 6, metadata=LEFT_OUT)
+    drawn: DrawnMesh | None = field(default=None, compare=False, repr=False, metadata=UNSTORED)
+    """The surface that is drawn in place of the hull of a mesh; part of no hash and of no file of an engine."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,14 @@ from markupsafe import Markup
 from simspec.errors import Problem, SpecError, visible
 from simspec.files import resource_folder
 from simspec.formats.kit.text import environment
+from simspec.meshes.drawn import surfaces as surfaces_of
 from simspec.report import differences
 from simspec.report.certificate import certificate_notes, certificate_tables
 from simspec.report.page.model import loads_note
 from simspec.report.page.packing import FARTHEST, PackedNumbers, ShownFrames, choose_frames
 from simspec.report.page.playback import charts, scene_data
 from simspec.report.page.sentences import Sentence, remarks, short_verdict
-from simspec.report.page.shapes import is_drawn
+from simspec.report.page.shapes import Surfaces, is_drawn, surfaces_note
 from simspec.report.problems import not_run_table
 from simspec.report.studies import StoredStudy, expectations, final_table, results, shown_of
 from simspec.report.table import Table, html_data
@@ -88,9 +89,10 @@ def section(stored: StoredStudy, packed: PackedNumbers) -> Section:
     scene, caption = None, ""
     if shown:
         frames = choose_frames(study.world, shown)
-        scene = scene_data(study.world, shown, frames, packed)
+        surfaces = surfaces_of(study.world)
+        scene = scene_data(study.world, shown, frames, packed, surfaces)
         scene["plots"] = [chart.data(packed) for chart in charts(study, shown, frames)]
-        caption = _caption(frames, shown, scene)
+        caption = _caption(frames, shown, scene, surfaces)
     certificate = study.certificate
     notes = [*stored.notes, *(note for diff in study.diffs for note in diff.notes)]
     return Section(
@@ -120,15 +122,15 @@ def section(stored: StoredStudy, packed: PackedNumbers) -> Section:
     )
 
 
-def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any]) -> str:
+def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any], surfaces: Surfaces) -> str:
     """How what is drawn differs from what was computed."""
     parts = [
         f"Drawn positions are rounded to {1e3 * frames.step:.2g} mm; every figure and plot is computed from the runs."
     ]
     if len(runs) > 1:
         parts.append(
-            "Overlaid, what is at the same place has one mixed, greyish colour; differences may be drawn larger than they are, "
-            "from the first engine shown."
+            "Overlaid, each engine has one colour, and bodies at the same place a mixed, greyish one; side by side, bodies "
+            "have their own colours. Differences may be drawn larger than they are, from the first engine shown."
         )
     if frames.every > 1:
         parts.append(f"Plots and playback show every {frames.every}th record.")
@@ -142,6 +144,8 @@ def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any]) -> str
         seldom = max(local["every"] for local, _ in forces)
         when = "" if seldom == 1 else f", drawn for every {seldom}th frame or more"
         parts.append(f"Bars are contact forces, as long as their square roots (longest: {largest:.3g} N){when}.")
+    if (fewer := surfaces_note(surfaces)) is not None:
+        parts.append(fewer)
     if (arrows := loads_note(runs[0].world)) is not None:
         parts.append(arrows)
     if scene["ghost"] is not None:

@@ -25,7 +25,7 @@ from simspec.report.page.packing import (
     turns,
     turns_unseen,
 )
-from simspec.report.page.shapes import drawn_shapes
+from simspec.report.page.shapes import Surfaces, drawn_shapes
 from simspec.report.table import length
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -100,7 +100,9 @@ LEAST_TURN = 1e-4
 """Change of a quaternion's parts below which a body is drawn as not turning."""
 
 
-def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: PackedNumbers) -> dict[str, Any]:
+def scene_data(
+    world: World, runs: Sequence[Run], frames: ShownFrames, packed: PackedNumbers, surfaces: Surfaces
+) -> dict[str, Any]:
     """A scene as ``page/src/data.ts`` declares it, without its plots. ``runs``: those of ``frames``."""
     poses = [np.asarray(run.arrays["pose"][frames.rows[:shown]]) for run, shown in zip(runs, frames.shown, strict=True)]
     moving, turning = _movers(world, poses, frames)
@@ -110,7 +112,7 @@ def scene_data(world: World, runs: Sequence[Run], frames: ShownFrames, packed: P
         "times": packed.floats(frames.time),
         "frames": len(frames.rows),
         "bodies": [visible(body.name) for body in world.bodies],
-        "shapes": drawn_shapes(world, packed),
+        "shapes": drawn_shapes(world, packed, surfaces),
         "model": model_data(world),
         "low": frames.low.tolist(),
         "high": frames.high.tolist(),

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import visible
+from simspec.meshes.drawn import surfaces as surfaces_of
 from simspec.report.page.document import Section, page
 from simspec.report.page.model import DIGITS, loads_note, model_data
 from simspec.report.page.packing import FARTHEST, Numbers, PackedNumbers, box_of
 from simspec.report.page.sentences import Sentence
-from simspec.report.page.shapes import drawn_shapes, is_drawn
+from simspec.report.page.shapes import Surfaces, drawn_shapes, is_drawn, surfaces_note
 from simspec.report.table import PLAIN, Table, listed, number
 from simspec.runner.metrics import moving_bodies
 from simspec.world.kinematics import poses
@@ -34,6 +35,7 @@ def scene_page(world: World, notes: Sequence[str] = ()) -> str:
 
 
 def _section(world: World, packed: PackedNumbers, notes: Sequence[str]) -> Section:
+    surfaces = surfaces_of(world)
     return Section(
         name=visible(world.name),
         verdict=(Sentence(PLAIN, _summary(world)),),
@@ -43,12 +45,12 @@ def _section(world: World, packed: PackedNumbers, notes: Sequence[str]) -> Secti
         results=(_bodies(world),),
         details=(),
         provenance=None,
-        scene=scene_of(world, packed),
-        caption=_caption(world),
+        scene=scene_of(world, packed, surfaces),
+        caption=_caption(world, surfaces),
     )
 
 
-def scene_of(world: World, packed: PackedNumbers) -> dict[str, Any]:
+def scene_of(world: World, packed: PackedNumbers, surfaces: Surfaces) -> dict[str, Any]:
     """A scene without runs as ``page/src/data.ts`` declares it."""
     start = poses(world)
     rest: Numbers = np.array([[*start[body.name].position, *start[body.name].quaternion] for body in world.bodies])
@@ -61,7 +63,7 @@ def scene_of(world: World, packed: PackedNumbers) -> dict[str, Any]:
         "times": packed.floats(np.zeros(1)),
         "frames": 1,
         "bodies": [visible(body.name) for body in world.bodies],
-        "shapes": drawn_shapes(world, packed),
+        "shapes": drawn_shapes(world, packed, surfaces),
         "model": model_data(world, free=True),
         "low": low.tolist(),
         "high": high.tolist(),
@@ -88,10 +90,12 @@ def _summary(world: World) -> str:
     return f"Initial state, not run: {bodies}, {number(mass, 'kg')}; {listed(counts)}."
 
 
-def _caption(world: World) -> str:
+def _caption(world: World, surfaces: Surfaces) -> str:
     parts = ["Sliders move the joints of the tree. Nothing is simulated: no contact, no gravity."]
     if not all(is_drawn(shape) for body in world.bodies for shape in body.shapes):
         parts.append(f"Shapes of more than {FARTHEST:g} m are not drawn.")
+    if (fewer := surfaces_note(surfaces)) is not None:
+        parts.append(fewer)
     if (arrows := loads_note(world)) is not None:
         parts.append(arrows)
     return " ".join(parts)

@@ -3,32 +3,44 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from simspec.meshes.drawn import Wanted, wanted
 from simspec.report.page.model import DIGITS, placed
-from simspec.report.page.packing import FARTHEST, PackedNumbers
+from simspec.report.page.packing import FARTHEST, PackedNumbers, coded
+from simspec.world.appearance import DrawnMesh, Rgba, Surface
 from simspec.world.hull import mesh_triangles, mesh_vertices
 from simspec.world.shapes import SHAPES, field_of
-from simspec.world.types import Shape, World
+from simspec.world.types import Pose, Shape, World
 
+Surfaces = Mapping[Wanted, Surface]
 MOST_ROWS = 200
 """Rows, and columns, of a height field that are drawn: its points are indexed by numbers of 16 bits."""
 
 
-def drawn_shapes(world: World, packed: PackedNumbers) -> list[dict[str, Any]]:
+def drawn_shapes(world: World, packed: PackedNumbers, surfaces: Surfaces) -> list[dict[str, Any]]:
     """The shapes as ``page/src/data.ts`` declares them. Seen are the visual shapes, and planes; of a body without any, those
-    that collide. Not those that are too large to be drawn."""
-    shown = []
+    that collide. Not those that are too large to be drawn. ``surfaces``: drawn in place of hulls that are seen."""
+    shown: list[dict[str, Any]] = []
     hulls: dict[tuple[float, ...], dict[str, str]] = {}
+    coloured: dict[Wanted, list[tuple[Rgba | None, dict[str, Any]]]] = {}
     for index, body in enumerate(world.bodies):
         visual = any(map(_visual, body.shapes))
         for shape in filter(is_drawn, body.shapes):
             seen = _visual(shape) if visual else shape.collision
             if not seen and not shape.collision:
                 continue
+            drawn = shape.drawn
+            if seen and drawn is not None and (surface := surfaces.get(wanted(drawn))) is not None:
+                if drawn.first:
+                    parts = coloured.setdefault(wanted(drawn), _packed_surface(surface, packed))
+                    shown += _entries(index, shape, drawn, parts)
+                if not shape.collision:
+                    continue
+                seen = False
             shown.append(
                 {
                     "body": index,
@@ -45,6 +57,49 @@ def drawn_shapes(world: World, packed: PackedNumbers) -> list[dict[str, Any]]:
 
 def _visual(shape: Shape) -> bool:
     return shape.visual or shape.kind == "plane"
+
+
+def _entries(
+    body: int, shape: Shape, drawn: DrawnMesh, parts: Sequence[tuple[Rgba | None, dict[str, Any]]]
+) -> Iterator[dict[str, Any]]:
+    """A surface as shapes, one for each of its colours."""
+    for colour, hull in parts:
+        yield {
+            "body": body,
+            "kind": "mesh",
+            "seen": True,
+            "solid": False,
+            "size": [],
+            "hull": hull,
+            **placed(Pose(drawn.position, drawn.quaternion)),
+            "colour": [round(part, 3) for part in (shape.colour if drawn.coloured or colour is None else colour)],
+        }
+
+
+def _packed_surface(surface: Surface, packed: PackedNumbers) -> list[tuple[Rgba | None, dict[str, Any]]]:
+    """The triangles of each colour of a surface; vertices are rounded to 16 bits between two corners."""
+    vertices = np.frombuffer(surface.vertices, "<f4").reshape(-1, 3).astype(np.float64)
+    triangles = np.frombuffer(surface.triangles, "<u2").reshape(-1, 3)
+    low, high = vertices.min(axis=0), vertices.max(axis=0) + 1e-9
+    box = {"low": np.round(low, DIGITS + 2).tolist(), "high": np.round(high, DIGITS + 2).tolist()}
+    places = packed.codes(coded(vertices, low, high))
+    made = []
+    first = 0
+    for colour, count in surface.colours:
+        corners = packed.codes(np.ascontiguousarray(triangles[first : first + count]).view(np.int16))
+        made.append((colour, {"vertices": places, "triangles": corners, **box}))
+        first += count
+    return made
+
+
+def surfaces_note(surfaces: Surfaces) -> str | None:
+    """How the drawn surfaces differ from those of the files; None where they do not."""
+    drawn, whole = (
+        sum(values) for values in ([s.count for s in surfaces.values()], [s.faces for s in surfaces.values()])
+    )
+    if drawn > 0.99 * whole:  # degenerate triangles are left out
+        return None
+    return f"Meshes are drawn with {drawn:,} of their {whole:,} triangles."
 
 
 def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: PackedNumbers) -> dict[str, Any]:

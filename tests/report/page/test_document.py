@@ -280,7 +280,7 @@ def test_hulls_of_meshes_are_packed_once_with_their_faces():
         for body, size in zip(world.bodies[:3], (mesh, mesh, other), strict=True)
     )
     packed = PackedNumbers()
-    shown = drawn_shapes(dataclasses.replace(world, bodies=bodies), packed)
+    shown = drawn_shapes(dataclasses.replace(world, bodies=bodies), packed, {})
     hulls = [shape["hull"] for shape in shown if shape["kind"] == "mesh"]
     assert hulls[0] == hulls[1] != hulls[2]
     assert len(packed.entries) == 4
