@@ -19,7 +19,7 @@ from simspec.meshes.reading import MeshError, MeshFile, MeshSurface, open_mesh, 
 from simspec.meshes.simplify import simplified
 from simspec.outputs.collection import Entries
 from simspec.stored import DrawnEntry, read_as
-from simspec.world.appearance import DrawnMesh, Rgba, Surface
+from simspec.world.appearance import DrawnMesh, DrawnSurface, Rgba
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
@@ -36,7 +36,7 @@ ENTRIES = Entries("drawn", head=b'{"simspec_drawn": ', largest=4 * 2**20, bound=
 
 Wanted = tuple[str, float | None, str | None, tuple[float, float, float]]
 """The file and how it is taken: its surface follows from these alone."""
-_remembered: dict[str, Surface] = {}
+_remembered: dict[str, DrawnSurface] = {}
 
 
 def drawn_meshes(world: World) -> list[DrawnMesh]:
@@ -51,9 +51,9 @@ def wanted(mesh: DrawnMesh) -> Wanted:
     return mesh.file, mesh.unit, mesh.up, mesh.scale
 
 
-def surfaces(world: World) -> dict[Wanted, Surface]:
+def surfaces(world: World) -> dict[Wanted, DrawnSurface]:
     """The surfaces of the meshes that a world's shapes are drawn by; none for files that cannot be read any more."""
-    known: dict[Wanted, Surface] = {}
+    known: dict[Wanted, DrawnSurface] = {}
     missing: list[Wanted] = []
     for mesh in drawn_meshes(world):
         if mesh.surface is not None:
@@ -67,8 +67,8 @@ def surfaces(world: World) -> dict[Wanted, Surface]:
     return {**known, **_made(missing, most)}
 
 
-def _made(missing: Iterable[Wanted], most: int) -> dict[Wanted, Surface]:
-    results: dict[Wanted, Surface] = {}
+def _made(missing: Iterable[Wanted], most: int) -> dict[Wanted, DrawnSurface]:
+    results: dict[Wanted, DrawnSurface] = {}
     unread: dict[Wanted, tuple[MeshFile, str]] = {}
     for item in missing:
         try:
@@ -92,7 +92,7 @@ def _made(missing: Iterable[Wanted], most: int) -> dict[Wanted, Surface]:
     return results
 
 
-def drawn_surface(surface: MeshSurface, options: MeshOptions, most: int) -> Surface | None:
+def drawn_surface(surface: MeshSurface, options: MeshOptions, most: int) -> DrawnSurface | None:
     """At most ``most`` triangles that look like ``surface``; None where nothing can be drawn of it. Triangles of one colour are
     simplified together."""
     try:
@@ -117,7 +117,7 @@ def drawn_surface(surface: MeshSurface, options: MeshOptions, most: int) -> Surf
         count += len(local)
     if not corners or count > 2**16:
         return None
-    return Surface(
+    return DrawnSurface(
         np.concatenate(vertices).astype("<f4").tobytes(),
         np.concatenate(corners).astype("<u2").tobytes(),
         tuple(colours),
@@ -154,7 +154,7 @@ def _key(file: MeshFile, item: Wanted, most: int) -> str:
     return hashlib.sha256(canonical_json(plain).encode()).hexdigest()
 
 
-def _read(key: str) -> Surface | None:
+def _read(key: str) -> DrawnSurface | None:
     content = ENTRIES.read(key)
     if content is None:
         return None
@@ -167,7 +167,7 @@ def _read(key: str) -> Surface | None:
         return None
 
 
-def _write(key: str, surface: Surface) -> None:
+def _write(key: str, surface: DrawnSurface) -> None:
     text = json.dumps(plain_surface(surface))
     entry = {"simspec_drawn": VERSION, "key": key, "sha256": _digest(text), "made": text}
     ENTRIES.write(key, json.dumps(entry))
@@ -177,7 +177,7 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def plain_surface(surface: Surface) -> dict[str, Any]:
+def plain_surface(surface: DrawnSurface) -> dict[str, Any]:
     """A surface as JSON has it."""
     return {
         "vertices": base64.b64encode(surface.vertices).decode(),
@@ -187,7 +187,7 @@ def plain_surface(surface: Surface) -> dict[str, Any]:
     }
 
 
-def surface_of(plain: Any) -> Surface:
+def surface_of(plain: Any) -> DrawnSurface:
     """The inverse of :func:`plain_surface`. Raises ValueError, KeyError or TypeError for anything else."""
     vertices = np.frombuffer(base64.b64decode(plain["vertices"], validate=True), "<f4")
     triangles = np.frombuffer(base64.b64decode(plain["triangles"], validate=True), "<u2")
@@ -198,7 +198,7 @@ def surface_of(plain: Any) -> Surface:
         raise ValueError("a triangle has a vertex that does not exist")
     if sum(count for _, count in colours) != len(triangles) // 3 or any(count < 1 for _, count in colours):
         raise ValueError("not each triangle has its colour")
-    return Surface(vertices.tobytes(), triangles.tobytes(), colours, int(plain["faces"]))
+    return DrawnSurface(vertices.tobytes(), triangles.tobytes(), colours, int(plain["faces"]))
 
 
 def _rgba(red: float, green: float, blue: float, opacity: float) -> Rgba:

@@ -12,7 +12,7 @@ UNSTORED = {"unstored": True}
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class DrawnSurface:
     """Triangles of a file, simplified, in m and in the axes of the mesh's frame.
 
     ``vertices``: x y z in single precision; ``triangles``: three vertices each, in 16 bits; both least byte first. ``colours``:
@@ -51,4 +51,4 @@ class DrawnMesh:
     quaternion: tuple[float, float, float, float]
     coloured: bool
     first: bool = True
-    surface: Surface | None = None
+    surface: DrawnSurface | None = None

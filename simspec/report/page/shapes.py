@@ -11,12 +11,12 @@ import numpy as np
 from simspec.meshes.drawn import Wanted, wanted
 from simspec.report.page.model import DIGITS, placed
 from simspec.report.page.packing import FARTHEST, PackedNumbers, coded
-from simspec.world.appearance import DrawnMesh, Rgba, Surface
+from simspec.world.appearance import DrawnMesh, DrawnSurface, Rgba
 from simspec.world.hull import mesh_triangles, mesh_vertices
 from simspec.world.shapes import SHAPES, field_of
 from simspec.world.types import Pose, Shape, World
 
-Surfaces = Mapping[Wanted, Surface]
+Surfaces = Mapping[Wanted, DrawnSurface]
 MOST_ROWS = 200
 """Rows, and columns, of a height field that are drawn: its points are indexed by numbers of 16 bits."""
 
@@ -76,7 +76,7 @@ def _entries(
         }
 
 
-def _packed_surface(surface: Surface, packed: PackedNumbers) -> list[tuple[Rgba | None, dict[str, Any]]]:
+def _packed_surface(surface: DrawnSurface, packed: PackedNumbers) -> list[tuple[Rgba | None, dict[str, Any]]]:
     """The triangles of each colour of a surface; vertices are rounded to 16 bits between two corners."""
     vertices = np.frombuffer(surface.vertices, "<f4").reshape(-1, 3).astype(np.float64)
     triangles = np.frombuffer(surface.triangles, "<u2").reshape(-1, 3)
