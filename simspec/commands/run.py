@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from simspec import generated
 from simspec.commands.check import is_writable
 from simspec.commands.loading import OF_A_MODEL, LoadedSpec, load_spec, source_of
@@ -38,6 +36,7 @@ from simspec.report.baseline import (
     read_baseline,
     show_comparison,
 )
+from simspec.report.console import Screen
 from simspec.report.differences import show_inconclusive
 from simspec.report.problems import show_not_taken, with_ways_out
 from simspec.report.screen import (
@@ -380,7 +379,7 @@ class Finished:
         notes = [f"note: {note}" for note in self.notes]
         notes += [f"report: {self.page}"] if self.page is not None else []
         for note in () if self.options.quiet else notes:
-            screen.print(note, soft_wrap=True)
+            screen.note(note)
         show_failures(self.study)
         show_inconclusive(self.study.diffs if self.options.fail_on_diff is not None else ())
 
@@ -405,12 +404,12 @@ class Compared:
         """Whether something regressed, or nothing could be compared."""
         return self.comparison is not None and (bool(self.comparison.regressions) or not self.comparison.compared)
 
-    def show(self, screen: Console) -> None:
+    def show(self, screen: Screen) -> None:
         """Print it."""
         if self.comparison is not None:
             show_comparison(self.comparison, screen)
         for note in self.notes:
-            screen.print(f"note: {note}", soft_wrap=True)
+            screen.note(f"note: {note}")
         if self.written is not None:
             screen.print(f"baseline written: {self.written}", soft_wrap=True)
 

@@ -326,13 +326,13 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
     console().print(shown)
     for entry, plan in planned:
         for line in rounding_lines(plan):
-            console().print(f"{entry.name}: {line}", soft_wrap=True)
+            console().note(f"{entry.name}: {line}")
     end = (
         f"about {duration(total)}, from what such runs took in this store" if known else "the time of some is not known"
     )
-    console().print(f"runs: {end}", soft_wrap=True)
+    console().note(f"runs: {end}")
     for (entry, _), local in zip(planned, proofs, strict=True):
-        console().print(f"{entry.name}: {proof_words(local)}", soft_wrap=True)
+        console().note(f"{entry.name}: {proof_words(local)}")
     return EXIT_OK
 
 

@@ -177,8 +177,8 @@ def _dry_run(
         return EXIT_OK
     show_not_taken(selection, console())
     for label, why in not_queried.items():
-        console().print(f"note: {label}: {why}; its stored runs are not recognised", soft_wrap=True)
+        console().note(f"note: {label}: {why}; its stored runs are not recognised")
     for note in index.notes:
-        console().print(f"note: {note}", soft_wrap=True)
+        console().note(f"note: {note}")
     show_plan(plan, done, left, jobs, proofs)
     return EXIT_OK

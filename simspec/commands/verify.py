@@ -130,7 +130,7 @@ def _verify(options: VerifyOptions, loaded: LoadedSpec, selection: Selection) ->
                 screen.print(f"{plot}: written", soft_wrap=True)
         screen.print(f"{path}: {'written' if written.changed else 'unchanged'}", soft_wrap=True)
         for line in stored.lines():
-            screen.print(f"  {line}", soft_wrap=True, markup=False)
+            screen.note(f"  {line}")
     if certificate.valid:
         return EXIT_OK
     # passed but not valid: no engine was queried

@@ -37,20 +37,20 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
     """Print an audit; ``details``: every finding on its own row."""
     screen = console()
     about = f"{audit.language}, {audit.bodies} bodies; compared with {audit.meaning}"
-    screen.print(f"{audit.file}: {about}", soft_wrap=True)
+    screen.note(f"{audit.file}: {about}")
     for defect in audit.defects[:MOST_DEFECTS]:
-        screen.print(f"simspec refuses it: {defect.splitlines()[0]}", soft_wrap=True)
+        screen.note(f"simspec refuses it: {defect.splitlines()[0]}")
     if audit.losses:
         screen.print(f"simspec's own import loses {audit.losses} elements or attributes (simspec import lists them)")
     for part in audit_tables(audit, details):
         screen.print(part)
     for line in choices(audit):
-        screen.print(line, soft_wrap=True)
+        screen.note(line)
     for name, why in audit.skipped.items():
-        screen.print(f"{name}: not loaded: {why}", soft_wrap=True)
+        screen.note(f"{name}: not loaded: {why}")
     for line in plausibility_lines(audit.plausibility, details):
-        screen.print(line, soft_wrap=True)
-    screen.print(verdict(audit)[0].text, soft_wrap=True)
+        screen.note(line)
+    screen.note(verdict(audit)[0].text)
 
 
 def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
@@ -232,12 +232,12 @@ def audit_section(audit: FileAudit) -> Section:
 def show_pair(pair: PairAudit) -> None:
     """Print how two files of one robot differ."""
     screen = console()
-    screen.print(f"A: {pair.first}", soft_wrap=True)
-    screen.print(f"B: {pair.second}", soft_wrap=True)
+    screen.note(f"A: {pair.first}")
+    screen.note(f"B: {pair.second}")
     screen.print(f"{pair.matched} bodies have the same name in both; {pair.compared} values were compared")
     for side, names in (("A", pair.only_first), ("B", pair.only_second)):
         if names:
-            screen.print(f"only in {side} ({len(names)}): {clipped(', '.join(names), 600)}", soft_wrap=True)
+            screen.note(f"only in {side} ({len(names)}): {clipped(', '.join(names), 600)}")
     if pair.findings:
         shown = Table("Differences", "value", "where", "A", "B", "how much")
         for group in grouped(pair.findings):
@@ -251,7 +251,7 @@ def show_pair(pair: PairAudit) -> None:
             )
         screen.print(shown)
     same = not pair.findings and not pair.only_first and not pair.only_second
-    screen.print("both mean the same model" if same else "the two mean different models", soft_wrap=True)
+    screen.note("both mean the same model" if same else "the two mean different models")
 
 
 def pair_data(pair: PairAudit) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from simspec.analysis.speed import alike_size, half_width
 from simspec.comparison.floor import Floor
@@ -22,6 +21,7 @@ from simspec.errors import Problem, SpecError
 from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
 from simspec.plugins import simspec_version
+from simspec.report.console import Screen
 from simspec.report.table import Table, markdown_rows
 from simspec.report.tested import Status, TestedEntry, TestedSuite, words
 from simspec.runner.metrics import moving_bodies
@@ -403,16 +403,16 @@ def _verdict_regressions(comparison: BaselineComparison) -> str:
     return ", ".join(parts) if comparison.rows else "no figures"
 
 
-def show_comparison(comparison: BaselineComparison, screen: Console) -> None:
+def show_comparison(comparison: BaselineComparison, screen: Screen) -> None:
     """Print what regressed, and how much was compared, or not, and why."""
     if comparison.regressions:
         regressed = Table("Regressed", "figure", "baseline", "now", "", rows=table_rows(comparison, SHOWN))
         if (left := len(comparison.regressions) - SHOWN) > 0:
             regressed.note = f"and {left:,} more figures"
         screen.print(regressed)
-    screen.print(f"baseline: {_verdict_regressions(comparison)}", soft_wrap=True)
+    screen.note(f"baseline: {_verdict_regressions(comparison)}")
     for why, number in reasons(comparison).items():
-        screen.print(f"not compared: {number:,} figures: {why}", soft_wrap=True)
+        screen.note(f"not compared: {number:,} figures: {why}")
 
 
 def comparison_lines(comparison: BaselineComparison) -> list[str]:

@@ -47,6 +47,13 @@ class Screen(Console):
         for line in lines:
             super().print(Text(line, style=style), soft_wrap=True)
 
+    def message(self, text: str, style: str = "") -> None:
+        """A message on standard error: a note on a terminal, elsewhere a single line, since programs read it."""
+        if self.is_terminal:
+            self.note(text, style)
+        else:
+            super().print(Text(visible(text), style=style), soft_wrap=True)
+
     def _trimmed(self, shown: RenderableType) -> Iterator[Segment]:
         for line in self.render_lines(shown, pad=False):
             while line and not line[-1].text.strip():

@@ -319,7 +319,7 @@ def show_diff(diff: Diff) -> None:
     for table in diff_tables(diff):
         screen.print(table)
     for note in diff.notes:
-        screen.print(f"note: {note}", soft_wrap=True)
+        screen.note(f"note: {note}")
     show_inconclusive([diff])
 
 
@@ -327,4 +327,4 @@ def show_inconclusive(diffs: Sequence[Diff]) -> None:
     """Print on standard error why comparisons are inconclusive."""
     for diff in diffs:
         if (why := inconclusive_note(diff)) is not None:
-            console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)
+            console(error=True).message(why, style="yellow")

@@ -118,7 +118,7 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
     screen = console()
     screen.print(f"{plan.spec.name}: {len(plan):,} runs of {plan.worlds:,} sets of values in {', '.join(plan.engines)}")
     for line in [*axes(plan), *rounding_lines(plan)]:
-        screen.print(f"  {line}", soft_wrap=True)
+        screen.note(f"  {line}")
     shown = Table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
     for engine in plan.engines:
         seconds = left.seconds[engine]
@@ -130,10 +130,10 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
     if to_do and left.total is not None:
         together = f", {duration(left.total / jobs)} at {jobs} side by side" if jobs > 1 else ""
         about = f"about {duration(left.total)}{together}"
-        screen.print(f"runs: {about}, from what such runs took in this store", soft_wrap=True)
+        screen.note(f"runs: {about}, from what such runs took in this store")
     elif to_do:
-        screen.print("no run of some engine has been measured in this store: its time is not known", soft_wrap=True)
-    screen.print(proof_words(proofs), soft_wrap=True)
+        screen.note("no run of some engine has been measured in this store: its time is not known")
+    screen.note(proof_words(proofs))
 
 
 def axes(plan: Plan) -> list[str]:
@@ -156,12 +156,12 @@ def show_outcome(outcome: SweepOutcome, found: Sequence[RunGroup]) -> None:
     """Print what a sweep came to."""
     screen = console()
     for note in outcome.notes:
-        screen.print(f"note: {note}", soft_wrap=True)
+        screen.note(f"note: {note}")
     screen.print(results_table(found))
     if len(found) > MOST_ROWS:
-        screen.print(f"{len(found) - MOST_ROWS:,} more rows: --csv FILE has all", soft_wrap=True)
+        screen.note(f"{len(found) - MOST_ROWS:,} more rows: --csv FILE has all")
     for line in rounding_lines(outcome.plan):
-        screen.print(f"note: {line}", soft_wrap=True)
+        screen.note(f"note: {line}")
     said = f"{outcome.ran:,} runs now, {outcome.done:,} before"
     missing = sum(group.requested - len(group.rows) for group in found)
     said += f", {missing:,} not run" if missing else ""
@@ -174,12 +174,12 @@ def show_outcome(outcome: SweepOutcome, found: Sequence[RunGroup]) -> None:
         screen.print("proof: not requested (--no-verify)")
     errors = console(error=True)
     for why in list(outcome.unproven.values())[:MOST_REASONS]:
-        errors.print(f"not proven: {why}", soft_wrap=True, style="bold red")
+        errors.message(f"not proven: {why}", style="bold red")
     for engine, why in outcome.stopped.items():
-        errors.print(f"{engine} was stopped: {why} (--retry-failed tries again)", soft_wrap=True, style="bold red")
+        errors.message(f"{engine} was stopped: {why} (--retry-failed tries again)", style="bold red")
     failed = Counter((row.engine, row.failed) for group in found for row in group.rows if row.failed is not None)
     for (engine, reason), count in failed.most_common(MOST_REASONS):
-        errors.print(f"{count:,} failed: {engine}: {reason}", soft_wrap=True, style="bold red")
+        errors.message(f"{count:,} failed: {engine}: {reason}", style="bold red")
 
 
 def results_table(found: Sequence[RunGroup]) -> Table:

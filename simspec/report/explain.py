@@ -274,12 +274,12 @@ def show_explanation(explanation: Explanation, notes: Sequence[str] = ()) -> Non
     """Print an explanation."""
     screen = console()
     for line in verdict(explanation):
-        screen.print(line, soft_wrap=True)
+        screen.note(line)
     screen.print("")
     screen.print(f"A: {explanation.first}", soft_wrap=True)
     screen.print(f"B: {explanation.second}", soft_wrap=True)
     for line in (*steps(explanation), *explanation.notes, *notes):
-        screen.print(line, soft_wrap=True)
+        screen.note(line)
     if explanation.causes or explanation.probes:
         screen.print(swaps_table(explanation))
 

@@ -19,11 +19,11 @@ from simspec.support.declarations import Level
 from simspec.world.types import World
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.text import Text
 
     from simspec.audit.exported import ReaderLoss
     from simspec.formats.kit.contract import Loss
+    from simspec.report.console import Screen
     from simspec.selection import Selection
 
 
@@ -201,13 +201,13 @@ def show_error(error: SimspecError) -> None:
         if not (brief and isinstance(problem, EngineRefusal)):
             screen.print(_problem(problem, _kind("error", problem.code)), soft_wrap=not screen.is_terminal)
     for line in brief:
-        screen.print(line, soft_wrap=True)
+        screen.message(line)
     for line in error.more if not brief else ():
         screen.print(line)
     count = len(error.problems)
     screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red") + Text(_pages(error.problems)))
     for line in error.ending if isinstance(error, UnsupportedError) else ():
-        screen.print(line, soft_wrap=True)
+        screen.message(line)
 
 
 def show_warnings(warnings: Sequence[Problem]) -> None:
@@ -261,14 +261,14 @@ def not_run_table(reasons: Mapping[str, str], places: Mapping[str, str] | None =
     return Table("Not run", "engine", "why", rows=rows) if rows else None
 
 
-def show_not_taken(selection: Selection, screen: Console) -> None:
+def show_not_taken(selection: Selection, screen: Screen) -> None:
     """The engines that do not support the world and were not named, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
     places = {name: f"\n{taken.location}" if taken.location else "" for name, taken in selection.not_taken.items()}
     screen.print(not_run_table({name: taken.reason for name, taken in selection.not_taken.items()}, places))
     if requested := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
-        screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(requested)})", soft_wrap=True)
+        screen.note(f"to accept by name what differs: simspec accept SPEC  ({', '.join(requested)})")
 
 
 # Refusals of engines: a line for each feature, and two with the ways out.

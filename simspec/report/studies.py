@@ -194,7 +194,7 @@ def show_failures(study: Study) -> None:
     """Print on standard error, in full, why engines failed."""
     for name, run in study.runs.items():
         if run.failed is not None:
-            console(error=True).print(f"{name} failed: {run.failed}", soft_wrap=True, style="bold red")
+            console(error=True).message(f"{name} failed: {run.failed}", style="bold red")
 
 
 # Studies read back from their folders.
