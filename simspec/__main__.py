@@ -7,7 +7,11 @@ Building the help from the commands takes longer than anything else about asking
 import atexit
 import gc
 import io
+import os
 import sys
+
+COMPLETE = "_SIMSPEC_COMPLETE"
+"""The variable with which a shell's script requests the words that may follow; its value is the name of the shell."""
 
 
 def main() -> int:
@@ -19,6 +23,10 @@ def main() -> int:
             setattr(sys, name, io.StringIO())
         else:  # names of files may be no text, and a terminal may have few letters: shown escaped then
             stream.reconfigure(errors="backslashreplace")
+    if arguments and COMPLETE in os.environ:
+        from simspec.commands.completion import answer
+
+        return answer(arguments, os.environ[COMPLETE])
     if not arguments or arguments in (["--help"], ["-h"], ["help"]):
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()

@@ -52,6 +52,7 @@ COMMANDS = (
     "export",
     "trust",
     "help",
+    "completion",
 )
 FALL = """\
 simspec: 1

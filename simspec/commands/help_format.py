@@ -21,7 +21,7 @@ COMMAND_GROUPS: Final = {
     "Compile and prove": "compile export verify",
     "Run": "run sweep study bisect",
     "Look and compare": "view explain diff report audit pages",
-    "Set up and explain": "engines trust help",
+    "Set up and explain": "engines trust completion help",
 }
 """All commands, by the heading under which ``simspec --help`` lists them."""
 FEW: Final = 12

@@ -24,6 +24,27 @@ class SchemaName(StrEnum):
     PROJECT = "project"
 
 
+class Shell(StrEnum):
+    """The shells whose command lines simspec completes."""
+
+    BASH = "bash"
+    ZSH = "zsh"
+    FISH = "fish"
+
+
+@command("completion", "completion:completion", "shell as_json")
+class CompletionOptions(Options):
+    """Print a script that completes simspec's commands, options, engines and scenarios in a shell.
+
+    \b
+    simspec completion bash      in ~/.bashrc: eval "$(simspec completion bash)"
+    simspec completion zsh       in ~/.zshrc, after compinit: eval "$(simspec completion zsh)"
+    simspec completion fish      in ~/.config/fish/config.fish: simspec completion fish | source
+    """
+
+    shell: Annotated[Shell, Argument(metavar="SHELL", help="bash, zsh or fish.")]
+
+
 @command("new", "files:new", "name as_json")
 class NewOptions(Options):
     """Write a commented starter spec.
