@@ -35,7 +35,7 @@ LARGEST_PROJECT: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Suggestion:
     """One line of the answer."""
 
     kind: str
@@ -101,7 +101,7 @@ def answer_text(words: Sequence[str], shell: str) -> str:
         if entry.kind in ("word", "start"):
             if not entry.text.startswith(words[-1]):
                 continue
-            entry = Candidate(entry.kind, entry.text.removeprefix(kept), entry.description)
+            entry = Suggestion(entry.kind, entry.text.removeprefix(kept), entry.description)
         lines.append(entry.line())
     return "".join(dict.fromkeys(lines))
 
@@ -122,7 +122,7 @@ def _words_of_line(line: str, current: str) -> tuple[list[str], str]:
 # --- commands and options ---------------------------------------------------------------------------------------------------
 
 
-def candidates(words: Sequence[str]) -> Iterator[Candidate]:
+def candidates(words: Sequence[str]) -> Iterator[Suggestion]:
     """The candidates for the last of ``words``, whatever its beginning is."""
     *before, current = words
     if not before:
@@ -143,26 +143,26 @@ def candidates(words: Sequence[str]) -> Iterator[Candidate]:
     elif equals and name in options:
         for entry in values(options[name], command):
             text = f"{name}={entry.text}" if entry.kind in ("word", "start") else entry.text
-            yield Candidate(entry.kind, text, entry.description)
+            yield Suggestion(entry.kind, text, entry.description)
     elif current.startswith("-"):
         for parameter in parameters:
             if parameter not in used or parameter.repeatable:
-                yield from (Candidate("word", word, parameter.description) for word in parameter.words)
-        yield Candidate("word", "--help", "Print the help of the command.")
+                yield from (Suggestion("word", word, parameter.description) for word in parameter.words)
+        yield Suggestion("word", "--help", "Print the help of the command.")
     else:
         if not typed:
             parts = (name.removeprefix(f"{command} ") for name in COMMANDS if name.startswith(f"{command} "))
-            yield from (Candidate("word", part, summary(f"{command} {part}")) for part in parts)
+            yield from (Suggestion("word", part, summary(f"{command} {part}")) for part in parts)
         if arguments and (count < len(arguments) or arguments[-1].repeatable):
             yield from values(arguments[min(count, len(arguments) - 1)], command)
 
 
-def _commands() -> Iterator[Candidate]:
+def _commands() -> Iterator[Suggestion]:
     for name in COMMANDS:
         if " " not in name:
-            yield Candidate("word", name, summary(name))
-    yield Candidate("word", "--help", "Print the commands.")
-    yield Candidate("word", "--version", "Print the version.")
+            yield Suggestion("word", name, summary(name))
+    yield Suggestion("word", "--help", "Print the commands.")
+    yield Suggestion("word", "--version", "Print the version.")
 
 
 def summary(command: str) -> str:
@@ -209,7 +209,7 @@ def _typed(words: Sequence[str], options: Mapping[str, Parameter]) -> tuple[Para
 # --- values -----------------------------------------------------------------------------------------------------------------
 
 
-def values(parameter: Parameter, command: str) -> Iterator[Candidate]:
+def values(parameter: Parameter, command: str) -> Iterator[Suggestion]:
     """The values that a parameter may have: by its field, else by its type."""
     source = VALUES.get(f"{command}.{parameter.field}") or VALUES.get(parameter.field)
     kinds = (
@@ -221,18 +221,18 @@ def values(parameter: Parameter, command: str) -> Iterator[Candidate]:
         yield from source()
     elif enums := [kind for kind in kinds if isinstance(kind, EnumType)]:
         members: Iterable[Enum] = enums[0]
-        yield from (Candidate("word", str(member.value)) for member in members)
+        yield from (Suggestion("word", str(member.value)) for member in members)
     elif Path in kinds:
-        yield Candidate("folders" if parameter.metavar.startswith(("DIR", "FOLDER")) else "files")
+        yield Suggestion("folders" if parameter.metavar.startswith(("DIR", "FOLDER")) else "files")
 
 
-def engine_names() -> Iterator[Candidate]:
+def engine_names() -> Iterator[Suggestion]:
     """The names of engines; and the labels of versions that simspec has environments of, or the project file names."""
     names = list(_plugins("simspec.engines"))
-    yield from (Candidate("word", name) for name in names)
+    yield from (Suggestion("word", name) for name in names)
     for label, where in _labels():
         if label.partition("@")[0] in names and "@" in label:
-            yield Candidate("word", label, where)
+            yield Suggestion("word", label, where)
 
 
 def _labels() -> Iterator[tuple[str, str]]:
@@ -248,8 +248,8 @@ def _labels() -> Iterator[tuple[str, str]]:
         yield from ((str(label), PROJECT_FILE) for label in tables)
 
 
-def _interpreters() -> Iterator[Candidate]:
-    yield from (Candidate("start", f"{entry.text}=") for entry in engine_names())
+def _interpreters() -> Iterator[Suggestion]:
+    yield from (Suggestion("start", f"{entry.text}=") for entry in engine_names())
 
 
 def _plugins(group: str) -> dict[str, str]:
@@ -257,20 +257,20 @@ def _plugins(group: str) -> dict[str, str]:
     return {point.name: point.module for point in sorted(entry_points(group=group), key=lambda point: point.name)}
 
 
-def _formats() -> Iterator[Candidate]:
-    yield from (Candidate("word", name) for name in _plugins("simspec.formats"))
+def _formats() -> Iterator[Suggestion]:
+    yield from (Suggestion("word", name) for name in _plugins("simspec.formats"))
 
 
-def _specs() -> Iterator[Candidate]:
+def _specs() -> Iterator[Suggestion]:
     """Scenarios of the library, spec files, and robot files."""
     from simspec.files import library
 
-    yield from (Candidate("word", name, "scenario of the library") for name in library())
-    yield Candidate("files", " ".join((*SPECS, *_robot_suffixes())))
+    yield from (Suggestion("word", name, "scenario of the library") for name in library())
+    yield Suggestion("files", " ".join((*SPECS, *_robot_suffixes())))
 
 
-def _robots() -> Iterator[Candidate]:
-    yield Candidate("files", " ".join(_robot_suffixes()))
+def _robots() -> Iterator[Suggestion]:
+    yield Suggestion("files", " ".join(_robot_suffixes()))
 
 
 def _robot_suffixes() -> tuple[str, ...]:
@@ -280,27 +280,27 @@ def _robot_suffixes() -> tuple[str, ...]:
     return tuple(dict.fromkeys(suffix for package in packages for suffix in getattr(package, "SUFFIXES", ())))
 
 
-def _studies() -> Iterator[Candidate]:
+def _studies() -> Iterator[Suggestion]:
     from simspec.files import resource_folder
 
     for file in sorted((resource_folder("specs") / "studies").glob("*.yaml")):
-        yield Candidate("word", file.stem, "study of the library")
-    yield Candidate("files", " ".join(SPECS))
+        yield Suggestion("word", file.stem, "study of the library")
+    yield Suggestion("files", " ".join(SPECS))
 
 
-def _runs_or_specs() -> Iterator[Candidate]:
+def _runs_or_specs() -> Iterator[Suggestion]:
     yield from _specs()
-    yield Candidate("folders")
+    yield Suggestion("folders")
 
 
-def _features() -> Iterator[Candidate]:
+def _features() -> Iterator[Suggestion]:
     from simspec.support.features import Feature
 
-    yield Candidate("word", "all", "every feature that needs it")
-    yield from (Candidate("word", feature.value) for feature in Feature)
+    yield Suggestion("word", "all", "every feature that needs it")
+    yield from (Suggestion("word", feature.value) for feature in Feature)
 
 
-VALUES: Final[Mapping[str, Callable[[], Iterator[Candidate]]]] = {
+VALUES: Final[Mapping[str, Callable[[], Iterator[Suggestion]]]] = {
     **dict.fromkeys(("engine", "without", "shown", "names"), engine_names),
     **dict.fromkeys(("spec", "specs"), _specs),
     **dict.fromkeys(("a", "b"), _runs_or_specs),
@@ -308,12 +308,12 @@ VALUES: Final[Mapping[str, Callable[[], Iterator[Candidate]]]] = {
     "python": _interpreters,
     "format_name": _formats,
     "accept": _features,
-    "repair": lambda: iter([Candidate("word", "all", "defects of every kind")]),
+    "repair": lambda: iter([Suggestion("word", "all", "defects of every kind")]),
     "study": _studies,
-    "fmt.files": lambda: iter([Candidate("files", " ".join(SPECS))]),
-    "pages": lambda: iter([Candidate("files", ".md")]),
-    "trust.file": lambda: iter([Candidate("files", "simspec.toml")]),
-    "baseline": lambda: iter([Candidate("files", ".json")]),
-    "package_path": lambda: iter([Candidate("folders")]),
+    "fmt.files": lambda: iter([Suggestion("files", " ".join(SPECS))]),
+    "pages": lambda: iter([Suggestion("files", ".md")]),
+    "trust.file": lambda: iter([Suggestion("files", "simspec.toml")]),
+    "baseline": lambda: iter([Suggestion("files", ".json")]),
+    "package_path": lambda: iter([Suggestion("folders")]),
 }
 """Values by field, or by command and field; for those of other fields the type says what they are."""
