@@ -49,7 +49,7 @@ class Suggestion:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class CommandParameter:
     """An option or an argument of a command: its field, its words on the command line (none of an argument), its type."""
 
     field: str
@@ -170,7 +170,7 @@ def summary(command: str) -> str:
     return (COMMANDS[command].__doc__ or "").partition("\n")[0].partition(". ")[0].rstrip(".")
 
 
-def parameters_of(command: str) -> list[Parameter]:
+def parameters_of(command: str) -> list[CommandParameter]:
     """The options and arguments of a command, in the order of its help."""
     kind = COMMANDS[command]
     hints = get_type_hints(kind, include_extras=True)
@@ -185,13 +185,15 @@ def parameters_of(command: str) -> list[Parameter]:
                 given = (*first, *(extra.param_decls or ())) or (f"--{name.replace('_', '-')}",)
                 words = tuple(word for part in given for word in part.split("/") if word.startswith("-"))
             description = (extra.help or "").partition(". ")[0].rstrip(".")
-            found.append(Parameter(name, words, shape, extra.metavar or "", description))
+            found.append(CommandParameter(name, words, shape, extra.metavar or "", description))
     return found
 
 
-def _typed(words: Sequence[str], options: Mapping[str, Parameter]) -> tuple[Parameter | None, list[Parameter], int]:
+def _typed(
+    words: Sequence[str], options: Mapping[str, CommandParameter]
+) -> tuple[CommandParameter | None, list[CommandParameter], int]:
     """Of the words after the command: the option whose value is next, the options used, and the number of arguments."""
-    value_of: Parameter | None = None
+    value_of: CommandParameter | None = None
     used, count = [], 0
     for word in words:
         if value_of is not None:
@@ -209,7 +211,7 @@ def _typed(words: Sequence[str], options: Mapping[str, Parameter]) -> tuple[Para
 # --- values -----------------------------------------------------------------------------------------------------------------
 
 
-def values(parameter: Parameter, command: str) -> Iterator[Suggestion]:
+def values(parameter: CommandParameter, command: str) -> Iterator[Suggestion]:
     """The values that a parameter may have: by its field, else by its type."""
     source = VALUES.get(f"{command}.{parameter.field}") or VALUES.get(parameter.field)
     kinds = (
