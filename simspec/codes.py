@@ -59,6 +59,7 @@ CODES: Final[Mapping[str, str]] = {
     "S308": "an override that cannot be read",
     "S309": "an override of a part that the spec does not have",
     "S310": "an override without effect",
+    "S311": "a parameter of a model that nothing refers to, or that refers to itself",
     "S401": "a moving body without mass",
     "S402": "an impossible inertia",
     "S403": "mass and inertia are given in parts, or twice",

@@ -15,8 +15,8 @@ from simspec.language.contact import WHOLE
 from simspec.language.document import Key, listed, mapping
 from simspec.language.expectations import TIMES
 from simspec.language.load import Spec
-from simspec.language.models import MOST_STEPS, Physics
 from simspec.language.overrides import Override, overridden
+from simspec.language.physics import MOST_STEPS, Physics
 from simspec.language.quantities import Number
 from simspec.language.strict import Faults
 from simspec.language.sweep import ROUND_UP

@@ -125,7 +125,7 @@ def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, 
     resolved world."""
     typed = {name: bodies.typed.get(name) for name in members}
     top, *others = members
-    carried = bodies.attached and bodies.parent(top) is None
+    carried = bodies.attached and bodies.parent(top) is None and bodies.joint_type(top) == "fixed"
     if not others and not carried:
         body = typed[top]
         yield from ((top, fault) for fault in (mass_faults(body) if body is not None else ()))

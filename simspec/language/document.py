@@ -80,6 +80,8 @@ class Document:
     data: Any
     mark: Mark | None = None
     problems: list[Problem] = field(default_factory=list)
+    references: dict[tuple[Key, ...], str] = field(default_factory=dict)
+    """References to parameters as they are written, by the paths of the quantities that stand in their places."""
 
     def locate(self, path: Sequence[Key], key: bool = False) -> Location | None:
         """The place of ``path``, or of its nearest ancestor that exists; ``key``: of its key rather than its value."""
@@ -111,6 +113,8 @@ class Document:
         """A problem at ``path``."""
         place = self.locate(path, more.get("key", False))
         found, allowed, hint = more.get("found"), more.get("allowed"), more.get("hint")
+        if found is not None and tuple(path) in self.references:
+            found = f"{found}, from {self.references[tuple(path)]!r}"
         return Problem(message, dotted(path), place, found, allowed, hint, code=more["code"])
 
 

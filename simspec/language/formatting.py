@@ -49,7 +49,7 @@ BLOCK_ITEMS = frozenset(("bodies", "models", "control", "engines", "expect"))
 OTHER_FILES: Mapping[str, type[Strict]] = {"simspec_study": StudyFile, "simspec_figures": FiguresFile}
 """Files that are no specs, by the key of their version."""
 
-_PLAIN = re.compile(r"[A-Za-z0-9_./][A-Za-z0-9_./ ^*°²³µ%·()+×−-]*")
+_PLAIN = re.compile(r"(?:-?\$|[A-Za-z0-9_./])[A-Za-z0-9_./ ^*°²³µ%·()+×−$-]*")
 _IN_FLOW = re.compile(r"[\[\]{},]|: |\s#")
 
 

@@ -13,6 +13,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.language.checks import check
 from simspec.language.document import Document, read
 from simspec.language.foreign import Imported, ImportOptions, suffixes
+from simspec.language.instances import instance
 from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, check_sweep, overridden, without_effect
 from simspec.language.packages import Package, digests, is_packaged, packaged
@@ -63,6 +64,8 @@ class Spec:
         """A spec from the language's models or from plain data as a YAML file would hold (``simspec: 1`` may be left
         out). ``use`` paths are relative to ``folder``. Raises SpecError with every problem."""
         plain = _plain(data)
+        if isinstance(data, File) and isinstance(plain.get("model"), dict):
+            plain["model"].pop("parameters", None)  # numbers stand where its quantities referred to them
         if isinstance(plain, dict):
             plain = {"simspec": VERSION, **plain}
         folder = Path(folder)
@@ -94,7 +97,7 @@ class Spec:
     def with_overrides(self, overrides: Sequence[Override]) -> Spec:
         """This spec with values put into it, validated and checked as a whole; this one stays as it is. Model files that it
         uses already are not read again. Raises SpecError with every problem, located where the overrides were written."""
-        document, problems = overridden(self.source.document, overrides)
+        document, problems = overridden(self.source.written or self.source.document, overrides)
         changed = {override.path for override in overrides}
         return _validated(
             document,
@@ -111,7 +114,8 @@ class Spec:
     def sources_with(self, overrides: Sequence[Override]) -> tuple[Source, list[Problem]]:
         """The files that the spec would use with values put into it, and the problems of finding and reading them. Nothing is
         validated."""
-        document, problems = overridden(self.source.document, overrides)
+        document, problems = overridden(self.source.written or self.source.document, overrides)
+        document, _ = instance(document, None)
         source = Source(document, self.source.folder, imported=self.source.imported, package=self.source.package)
         collector = self._collector.again()
         collector.collect(source, (self._place.resolve(),))
@@ -136,7 +140,7 @@ class Spec:
         """The spec as YAML text in the canonical layout, overrides included."""
         from simspec.language.formatting import format_data
 
-        return format_data(self.source.document.data)
+        return format_data((self.source.written or self.source.document).data)
 
 
 def load(
@@ -196,14 +200,15 @@ def _validated(
     """The spec of a document. ``place``: the file that it stands for; ``problems``: those of putting values at the paths
     ``changed``."""
     with bounded_suggestions():
+        written, (document, wrong) = document, instance(document, None)
         file, more = validate(document)
-        problems = [*problems, *document.problems, *more]
-        source = Source(document, folder, file, imported=imported, package=package, path=path)
+        problems = [*problems, *document.problems, *wrong, *more]
+        source = Source(document, folder, file, imported=imported, package=package, path=path, written=written)
         collector.collect(source, (place.resolve(),))
         # checks that visit a file for each model that uses it are made only where their number is bounded
         problems += [*collector.problems, *(too_much(source) or check(source))]
         if file is not None:
-            problems += [*check_sweep(document, file.sweep), *without_effect(document, file, changed)]
+            problems += [*check_sweep(written, file.sweep), *without_effect(document, file, changed)]
     if problems:
         raise SpecError(in_order(problems))
     return Spec(source, path, collector)

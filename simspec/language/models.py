@@ -6,7 +6,7 @@ The order of the fields is the order in which ``simspec fmt`` writes them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -15,23 +15,22 @@ from pydantic import Field, create_model
 from simspec.language.actions import MOST_FORCES, Force, Grasp, Motion, Trajectory
 from simspec.language.arrays import Array, Frame, NamePattern, State
 from simspec.language.constraints import Constraint
-from simspec.language.contact import WHOLE, Contact, EngineOptions
+from simspec.language.contact import Contact, EngineOptions
 from simspec.language.control import MOST_CONTROLLERS, Actuator, Controller
 from simspec.language.document import listed, mapping
 from simspec.language.expectations import Expectation
 from simspec.language.foreign import Import
 from simspec.language.joints import Joint
-from simspec.language.quantities import Number, Reader, Vector
-from simspec.language.shapes import Inertia, LinearVelocity, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.language.parameters import ModelParameter, ParameterName, ParameterValue
+from simspec.language.physics import Physics, Record, not_whole, whole_steps
+from simspec.language.quantities import Number, Reader
+from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, fields_of, misspelt, show, too_long
 from simspec.language.sweep import Sweep
-from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
+from simspec.language.vocabulary import AXES, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
 from simspec.language.words import FileName, Name, Text, Word
 
 VERSION = 1
-MOST_STEPS = 10**9
-"""Steps of one scenario; at a microsecond each that is a quarter of an hour."""
-
 Mass = Annotated[float, Number("mass", 0)]
 
 
@@ -198,14 +197,23 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
         )
 
 
+_WITH: dict[str, Any] = {  # `with` and `import` are no names that a class body may have
+    "with": (
+        dict[Annotated[str, ParameterName()], Annotated[Any, ParameterValue()]],
+        Field({}, description="Values of the parameters of the file's model, by name"),
+    )
+}
+_IMPORT: dict[str, Any] = {
+    "import": (Import, Field(ABSENT, description="For a file of another language: options of its importer"))
+}
+_MIRROR = "Mirror {} through the plane x = 0, y = 0 or z = 0 of its frame; see Mirrored models"
+
+
 class _WithUse(Strict):
     use: Maybe[Annotated[str, FileName()]] = Field(ABSENT, description="Path of a model file, relative to this file")
 
 
-_IMPORT: dict[str, Any] = {  # `import` is no name that a class body may have
-    "import": (Import, Field(ABSENT, description="For a file of another language: options of its importer"))
-}
-_WithImport: type[_WithUse] = create_model("_WithImport", __base__=_WithUse, **_IMPORT)
+_WithImport: type[_WithUse] = create_model("_WithImport", __base__=_WithUse, **_IMPORT, **_WITH)
 
 
 class Use(_WithImport):
@@ -214,6 +222,9 @@ class Use(_WithImport):
 
     ALTERNATIVES: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
+    mirror: Maybe[Annotated[str, Word(AXES)]] = Field(
+        ABSENT, description=_MIRROR.format("the file's model, or the model written here,")
+    )
     bodies: Maybe[dict[NameOf, Body]] = Field(
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
@@ -238,7 +249,13 @@ class Use(_WithImport):
     array: Maybe[Array] = Field(ABSENT, description="Copies of the whole model")
     attach: Maybe[Annotated[str, Name(path=True)]] = Field(
         ABSENT,
-        description="Full name of another model's body to which the root is fixed; `pose` is then in that body's frame",
+        description="Full name of another model's body, or of a frame on it, to which the root is fixed, or connected "
+        "by its joint; `pose` is then in that frame",
+    )
+    joint: Maybe[Joint] = Field(
+        ABSENT,
+        description="Joint of the root to the body of `attach`, or to the world, in place of the root being fixed or free; "
+        "its `origin` is another word for `pose`",
     )
     fixed: Maybe[Switch] = Field(ABSENT, description="Whether the root is fixed to the world; default: as in the model")
     kinematic: Maybe[Switch] = Field(
@@ -266,20 +283,53 @@ class Use(_WithImport):
                 if key in data:
                     message = f"a model that is attached to a body has no {key} of its own"
                     yield Fault((key,), message, hint="remove one", code="S103")
+        yield from _needs_file(data, ("with",))
+        yield from _placed_joint(data)
         if data.get("kinematic") is True:
             for key in ("fixed", "velocity"):
                 if data.get(key) not in (None, False):
                     yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", code="S404")
 
 
-class Model(Strict):
+def _needs_file(data: Mapping[str, Any], keys: Iterable[str]) -> Iterator[Fault]:
+    """Words about a file's model, of a model that is no file's."""
+    for key in keys:
+        if key in data and "use" not in data:
+            yield Fault((key,), f"`{key}` goes with `use`: it is about the model of that file", code="S110")
+
+
+def _placed_joint(data: Mapping[str, Any]) -> Iterator[Fault]:
+    """The faults of a joint that a placement gives the root."""
+    joint = fields_of(data.get("joint"))
+    if joint.get("type") == "free" and "attach" in data:
+        message = "a model that is attached to a body does not move freely"
+        yield Fault(("joint", "type"), message, "free", "fixed, hinge, slide, ball", code="S110")
+    for key in ("fixed", "kinematic"):
+        if joint and data.get(key) not in (None, False):
+            yield Fault((key,), f"{key} and joint exclude each other", None, _EITHER, code="S404")
+    if "pose" in data and joint.get("origin") is not None:
+        message = "pose and joint.origin exclude each other: both place the root"
+        yield Fault(("pose",), message, None, _EITHER, code="S404")
+
+
+class _Parametrised(Strict):
+    parameters: dict[Annotated[str, ParameterName()], ModelParameter] = Field(
+        {}, description="Quantities that placements of the model may set, by name; see Parameters"
+    )
+    use: Maybe[Annotated[str, FileName()]] = Field(
+        ABSENT, description="Path of another model file, relative to this file"
+    )
+
+
+_ParametrisedUse: type[_Parametrised] = create_model("_ParametrisedUse", __base__=_Parametrised, **_WITH)
+
+
+class Model(_ParametrisedUse):
     """The one model of a model file: bodies with exactly one root, or another model file's model."""
 
     ALTERNATIVES: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Maybe[Annotated[str, FileName()]] = Field(
-        ABSENT, description="Path of another model file, relative to this file"
-    )
+    mirror: Maybe[Annotated[str, Word(AXES)]] = Field(ABSENT, description=_MIRROR.format("the other file's model"))
     bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
     frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies of the model")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
@@ -294,94 +344,9 @@ class Model(Strict):
         "default: the state that the bodies define",
     )
 
-
-def whole_steps(time: float, timestep: float) -> int | None:
-    """How many timesteps ``time`` is; None when it is no whole number of them."""
-    steps = time / timestep
-    nearest = round(steps)
-    return nearest if abs(steps - nearest) <= WHOLE * max(1.0, nearest) else None
-
-
-def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...]) -> Fault:
-    """The fault of a time that is no whole number of timesteps, with the nearest ones that are."""
-    steps = int(time / timestep)
-    lower, upper = (float(f"{count * timestep:.12g}") for count in (steps, steps + 1))
-    nearest = f"{lower!r} s or {upper!r} s" if lower else f"{upper!r} s"
-    found = f"{time:g} s / {timestep:g} s = {time / timestep:.10g} steps"
-    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {nearest}", code="S206")
-
-
-class Fluid(Strict):
-    """A fluid that fills the world, at rest or in uniform motion: drag and viscous resistance of every moving body,
-    as of a box with its mass and principal moments of inertia.
-    """
-
-    density: Annotated[float, Number("density", 0)] = Field(0.0, description="Density ρ: drag, quadratic in velocity")
-    viscosity: Annotated[float, Number("viscosity", 0)] = Field(
-        0.0, description="Dynamic viscosity μ: resistance, linear in velocity"
-    )
-    velocity: LinearVelocity = Field(
-        (0.0, 0.0, 0.0), description="Velocity of the fluid, in world axes: wind, a current"
-    )
-
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        if "density" not in data and "viscosity" not in data:
-            hint = "fluid: {density: 1.2, viscosity: 1.8e-5}"
-            yield Fault((), "a fluid needs a density or a viscosity", hint=hint, code="S102")
-
-
-class Physics(Strict):
-    """Gravity, time and the fluid around the bodies. The integrator of all engines is semi-implicit Euler: v ← v + dt
-    a, then q ← q ⊕ dt v.
-    """
-
-    gravity: Annotated[tuple[float, float, float], Vector(Number("acceleration"))] = Field(
-        (0.0, 0.0, -9.81), description="Gravity in world axes"
-    )
-    timestep: Annotated[float, Number("time", 0, above=True)] = Field(0.001, description="Length of one step")
-    duration: Annotated[float, Number("time", 0)] = Field(
-        0.0, description="Simulated time of a run; a whole number of steps"
-    )
-    fluid: Maybe[Fluid] = Field(ABSENT, description="The fluid around the bodies; none: a vacuum")
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        times = {"timestep": 0.001, "duration": 0.0}
-        for name in times:
-            if name in data:
-                try:
-                    times[name] = Number("time", 0).read(data[name])
-                except Faults:
-                    return  # reported where it is read
-        if times["timestep"] == 0.0:
-            return
-        if times["duration"] / times["timestep"] > MOST_STEPS:
-            found = f"{times['duration'] / times['timestep']:.3g} steps"
-            yield Fault(("duration",), "too many steps", found, f"up to {MOST_STEPS:g}", code="S207")
-        elif whole_steps(times["duration"], times["timestep"]) is None:
-            yield not_whole("duration", times["duration"], times["timestep"], ("duration",))
-        elif times["duration"] > 0.0 and not whole_steps(times["duration"], times["timestep"]):
-            found = f"{times['duration']:g} s, {times['duration'] / times['timestep']:.3g} steps"
-            yield Fault(
-                ("duration",), "shorter than any step", found, f"0, or at least {times['timestep']:g} s", code="S207"
-            )
-
-
-class Record(Strict):
-    """The recording of a run."""
-
-    every: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
-        ABSENT, description="Time between two records, a whole number of steps; default: one step"
-    )
-    channels: list[Annotated[str, Word(CHANNELS)]] = Field(
-        list(CHANNELS), description="Poses and velocities of all bodies, contacts, kinetic and potential energy"
-    )
-    show: list[Annotated[str, Name(path=True)]] = Field(
-        [],
-        description="Full names of bodies, hinges and slides whose final state the table of a run shows; none: the roots that "
-        "can move, and all joints",
-    )
+        yield from _needs_file(data, ("with", "mirror"))
 
 
 class File(Strict):

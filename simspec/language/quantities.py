@@ -223,7 +223,12 @@ def parse(text: str, dimension: str) -> float:
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
     if match is None:
-        raise UnitError(f"expected {article(dimension)}, found no number", shown, allowed)
+        hint = (
+            "$NAME is a parameter: only quantities of the `model` that declares it can refer to it"
+            if "$" in text
+            else None
+        )
+        raise UnitError(f"expected {article(dimension)}, found no number", shown, allowed, hint)
     number, unit = match.groups("")
     factor = Fraction(1)
     if unit:
@@ -342,7 +347,7 @@ class Number(Reader):
         return article(self.dimension) + (f" {bounds}" if bounds else "")
 
     def schema(self) -> dict[str, Any]:
-        schema: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        schema: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9$]"}
         if self.least is not None:
             schema["exclusiveMinimum" if self.above else "minimum"] = self.least
         if self.most is not None:

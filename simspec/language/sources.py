@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Details, Document, Key, dotted, mapping, read
 from simspec.language.foreign import Import, Imported, ImportOptions, import_file, is_foreign, suffixes
+from simspec.language.instances import ModelPlacement, instance, placement_of
 from simspec.language.models import File
 from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
 from simspec.language.problems import of_validation
@@ -50,6 +51,10 @@ class Source:
     """The installed package that the file is in; None for a file that a path names."""
     path: Path | None = None
     """The file; None for a document made in Python."""
+    placement: ModelPlacement | None = None
+    """The placement that made the document what it is; None for a file that stands alone."""
+    written: Document | None = None
+    """The document as the file says it; None where :attr:`document` is."""
     packaged: dict[Path, Package] = field(default_factory=dict)
     """Files of packages that this file names itself (meshes, tables), with their packages."""
 
@@ -106,10 +111,11 @@ def uses(data: Any) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
 
 
 def use_key(placed: Mapping[str, Any]) -> str:
-    """The key of :attr:`Source.uses` of a placement that has a ``use``: its text, and what it says to an importer."""
+    """The key of :attr:`Source.uses` of a placement that has a ``use``: its text, what it says to an importer, and what it
+    makes of the model."""
     text: str = placed["use"]
-    said = placed.get("import")
-    return text if said is None else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
+    said = {word: placed[word] for word in ("import", "with", "mirror", "joint") if placed.get(word) is not None}
+    return text if not said else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
 
 
 def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:
@@ -143,12 +149,14 @@ class SourceCollector:
         self.options = options or ImportOptions()
         """The options for importers, unless a placement gives them."""
         self.problems: list[Problem] = []
-        self._read: dict[tuple[Path, str], Source | None] = {}
+        self._read: dict[tuple[Path, str, str], Source | None] = {}
+        self._opened: dict[tuple[Path, str], tuple[Document, Imported | None] | None] = {}
 
     def again(self) -> SourceCollector:
         """A collector for the same spec with other values: it does not read again the files that this one has read."""
         other = SourceCollector(self.project, self.options)
         other._read = {key: source for key, source in self._read.items() if source is not None}
+        other._opened = {key: opened for key, opened in self._opened.items() if opened is not None}
         return other
 
     def collect(self, source: Source, chain: tuple[Path, ...]) -> None:
@@ -254,11 +262,12 @@ class SourceCollector:
         options = given.together(self.options)
         if isinstance(found, PackagedFile):
             options = of_package(options, found)
-        key = (target, options.key())
+        placement = placement_of(source.document, place, placed, source.placement)
+        key = (target, options.key(), placement.key())
         if key not in self._read:
             self._read[key] = None
             where = (*place, "use" if said is None else "import")
-            self._read[key] = self._load(target, chain, options, source.document, where)
+            self._read[key] = self._load(target, chain, options, placement, where)
         used = self._read[key]
         if used is not None and isinstance(used.document.data, Mapping) and "model" not in used.document.data:
             hint = "a model file has `model: {bodies: ...}`"
@@ -269,13 +278,37 @@ class SourceCollector:
         return used
 
     def _load(
-        self, target: Path, chain: tuple[Path, ...], options: ImportOptions, user: Document, where: tuple[str, ...]
+        self,
+        target: Path,
+        chain: tuple[Path, ...],
+        options: ImportOptions,
+        placement: ModelPlacement,
+        where: tuple[str, ...],
     ) -> Source | None:
-        """A file that ``user`` uses; ``where``: the place of what is wrong, but not with the file."""
+        """A file that a placement uses; ``where``: the place of what is wrong, but not with the file."""
+        key = (target, options.key())
+        if key not in self._opened:
+            self._opened[key] = self._open(target, options, placement.document, where)
+        opened = self._opened[key]
+        if opened is None:
+            return None
+        written, imported = opened
+        document, wrong = instance(written, placement)
+        file, problems = validate(document)
+        self.problems.extend((*document.problems, *wrong, *problems))
+        source = Source(document, target.parent, file, imported=imported, package=options.package, path=target)
+        source.placement, source.written = placement, written
+        self.collect(source, (*chain, target))
+        return source
+
+    def _open(
+        self, target: Path, options: ImportOptions, user: Document, where: tuple[str, ...]
+    ) -> tuple[Document, Imported | None] | None:
+        """The document of a file that ``user`` uses, and what its importer made of it; None where it cannot be read."""
         try:
             if self.project is None or options.package is None:
                 options = replace(options, project=self.project)
-            document, imported = open_document(target, options.shown(target), options)
+            return open_document(target, options.shown(target), options)
         except SpecError as error:
             here, path = user.locate(where), dotted(where)
             self.problems.extend(
@@ -283,11 +316,6 @@ class SourceCollector:
                 for problem in error.problems
             )
             return None
-        file, problems = validate(document)
-        self.problems.extend((*document.problems, *problems))
-        source = Source(document, target.parent, file, imported=imported, package=options.package, path=target)
-        self.collect(source, (*chain, target))
-        return source
 
 
 def open_document(path: Path, shown: str, options: ImportOptions) -> tuple[Document, Imported | None]:

@@ -9,7 +9,7 @@ import math
 import sys
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -87,9 +87,11 @@ class FlatMeshError(MeshError):
 def made(surface: MeshSurface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
     """The geometry that a world takes from ``surface``; a hull whose options allow any number of vertices may have
     ``most_vertices``. Raises MeshError where no solid can be made of it, before a hull with too many is computed."""
+    signs = tuple(math.copysign(1.0, factor) for factor in options.scale)
+    if min(signs) < 0.0:  # so that the mirror image of a mesh is that of its hulls and pieces, to the last bit
+        x, y, z = map(abs, options.scale)
+        return _in_mirror(made(surface, replace(options, scale=(x, y, z)), most_vertices), signs)
     vertices, triangles = merged(placed(surface, options), surface.triangles)
-    if mirrored(options):
-        triangles = triangles[:, ::-1]
     if len(vertices) and not np.abs(vertices).max() < FURTHEST:
         raise MeshError(f"it reaches further than {FURTHEST:g} m: `unit` and `scale` say how large it is")
     try:
@@ -161,6 +163,23 @@ def placed(surface: MeshSurface, options: MeshOptions) -> Points:
 def mirrored(options: MeshOptions) -> bool:
     x, y, z = options.scale
     return x * y * z < 0.0
+
+
+def _in_mirror(mesh: MadeMesh, signs: tuple[float, ...]) -> MadeMesh:
+    """A mesh with some axes of its frame turned round."""
+    det = math.prod(signs)
+
+    def pose(of: Pose) -> Pose:
+        (x, y, z), (w, *vector) = (np.array(signs) * of.position + 0.0).tolist(), of.quaternion
+        qx, qy, qz = (det * sign * value + 0.0 for sign, value in zip(signs, vector, strict=True))
+        return Pose((x, y, z), (w, qx, qy, qz))
+
+    def part(of: ConvexSolid) -> ConvexSolid:
+        return replace(of, size=mesh_size(np.array(of.size).reshape(-1, 3) * signs), pose=pose(of.pose))
+
+    solid = mesh.enclosed
+    enclosed_ = None if solid is None else replace(solid, frame=pose(solid.frame))
+    return replace(mesh, parts=tuple(map(part, mesh.parts)), enclosed=enclosed_)
 
 
 # A cache of geometry: a robot's meshes are read and made into hulls once, whatever its spec changes.

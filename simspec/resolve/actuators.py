@@ -18,7 +18,7 @@ from simspec.language.arrays import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.control import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Details, Key
-from simspec.language.models import whole_steps
+from simspec.language.physics import whole_steps
 from simspec.language.quantities import LARGEST, Number, article
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near

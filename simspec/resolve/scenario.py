@@ -16,9 +16,9 @@ from simspec.language.actions import Motion as SpecMotion
 from simspec.language.contact import EngineOptions as SpecOptions
 from simspec.language.document import Details, Key
 from simspec.language.expectations import BODIES, KINDS, TIMES, ExpectationKind
-from simspec.language.models import Physics as SpecPhysics
-from simspec.language.models import Record as SpecRecord
-from simspec.language.models import whole_steps
+from simspec.language.physics import Physics as SpecPhysics
+from simspec.language.physics import Record as SpecRecord
+from simspec.language.physics import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS

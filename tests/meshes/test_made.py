@@ -348,3 +348,23 @@ def test_vertices_of_parts_are_in_the_frame_of_their_mass():
     solid = hull(mesh_vertices(part.size)).solid
     assert np.abs(solid.frame.position).max() < 1e-15
     assert solid.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_fewer_vertices_of_a_mirrored_mesh_are_those_of_the_mesh():
+    points = np.random.default_rng(3).normal(size=(40, 3))
+    surface = MeshSurface(*_hull_surface(points))
+    mesh, other = (made(surface, MeshOptions(scale=scale, max_vertices=8)) for scale in ((1, 2, 1), (1, -2, 1)))
+    places = []
+    for result in (mesh, other):
+        (part,) = result.parts
+        local = np.array(part.size).reshape(-1, 3)
+        places.append(local @ np.array(frames.matrix(part.pose.quaternion)).T + part.pose.position)
+    assert len(places[0]) == 8
+    np.testing.assert_allclose(places[1], places[0] * [1, -1, 1], atol=1e-15)
+    assert (other.enclosed.moments, other.hull_volume) == (mesh.enclosed.moments, mesh.hull_volume)
+    assert other.enclosed.frame.position == tuple(np.array(mesh.enclosed.frame.position) * [1, -1, 1])
+
+
+def _hull_surface(points):
+    solid = trimesh.convex.convex_hull(points)
+    return np.array(solid.vertices), np.array(solid.faces)
