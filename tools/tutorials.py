@@ -23,7 +23,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(page for page in (ROOT / "docs" / "tutorials").glob("*.md") if page.name != "index.md")
 CELL = re.compile(
-    r"```(?P<language>python|bash)\n(?P<code>.*?)```\n(?:\n?<!-- output(?P<varies>: varies)? -->\n```text\n(?P<output>.*?)```\n)?",
+    r"```(?P<language>python|bash)\n(?P<code>.*?)```\n"
+    r"(?:\n?<!-- output(?P<varies>: varies)? -->\n```text\n(?P<output>.*?)```\n)?",
     re.DOTALL,
 )
 COLUMNS = "88"
@@ -33,8 +34,8 @@ def cell_output(language: str, code: str, names: dict[str, object]) -> str:
     """The output of a cell; a cell of ``bash`` says with which exit code it ended where that is not 0."""
     if language == "bash":
         done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=False)
-        ended = f"exit code {done.returncode}\n" if done.returncode else ""
-        return done.stdout + done.stderr + ended
+        # notes of progress are on standard error, too: they depend on the machine
+        return done.stdout + (f"{done.stderr}exit code {done.returncode}\n" if done.returncode else "")
     tree = ast.parse(code)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     printed = io.StringIO()

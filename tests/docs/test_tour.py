@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 
-import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
@@ -31,27 +30,21 @@ def verdict(text: str) -> dict[str, str]:
     return {label: VARIES.sub("", part) for label, part in parts.items() if label not in DIFFERENT}
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    return tmp_path_factory.mktemp("tour")
-
-
 def test_the_page_has_the_commands_of_a_tour():
     assert [found["command"].split()[1] for found in FOUND] == ["new", "check", "run", "run", "run", "explain"]
 
 
-@pytest.mark.parametrize("found", FOUND, ids=lambda found: found["command"])
-def test_a_command_prints_what_the_page_shows(found, place, monkeypatch):
-    """The commands depend on each other: each needs the files of those before it."""
-    monkeypatch.chdir(place)
+def test_the_commands_print_what_the_page_shows(tmp_path, monkeypatch):
+    """Each command needs the files of those before it."""
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    _, name, *words = shlex.split(found["command"])
-    done = CliRunner().invoke(cli.app, [name, *words, *(["--quick"] if name == "run" else [])])
-    assert done.exit_code == 0, done.output
-    if name == "run":
-        assert verdict(found["text"])
-        assert verdict(done.stdout) == verdict(found["text"])
-    else:
-        lines = [line.rstrip() for line in done.stdout.splitlines()]
-        shown = lines[: int(found["lines"] or len(lines))]
-        assert shown == found["text"].splitlines()
+    for found in FOUND:
+        _, name, *words = shlex.split(found["command"])
+        done = CliRunner().invoke(cli.app, [name, *words, *(["--quick"] if name == "run" else [])])
+        assert done.exit_code == 0, done.output
+        if name == "run":
+            assert verdict(found["text"])
+            assert verdict(done.stdout) == verdict(found["text"]), found["command"]
+        else:
+            lines = [line.rstrip() for line in done.stdout.splitlines()]
+            assert lines[: int(found["lines"] or len(lines))] == found["text"].splitlines(), found["command"]
