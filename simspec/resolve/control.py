@@ -96,7 +96,7 @@ def unstable(source: Source, world: World) -> list[Problem]:
         message = f"control needs a library that is not installed ({error.name})"
         return [
             source.document.problem(
-                ("control",), message, key=True, hint="pip install 'simspec-physics[pin]'", code="S705"
+                ("control",), message, key=True, hint="pip install 'simspec-physics[pin]'", code="C110"
             )
         ]
     floating = {body.joint.name for bodies in trees(world).values() if _without_law(bodies) for body in bodies}

@@ -1,0 +1,106 @@
+"""The pages of errors: each example reports its code, and the mended example does not; generated pages are current."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from simspec.codes import CODES
+from simspec.report.error_pages import generated, notes_of, page_files, page_of
+from tests import error_pages
+from tests.error_pages import NOT_RUN, PAGES, done, forget, halves, not_said, reported
+from tests.installed import INSTALLED
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
+MISSING: set[str] = set()
+"""Codes that have no page yet: the list may only become shorter."""
+WITHOUT_RUN: set[str] = set()
+"""Codes whose example cannot be run in a test; their pages say why."""
+WRITTEN = sorted(code for code in CODES if (PAGES / f"{code}.md").is_file())
+NEEDS = {"mujoco": " -e mujoco", "dart": " -e dart"}
+"""Engines that an example needs to be installed, by the words that show it."""
+
+
+def text_of(code: str) -> str:
+    return (PAGES / f"{code}.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten():
+    """Stored runs of examples are removed at the end."""
+    yield
+    forget()
+
+
+def test_each_code_has_a_page():
+    assert set(CODES) - set(WRITTEN) == MISSING
+
+
+def test_pages_have_the_titles_of_the_table():
+    assert not [code for code in WRITTEN if not text_of(code).startswith(f"# {code}: {CODES[code]}\n")]
+
+
+def test_no_page_is_of_an_unknown_code():
+    known = {*page_files().values(), "index.md", "accept/notes.md"}
+    assert not {path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.md")} - known
+
+
+def test_pages_without_an_example_that_runs_say_why():
+    assert {code for code in WRITTEN if NOT_RUN.search(text_of(code))} == WITHOUT_RUN
+
+
+@pytest.mark.parametrize("code", [code for code in WRITTEN if code not in WITHOUT_RUN])
+def test_an_example_reports_its_code_and_the_way_out_does_not(code, tmp_path):
+    page = text_of(code)
+    lacking = [name for name, words in NEEDS.items() if words in page and name not in INSTALLED]
+    if lacking:
+        pytest.skip(f"not installed: {', '.join(lacking)}")
+    wrong, right = halves(page)
+    (tmp_path / "wrong").mkdir()
+    said = done(wrong, tmp_path / "wrong")
+    assert code in reported(said), said
+    assert not not_said(wrong.reports, said), said
+    (tmp_path / "right").mkdir()
+    mended = done(right, tmp_path / "right")
+    assert not reported(mended), mended
+    shutil.rmtree(tmp_path)
+
+
+def test_an_example_is_completed_without_moving_its_lines():
+    text = error_pages.completed("expect: []\n")
+    assert text.startswith("expect: []\nsimspec: 1\n")
+    assert {"bodies:", "physics:", "name:"} <= {line.split(" ")[0] for line in text.splitlines()}
+
+
+def test_a_line_that_was_not_printed_is_found():
+    assert not_said(["a: error[S101]: b", "a: error…"], "a: error[S102]: b\n") == ["a: error[S101]: b"]
+
+
+# --- generated pages ----------------------------------------------------------------------------------------------------
+
+
+def test_generated_pages_are_current():
+    stale = {
+        name
+        for name, text in generated(PAGES).items()
+        if not (PAGES / name).is_file() or (PAGES / name).read_text() != text
+    }
+    assert not stale, "python -m simspec.report.error_pages writes them"
+
+
+def test_a_note_of_an_unknown_feature_is_refused():
+    assert notes_of("## `joint.damping`\n\nA note.\n") == {"joint.damping": "A note."}
+    with pytest.raises(ValueError, match="joint.dampin"):
+        notes_of("## joint.dampin\n\nA note.\n")
+
+
+@pytest.mark.parametrize("word", ["S101", "s101", "Material.Restitution", "mass-ratio"])
+def test_pages_are_found_by_their_word(word):
+    assert page_of(word)
+
+
+def test_words_without_page_have_none():
+    assert page_of("S1") is None
+    assert page_of("../index") is None
