@@ -155,6 +155,13 @@ class UnsupportedError(SpecError):
     ways_out: Mapping[str, Any] | None = None
 
 
+def code_of_failure(message: str) -> str:
+    """The code of a failure of an engine, by its message: all that is known of a failed run, and of an error of a process."""
+    missing = ("not installed", "is installed, and importing", "is version")
+    late = "no result within its deadline"
+    return "E201" if message.startswith(missing) else "E203" if message.startswith(late) else "E202"
+
+
 class EngineError(SimspecError):
     """An engine is missing, crashed, hung, or refused what it was given. ``engine`` names it; ``operation`` is the number of
     the operation that its process was at when it ended without a result, where that is known. ``refused``: the engine
@@ -162,20 +169,8 @@ class EngineError(SimspecError):
 
     exit_code = EXIT_ENGINE
 
-    code = "E202"
-
-    def __init__(
-        self,
-        engine: str,
-        message: str,
-        operation: int | None = None,
-        refused: bool = False,
-        *,
-        code: str = "",
-    ):
-        # an error of an engine's process is raised anew from its message
-        missing = message.startswith(("not installed", "is installed, and importing"))
-        self.code = code or ("E201" if missing else self.code)
+    def __init__(self, engine: str, message: str, operation: int | None = None, refused: bool = False):
+        self.code = code_of_failure(message)
         self.engine = engine
         self.operation = operation
         self.refused = refused

@@ -312,7 +312,7 @@ def find_spec(name: str) -> Path:
                 f"{name}: {what}",
                 allowed=f"a YAML file, or one of {', '.join(scenarios)}: simspec list",
                 hint=f"did you mean {near[0]!r}?" if near else None,
-                code="C105",
+                code="C104",
             )
         ]
     )

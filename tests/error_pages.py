@@ -11,8 +11,6 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
-
 from simspec import cli
 from simspec.errors import SimspecError, SpecError
 
@@ -37,7 +35,7 @@ class Example:
 
 
 def example(text: str) -> Example:
-    """The example of a part of a page; without commands a spec is checked."""
+    """The example of a part of a page."""
     found = Example()
     for block in BLOCK.finditer(text):
         kind, name, content = block["kind"], block["name"], block["text"]
@@ -49,8 +47,6 @@ def example(text: str) -> Example:
             found.steps.append(("python", content))
         else:
             found.files[name or "spec.yaml"] = content if name else completed(content)
-    if found.files and not found.steps:
-        found.steps.append(("command", "simspec check spec.yaml"))
     return found
 
 
@@ -68,12 +64,13 @@ def completed(text: str) -> str:
 
 
 def halves(page: str) -> tuple[Example, Example]:
-    """The example that is refused or warned of, and the mended one, whose files stand in the place of those of the first."""
+    """The example that is refused or warned of, and the mended one, with the files and the commands of the first where
+    it has none. Without commands the spec is checked."""
     first, _, second = page.partition(WAY_OUT)
     wrong, right = example(first), example(second)
+    wrong.steps = wrong.steps or [("command", "simspec check spec.yaml")]
     right.files = {**wrong.files, **right.files}
-    if not right.steps:
-        right.steps = wrong.steps
+    right.steps = right.steps or wrong.steps
     return wrong, right
 
 
@@ -82,7 +79,7 @@ _DONE: dict[tuple[str, ...], Path] = {}
 
 
 def done(given: Example, folder: Path) -> str:
-    """All that an example writes to the terminal, done in ``folder``, and the codes of errors of Python."""
+    """All that an example writes to the terminal, done in ``folder``, without the folder's name; and errors of Python."""
     for name, text in given.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
@@ -100,7 +97,7 @@ def done(given: Example, folder: Path) -> str:
         if text.startswith("simspec run ") and key not in _DONE:
             _DONE[key] = Path(tempfile.mkdtemp(prefix="error-pages-")) / "done"
             shutil.copytree(folder, _DONE[key])
-    return said.getvalue()
+    return said.getvalue().replace(f"{folder}/", "")
 
 
 def forget() -> None:
@@ -147,12 +144,3 @@ def not_said(reports: list[str], said: str) -> list[str]:
         for line in reports
         if line and not any(other == line or (line.endswith("…") and other.startswith(line[:-1])) for other in lines)
     ]
-
-
-def is_yaml(text: str) -> bool:
-    """Whether a text is YAML."""
-    try:
-        yaml.safe_load(text)
-    except yaml.YAMLError:
-        return False
-    return True

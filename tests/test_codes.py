@@ -82,8 +82,9 @@ def test_each_code_is_in_a_group_and_titles_are_unlike():
     [
         (EngineError("toys", "not installed: pip install toys"), "E201"),
         (not_importable("toys", "toys", ImportError("no such symbol")), "E201"),
+        (EngineError("toys", "is version 2, not 1"), "E201"),
         (EngineError("toys", "ended with code 7"), "E202"),
-        (EngineError("toys", "no result", code="E203"), "E203"),
+        (EngineError("toys", "no result within its deadline of 1 s; killed"), "E203"),
     ],
 )
 def test_errors_of_engines_have_codes(error, code):

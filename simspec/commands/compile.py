@@ -356,7 +356,7 @@ def _single(options: ExportOptions, export: Export, language: Format, path: Path
         return _current(options, stale, "the file is current")
     source = export.loaded.file
     same = path.exists() and source.exists() and path.samefile(source)
-    over = Problem(f"{path}: is the spec that is exported", hint="use a new file name", code="C105") if same else None
+    over = Problem(f"{path}: is the spec that is exported", hint="use a new file name", code="C106") if same else None
     demand([file_problem(path, _named_by(name)), file_problem(name, _is_list), over])
     changed = any(_stored(place) != wanted for place, wanted in files.items())
     if changed:

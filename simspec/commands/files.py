@@ -164,12 +164,12 @@ def find_robot(name: str) -> str:
         if not is_foreign(name) and not name.startswith(ROBOT):
             allowed = ", ".join(suffixes())
             raise SpecError(
-                [Problem(f"{name}: not a file of a language that simspec imports", allowed=allowed, code="I115")]
+                [Problem(f"{name}: not a file of a language that simspec imports", allowed=allowed, code="I114")]
             )
     elif not is_robot(name):
         hint = "is a folder" if path.is_dir() else "no such file"
         allowed = f"a file, {PACKAGE}NAME/PATH, or a name of {ROBOTS} (panda_description)"
-        raise SpecError([Problem(f"{name}: {hint}", allowed=allowed, code="I115")])
+        raise SpecError([Problem(f"{name}: {hint}", allowed=allowed, code="C104")])
     else:
         name = f"{ROBOT}{name}"
     if name.startswith(ROBOT):
@@ -190,7 +190,7 @@ def _fetch(name: str) -> None:
 
 def _not_over_the_source(out: Path, path: Path) -> Problem | None:
     same = out.exists() and out.samefile(path)
-    return Problem(f"{out}: is the file that is imported", hint="use a new file name", code="C105") if same else None
+    return Problem(f"{out}: is the file that is imported", hint="use a new file name", code="C106") if same else None
 
 
 def _data(imported: Imported, path: Path, out: Path | None, text: str, package: Package | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from simspec.comparison.floor import Floor, load_floor
 from simspec.comparison.runs import QUANTITIES, TOLERANCE, Diff, summary
 from simspec.comparison.runs import diff as compare_runs
 from simspec.comparison.study import Study
-from simspec.errors import Problem, SpecError
+from simspec.errors import Problem, SpecError, code_of_failure
 from simspec.generated import CERTIFICATE_FILE, read_certificate
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.outputs.files import read_bytes
@@ -194,7 +194,8 @@ def show_failures(study: Study) -> None:
     """Print on standard error, in full, why engines failed."""
     for name, run in study.runs.items():
         if run.failed is not None:
-            console(error=True).message(f"{name} failed: {run.failed}", style="bold red")
+            code = code_of_failure(run.failed)
+            console(error=True).message(f"error[{code}]: {name} failed: {run.failed}", style="bold red")
 
 
 # Studies read back from their folders.

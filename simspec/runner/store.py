@@ -120,7 +120,7 @@ def read_provenance(folder: Path) -> Provenance:
     schema = plain.get("schema") if isinstance(plain, dict) else None
     if schema != SCHEMA:
         message = f"{path}: schema {schema!r}, this simspec reads {SCHEMA}"
-        raise SpecError([Problem(message, hint="run it again: simspec run", code="R101")])
+        raise SpecError([Problem(message, hint="run it again: simspec run", code="R104")])
     provenance = read_as(Provenance, content, str(path))
     if provenance.sha256 != content_hash(plain):
         raise SpecError(

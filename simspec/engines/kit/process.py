@@ -259,7 +259,6 @@ class Running:
                 self.engine,
                 f"no result within its deadline of {self._deadline:g} s{text}; killed{self._tail()}",
                 at,
-                code="E203",
             ) from None
         wall = time.perf_counter() - self._started
         self.kill()  # remaining processes must not change the files that are read now
