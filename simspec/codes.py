@@ -174,6 +174,7 @@ CODES: Final[Mapping[str, str]] = {
     "C115": "a bug of simspec",
     "C116": "text that is not UTF-8",
     "C117": "not in GitHub Actions",
+    "C118": "a port that cannot be used",
     "R101": "a stored result that cannot be read",
     "R102": "a stored result that was edited or is damaged",
     "R103": "a run or study that is not complete",

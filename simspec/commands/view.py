@@ -45,7 +45,7 @@ def _demand_no_video(options: ViewOptions) -> None:
 
 
 def _without_effect(option: str, why: str) -> Problem:
-    return Problem(f"{option} is without effect: {why}", hint="leave it out")
+    return Problem(f"{option} is without effect: {why}", hint="leave it out", code="C109")
 
 
 # --- runs ---------------------------------------------------------------------------------------------------------------------
@@ -109,9 +109,9 @@ def view_spec(options: ViewOptions) -> int:
 
     if options.video is not None or options.gif is not None:
         hint = f"simspec run {options.seen} first, then simspec view runs/NAME"
-        raise SpecError([Problem("a video is of a run, and this is a spec", hint=hint)])
+        raise SpecError([Problem("a video is of a run, and this is a spec", hint=hint, code="C102")])
     if options.out is not None:
-        raise SpecError([Problem("--out is without effect on a spec", hint="use --page FILE")])
+        raise SpecError([Problem("--out is without effect on a spec", hint="use --page FILE", code="C109")])
     _demand_no_video(options)
     if options.page is not None:
         demand([file_problem(options.page, is_page)])

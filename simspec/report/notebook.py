@@ -80,7 +80,9 @@ def show_study(study: Study, width: int = WIDTH, height: int = HEIGHT) -> ShownP
 def _shown(name: str, text: str, width: int, height: int) -> ShownPage:
     for word, size in (("width", width), ("height", height)):
         if not SMALLEST <= size <= LARGEST:
-            raise SpecError([Problem(f"{word} of a shown page", found=f"{size}", allowed=f"{SMALLEST} to {LARGEST}")])
+            raise SpecError(
+                [Problem(f"{word} of a shown page", found=f"{size}", allowed=f"{SMALLEST} to {LARGEST}", code="C103")]
+            )
     if not in_notebook():
         say(OUTSIDE, error=True)
     return ShownPage(visible(name), text, width, height)

@@ -11,10 +11,11 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     [
         *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
-        *(page for page in (ROOT / "docs").rglob("*.md") if "studies" not in page.parts),
+        *(page for page in (ROOT / "docs").rglob("*.md") if not {"studies", "errors"} & {*page.parts}),
     ]
 )
-"""Every page that is written by hand, in whole or in part: tables of published studies are left out."""
+"""Every page that is written by hand, in whole or in part: tables of published studies are left out, and pages of errors, whose
+examples are wrong on purpose (``tests/test_error_pages.py`` runs them)."""
 BLOCK = re.compile(r"(?ms)^(?P<indent> *)```(?P<language>[\w-]*)[^\n]*\n(?P<text>.*?)^ *```$")
 INLINE = re.compile(r"(?<!`)`(simspec [^`]+)`(?!`)")
 

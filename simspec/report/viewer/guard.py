@@ -49,7 +49,7 @@ def port_problem(port: int) -> Problem | None:
             probe.bind((LOOPBACK, port))
         except OSError as error:
             hint = "leave --port out, for any free port"
-            return Problem(f"--port {port}: {(error.strerror or str(error)).lower()}", hint=hint)
+            return Problem(f"--port {port}: {(error.strerror or str(error)).lower()}", hint=hint, code="C118")
     return None
 
 
@@ -108,7 +108,7 @@ def serving(port: int, title: str) -> Iterator[tuple[Any, str]]:
     server = _started(viser.ViserServer, guard, port, title)
     try:
         if port not in (0, server.get_port()):  # viser takes the next port where another program was faster
-            raise SpecError([Problem(f"--port {port}: address already in use", hint="leave --port out")])
+            raise SpecError([Problem(f"--port {port}: address already in use", hint="leave --port out", code="C118")])
         yield server, f"http://{LOOPBACK}:{server.get_port()}/{guard.token}/"
     finally:
         with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped

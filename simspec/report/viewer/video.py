@@ -95,7 +95,7 @@ def parse_size(text: str) -> tuple[int, int]:
     sizes = [int(part) for part in parts if part.isascii() and part.isdigit() and len(part) < 6]
     if len(parts) != 2 or len(sizes) != 2 or any(size % 2 or not SMALLEST <= size <= LARGEST for size in sizes):
         allowed = f"WIDTHxHEIGHT in even numbers of {SMALLEST} to {LARGEST}, e.g. 1280x720"
-        raise SpecError([Problem("--size is not a size of a video", found=text, allowed=allowed)])
+        raise SpecError([Problem("--size is not a size of a video", found=text, allowed=allowed, code="C103")])
     return sizes[0], sizes[1]
 
 
@@ -103,12 +103,16 @@ def checked(options: VideoOptions, files: Mapping[str, Path]) -> None:
     """Raise SpecError for numbers, and names of ``files`` (by kind), that no video has."""
     problems = []
     if not 1 <= options.fps <= FASTEST:
-        problems.append(Problem("--fps is out of range", found=str(options.fps), allowed=f"1 to {FASTEST}"))
+        problems.append(
+            Problem("--fps is out of range", found=str(options.fps), allowed=f"1 to {FASTEST}", code="C103")
+        )
     if not (math.isfinite(options.speed) and 0.001 <= options.speed <= 1000.0):
-        problems.append(Problem("--speed is out of range", found=f"{options.speed:g}", allowed="0.001 to 1000"))
+        problems.append(
+            Problem("--speed is out of range", found=f"{options.speed:g}", allowed="0.001 to 1000", code="C103")
+        )
     for kind, path in files.items():
         if path.suffix.lower() != kind:
-            problems.append(Problem(f"{OPTIONS[kind]} {path}: the name should end in {kind}"))
+            problems.append(Problem(f"{OPTIONS[kind]} {path}: the name should end in {kind}", code="C103"))
     if problems:
         raise SpecError(problems)
 
@@ -127,7 +131,14 @@ def frame_times(first: float, last: float, fps: float, speed: float) -> list[flo
         least = (last - first) * fps / (MOST_FRAMES - 1)
         message = f"{last - first:.4g} s at --speed {speed:g} are {count:,} frames"
         raise SpecError(
-            [Problem(message, allowed=f"{MOST_FRAMES:,} frames", hint=f"--speed {math.ceil(least * 10.0) / 10.0:g}")]
+            [
+                Problem(
+                    message,
+                    allowed=f"{MOST_FRAMES:,} frames",
+                    hint=f"--speed {math.ceil(least * 10.0) / 10.0:g}",
+                    code="C103",
+                )
+            ]
         )
     return [min(first + index * step, last) for index in range(count)]
 
@@ -191,7 +202,7 @@ def _opened(path: Path, options: VideoOptions) -> Iterator[Any]:
                 page.goto(path.as_uri())
                 page.wait_for_selector("html[data-state]", state="attached")
                 if why := page.evaluate(STATE):
-                    raise SpecError([Problem(f"there is no video: {why}")])
+                    raise SpecError([Problem(f"there is no video: {why}", code="C110")])
                 page.evaluate(FILL)
                 yield page
             except Error as error:
