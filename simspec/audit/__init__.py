@@ -103,7 +103,7 @@ class FileAudit:
     """The audit of one file. ``meaning``: the model that engines were compared with; ``defects``: why simspec does not import
     the file as it is; ``losses``: elements and attributes that its import does not carry; ``skipped``: engines that do not read
     it, with the reason; ``plausibility``: implausible values of the model of the file, independent of engines; they do not fail
-    the audit."""
+    the audit; ``missing``: engines without a result yet, in an audit that goes on or was interrupted."""
 
     file: str
     language: str
@@ -116,6 +116,7 @@ class FileAudit:
     skipped: Mapping[str, str] = field(default_factory=dict)
     bodies: int = 0
     plausibility: Plausibility = field(default_factory=Plausibility)
+    missing: tuple[str, ...] = ()
 
     @property
     def died(self) -> bool:

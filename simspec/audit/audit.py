@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from simspec.language.foreign import ImportOptions, LossSeverity
 from simspec.language.sources import project_folder
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
+from simspec.selection import compiling
 from simspec.support.features import Feature
 from simspec.world.types import Body, ReadBack, Shape, World
 
@@ -45,32 +47,51 @@ def audit(
     prove: bool = True,
     allow_outside: bool = False,
     progress: Callable[[str], None] = lambda text: None,
+    arrived: Callable[[FileAudit], None] = lambda partial: None,
     warm: WarmProcesses | None = None,
 ) -> FileAudit:
-    """Audit one file in ``engines``, whose processes are forked from ``warm`` ones where there are such. Raises SpecError for
-    what is no such file, or not readable; an engine that refuses the file or dies is a finding."""
+    """Audit one file in ``engines``, whose processes are forked from ``warm`` ones where there are such; engines that compile
+    for each model are last. ``arrived`` receives the audit so far when an engine has finished: it is the last one there.
+    Raises SpecError for what is no such file, or not readable; an engine that refuses the file or dies is a finding."""
     progress(f"{path.name}: reading")
     meaning = meaning_of(path, options, allow_outside)
-    readers, skipped = readers_of(meaning.language, engines)
+    slow = compiling(engines)
+    readers, skipped = readers_of(meaning.language, sorted(engines, key=lambda name: name in slow))
     progress(f"{path.name}: {', '.join(readers)}")
+    name = file_name(path, options)
+    audits: dict[str, EngineAudit] = {}
+
+    def finished(engine: str) -> None:
+        audits[engine] = _engine_audit(engine, readers[engine], meaning, actual[engine])
+        missing = tuple(other for other in readers if other not in audits)
+        some = tuple(audits.values())
+        arrived(FileAudit(name, meaning.language, meaning.source, some, bodies=len(meaning.bodies), missing=missing))
+
+    actual: dict[str, LoadedFile] = {}
     with side_by_side(AT_ONCE) as pool:
         roots = readable(meaning, options, allow_outside)
-        replies = list(
-            pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline, warm, roots), readers)
-        )
-    actual = dict(zip(readers, replies, strict=True))
-    meaning = _defined(meaning, actual, {name: readers[name] for name in readers})
-    audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in actual.items())
+        futures = {
+            pool.submit(loaded, engine, meaning, (pythons or {}).get(engine), deadline, warm, roots): engine
+            for engine in readers
+        }
+        for future in as_completed(futures):
+            actual[futures[future]] = future.result()
+            if meaning.bodies:
+                finished(futures[future])
+    meaning = _defined(meaning, actual, readers)
+    for engine in readers:
+        if engine not in audits:
+            finished(engine)
     results: tuple[CompiledProof, ...] = ()
     if prove and meaning.world is not None:
         progress(f"{path.name}: compiling and proving")
         results = proven(meaning.world, list(engines), meaning.locate, pythons, deadline, warm)
     losses = meaning.imported.losses() if meaning.imported is not None else []
     return FileAudit(
-        file_name(path, options),
+        name,
         meaning.language,
         meaning.source,
-        audits,
+        tuple(audits[engine] for engine in readers),
         results,
         tuple(str(problem) for problem in meaning.defects),
         len(losses),

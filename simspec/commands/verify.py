@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,8 @@ from simspec.language.packages import is_packaged, is_robot, packaged
 from simspec.language.sources import of_package
 from simspec.outputs.targets import COMPILED, STUDY, demand, existing_name_problem, file_problem, folder_problem
 from simspec.outputs.writing import add_file, write_file
-from simspec.report.audit import audit_data, audit_section, audit_suites, pair_data, show_audit, show_pair
+from simspec.processes import Ended
+from simspec.report.audit import audit_data, audit_section, audit_suites, engine_line, pair_data, show_audit, show_pair
 from simspec.report.certificate import complete_data, self_test_table, show_certificate, show_complete
 from simspec.report.page.document import is_page, page
 from simspec.report.problems import show_not_taken, with_ways_out
@@ -195,7 +197,8 @@ def audit(options: AuditOptions) -> int:
         demand([file_problem(page_file, is_page)])
     with reporting(options, ", ".join(files[:3])) as reports:
         audits: list[FileAudit] = []
-        with progress(not options.as_json) as tell, WarmProcesses() as warm:
+        shown = Shown(options)
+        with shown.interrupted(audits), progress(not options.as_json) as tell, WarmProcesses() as warm:
             for file in files:
                 path, said = _robot(file, imports)
                 audits.append(
@@ -208,9 +211,11 @@ def audit(options: AuditOptions) -> int:
                         prove=not options.no_verify,
                         allow_outside=options.allow_outside,
                         progress=tell,
+                        arrived=shown.arrived,
                         warm=warm,
                     )
                 )
+                shown.partial = None
         reports.write(audit_suites(audits), as_json=options.as_json)
         if page_file is not None:
             content = page([lambda packed: [audit_section(audit) for audit in audits]])
@@ -227,6 +232,34 @@ def audit(options: AuditOptions) -> int:
     if any(entry.died for entry in audits):
         return EXIT_ENGINE
     return EXIT_OK if all(entry.clean for entry in audits) else EXIT_FAILED
+
+
+class Shown:
+    """The lines of engines that have finished while others load the file; after an interrupt, the tables so far."""
+
+    def __init__(self, options: AuditOptions):
+        self._options = options
+        self.partial: FileAudit | None = None
+        """The audit of the file that is being loaded."""
+
+    def arrived(self, partial: FileAudit) -> None:
+        """Print a line for the engine that finished last; on standard error, where progress is."""
+        self.partial = partial
+        if not self._options.as_json:
+            say(f"{Path(partial.file).name}: {engine_line(partial.engines[-1])}", error=True)
+
+    @contextlib.contextmanager
+    def interrupted(self, audits: Sequence[FileAudit]) -> Iterator[None]:
+        """Print the audits that there are when a signal ends the block; the command then ends as the signal says."""
+        try:
+            yield
+        except Ended:
+            if not self._options.as_json:
+                for entry in audits:
+                    show_audit(entry, self._options.details)
+                if self.partial is not None:
+                    show_audit(self.partial, self._options.details, interrupted=True)
+            raise
 
 
 def _robot(name: str, options: ImportOptions) -> tuple[Path, ImportOptions]:

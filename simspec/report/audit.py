@@ -33,8 +33,8 @@ def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
     return {"clean": all(audit.clean for audit in audits), "files": files}
 
 
-def show_audit(audit: FileAudit, details: bool = False) -> None:
-    """Print an audit; ``details``: every finding on its own row."""
+def show_audit(audit: FileAudit, details: bool = False, interrupted: bool = False) -> None:
+    """Print an audit; ``details``: every finding on its own row; ``interrupted``: it is part of an audit, without a verdict."""
     screen = console()
     about = f"{audit.language}, {audit.bodies} bodies; compared with {audit.meaning}"
     screen.note(f"{audit.file}: {about}")
@@ -50,7 +50,21 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
         screen.note(f"{name}: not loaded: {why}")
     for line in plausibility_lines(audit.plausibility, details):
         screen.note(line)
+    if interrupted:
+        left = f"no result of {', '.join(audit.missing)}" if audit.missing else "the compiled files are not proven"
+        screen.note(f"interrupted: {left}")
+        return
     screen.note(verdict(audit)[0].text)
+
+
+def engine_line(engine: EngineAudit) -> str:
+    """The result of one engine as a line."""
+    if not engine.loaded:
+        why = engine.findings[0].why.splitlines()[0] if engine.findings else ""
+        return f"{engine.engine} {'dies' if engine.died else 'refuses the file'} ({engine.seconds:.1f} s): {clipped(why, 120)}"
+    silent = len(engine.silent)
+    rest = f"{len(engine.findings) - silent} other findings, {engine.compared} values compared, {engine.seconds:.1f} s"
+    return f"{engine.engine} loads it: {silent} changed in silence, {rest}"
 
 
 def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:

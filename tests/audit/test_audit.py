@@ -17,6 +17,7 @@ from simspec.audit.meaning import Meaning, meaning_of
 from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions
+from simspec.processes import Ended
 from simspec.world.types import ReadBack
 from tests.audit.files import robot
 
@@ -192,3 +193,35 @@ def test_packages_are_named(tmp_path, monkeypatch):
     assert "the package 'mine' is not found" in defects[0][0]
     assert not defects[1]
     assert CliRunner().invoke(cli.app, [*words, "--package", "mine"]).exit_code == 2
+
+
+def test_each_engine_is_reported_when_it_has_finished(tiny):
+    partial: list[FileAudit] = []
+    whole = audit(tiny, READERS, ImportOptions(), prove=False, arrived=partial.append)
+    assert [len(entry.engines) for entry in partial] == [*range(1, len(READERS) + 1)]
+    assert {entry.engines[-1].engine for entry in partial} == {*READERS}
+    assert {*partial[0].missing} == {*READERS} - {partial[0].engines[0].engine}
+    assert [entry.engine for entry in whole.engines] == READERS
+    finished = {entry.engine: entry.findings for entry in whole.engines}
+    assert all(entry.engines[-1].findings == finished[entry.engines[-1].engine] for entry in partial)
+
+
+def test_engines_that_compile_for_a_model_are_last(tiny, monkeypatch):
+    first = READERS[0]
+    monkeypatch.setattr(engines()[first], "COMPILING", 60.0)
+    whole = audit(tiny, READERS, ImportOptions(), prove=False)
+    assert [entry.engine for entry in whole.engines] == [*READERS[1:], first]
+
+
+def test_an_interrupt_prints_the_results_so_far(audited, monkeypatch, capfd):
+    def interrupted(*given, arrived, **keywords):
+        arrived(dataclasses.replace(audited, engines=audited.engines[:1], missing=("slow", "slower")))
+        raise Ended(2)
+
+    monkeypatch.setattr("simspec.commands.verify.audit_file", interrupted)
+    assert cli.main(["audit", "tiny.urdf", "-e", READERS[0]]) == Ended(2).code
+    said = capfd.readouterr()
+    assert f"tiny.urdf: {READERS[0]} loads it: " in said.err
+    assert "Values of the file that engines read differently" in said.out
+    assert "interrupted: no result of slow, slower" in said.out
+    assert "certified" not in said.out.splitlines()[-1]
