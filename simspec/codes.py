@@ -175,6 +175,7 @@ CODES: Final[Mapping[str, str]] = {
     "C116": "text that is not UTF-8",
     "C117": "not in GitHub Actions",
     "C118": "a port that cannot be used",
+    "C119": "a browser that is missing or fails",
     "R101": "a stored result that cannot be read",
     "R102": "a stored result that was edited or is damaged",
     "R103": "a run or study that is not complete",

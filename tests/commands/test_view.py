@@ -20,7 +20,7 @@ import pytest
 
 from simspec import cli
 from simspec.commands.view import no_display
-from simspec.errors import EXIT_ENGINE, EXIT_OK, EXIT_WRONG
+from simspec.errors import EXIT_OK, EXIT_WRONG
 from simspec.report.page.document import is_page
 from simspec.report.screen import PAGE_FILE
 from tests.report.page import samples
@@ -112,8 +112,10 @@ def test_a_file_of_another_program_is_not_replaced_by_a_video(folder, tmp_path, 
 
 def test_a_video_without_its_library_names_the_command(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "playwright", None)
-    assert call("view", folder, "--video", tmp_path / "a.mp4") == EXIT_ENGINE
-    assert "playwright: pip install 'simspec-physics[video]'" in capsys.readouterr().err
+    assert call("view", folder, "--video", tmp_path / "a.mp4") == EXIT_WRONG
+    said = capsys.readouterr().err
+    assert "videos need playwright" in said
+    assert "pip install 'simspec-physics[video]'" in said
     assert not (tmp_path / "a.mp4").exists()
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from simspec.errors import EngineError, Problem, SpecError, clipped, visible
+from simspec.errors import Problem, SpecError, clipped, visible
 from simspec.files import scratch_folder
 from simspec.outputs.writing import write_private
 
@@ -146,8 +146,8 @@ def frame_times(first: float, last: float, fps: float, speed: float) -> list[flo
 def film(page: str, kinds: list[str], options: VideoOptions, progress: Progress) -> dict[str, bytes]:
     """The playback of ``page`` (HTML) as videos: the content of a file for each of ``kinds`` (``.mp4``, ``.gif``).
 
-    Raises SpecError where there is nothing to be seen or there are too many frames, EngineError without Chromium or a library
-    of the extra ``video``.
+    Raises SpecError where there is nothing to be seen or there are too many frames, and without Chromium or a library of the
+    extra ``video``.
     """
     demand_libraries(kinds)
     made = {}
@@ -165,12 +165,13 @@ def film(page: str, kinds: list[str], options: VideoOptions, progress: Progress)
 
 
 def demand_libraries(kinds: list[str]) -> None:
-    """Raise EngineError where a library is missing that videos of these kinds need."""
+    """Raise SpecError where a library is missing that videos of these kinds need."""
     from importlib.util import find_spec
 
     needed = {"playwright": True, "PIL": True, "imageio_ffmpeg": MP4 in kinds}
     if missing := [name for name, wanted in needed.items() if wanted and find_spec(name) is None]:
-        raise EngineError("video", f"not installed: {', '.join(missing)}: {MISSING}")
+        message = f"videos need {', '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed"
+        raise SpecError([Problem(message, hint=MISSING, code="C110")])
 
 
 @contextlib.contextmanager
@@ -192,8 +193,8 @@ def _opened(path: Path, options: VideoOptions) -> Iterator[Any]:
             )
         except Error as error:
             if program is None:
-                raise EngineError("video", "there is no Chromium: python -m playwright install chromium") from error
-            raise EngineError("video", f"{program} does not start: {_first_line(error)}") from error
+                raise _browser_error("there is no Chromium", "python -m playwright install chromium") from error
+            raise _browser_error(f"{program} does not start: {_first_line(error)}") from error
         with contextlib.closing(browser):
             try:
                 size: Any = dict(zip(("width", "height"), options.size, strict=True))
@@ -202,11 +203,15 @@ def _opened(path: Path, options: VideoOptions) -> Iterator[Any]:
                 page.goto(path.as_uri())
                 page.wait_for_selector("html[data-state]", state="attached")
                 if why := page.evaluate(STATE):
-                    raise SpecError([Problem(f"there is no video: {why}", code="C110")])
+                    raise SpecError([Problem(f"there is no video: {why}", code="R103")])
                 page.evaluate(FILL)
                 yield page
             except Error as error:
-                raise EngineError("video", f"the browser failed: {_first_line(error)}") from error
+                raise _browser_error(f"the browser failed: {_first_line(error)}") from error
+
+
+def _browser_error(message: str, hint: str | None = None) -> SpecError:
+    return SpecError([Problem(message, hint=hint, code="C119")])
 
 
 def _first_line(error: Exception) -> str:
@@ -238,7 +243,7 @@ def _mp4(pictures: Iterator[Image.Image], fps: float, options: VideoOptions, pat
             pix_fmt_out="yuv420p",
             macro_block_size=2,
             quality=None,
-            ffmpeg_log_level="error",
+            ffmpeg_log_level="fatal",
             output_params=[*ENCODING, "-metadata", f"comment={COMMENT}"],
         )
         with contextlib.closing(writer):
@@ -246,7 +251,7 @@ def _mp4(pictures: Iterator[Image.Image], fps: float, options: VideoOptions, pat
             for picture in pictures:
                 writer.send(picture.tobytes())
     except (OSError, RuntimeError) as error:
-        raise EngineError("video", f"ffmpeg failed: {_first_line(error)}") from error
+        raise SpecError([Problem(f"ffmpeg failed: {_first_line(error)}", code="C110")]) from error
     return path.read_bytes()
 
 
