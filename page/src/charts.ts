@@ -66,7 +66,7 @@ class ChartPlot {
       ? { splits: (_, __, low, high) => spaced(this.places, low, high, box.clientWidth), filter: (_, splits) => splits }
       : {};
     const logY: uPlot.Axis = chart.logarithmic
-      ? { splits: (_, __, low, high) => ticks(low, high), filter: (_, splits) => splits, values: (_, splits) => splits.map(plain) }
+      ? { splits: (_, __, low, high) => ticks(low, high), filter: (_, splits) => splits }
       : {};
     this.plot = new uPlot(
       {
@@ -78,11 +78,11 @@ class ChartPlot {
           y: { ...(chart.logarithmic ? { distr: 3 as const } : {}), range: () => this.range() },
         },
         axes: [
-          { ...axis, label: `${chart.x.label}, ${chart.x.unit}`, labelSize: 18, values: (_, splits) => splits.map(plain), ...logX },
-          { ...axis, size: 62, ...logY },
+          { ...axis, label: chart.x.unit ? `${chart.x.label}, ${chart.x.unit}` : chart.x.label, labelSize: 18, values: (_, splits) => splits.map(plain), ...logX },
+          { ...axis, size: 62, values: (_, splits) => splits.map(plain), ...logY },
         ],
         series: [
-          { label: chart.x.label, value: (_, value) => (value === null ? "–" : `${plain(value)} ${chart.x.unit}`) },
+          { label: chart.x.label, value: (_, value) => (value === null ? "–" : `${plain(value)} ${chart.x.unit}`.trim()) },
           ...chart.series.map((series, index) => this.series(series, index)),
         ],
         hooks: { setScale: [(_, scale) => scale === "x" && follow(this)], draw: [(plot) => this.draw(plot)] },

@@ -19,7 +19,7 @@ from simspec.comparison.runs import diff as compare
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs.files import append_text, file_size
-from simspec.outputs.targets import RUN, STUDY, demand, file_problem
+from simspec.outputs.targets import RUN, STORE, STUDY, demand, file_problem, read_marker
 from simspec.outputs.writing import change_file, write_file
 from simspec.report import differences
 from simspec.report.differences import show_diff
@@ -147,9 +147,20 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     if out is not None:
         return write_file(out, content, is_page)
     (folder,) = folders
-    kind = RUN if is_run(folder) else STUDY
+    kind = RUN if is_run(folder) else STORE if sweep_folder(folder) == folder else STUDY
     change_file(folder, kind, PAGE_FILE, lambda before: None if before == content else content)
     return folder / PAGE_FILE
+
+
+def sweep_folder(folder: Path) -> Path | None:
+    """The store of a sweep that a folder is, or that it has in place of runs; None where it has runs, or none is there."""
+    from simspec.runner.store import stored_runs
+
+    for place in (folder, folder / SWEEP_FOLDER):
+        marker = read_marker(place) if place.is_dir() else None
+        if marker is not None and marker.kind == STORE:
+            return place if place == folder or not stored_runs(folder) else None
+    return None
 
 
 def page_of(folders: Sequence[Path]) -> str:
@@ -158,11 +169,14 @@ def page_of(folders: Sequence[Path]) -> str:
     from simspec.report.page.document import Part, page
     from simspec.report.studies import load_study
     from simspec.report.study.pages import study_parts, study_tables
+    from simspec.report.study.sweeps import sweep_parts
 
     parts: list[Part] = []
     for folder in folders:
         tables, store = study_tables(folder), folder / SWEEP_FOLDER
-        if tables is None:
+        if (swept := sweep_folder(folder)) is not None and tables is None:
+            parts.append(sweep_parts(Store.open(swept)))
+        elif tables is None:
             parts.append(load_study(folder))
         else:
             parts.append(study_parts(tables, Store.open(store) if store.is_dir() else None))

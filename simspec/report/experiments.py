@@ -182,8 +182,8 @@ def show_outcome(outcome: SweepOutcome, found: Sequence[RunGroup]) -> None:
         errors.message(f"{count:,} failed: {engine}: {reason}", style="bold red")
 
 
-def results_table(found: Sequence[RunGroup]) -> Table:
-    """A row for each group."""
+def results_table(found: Sequence[RunGroup], most: int = MOST_ROWS) -> Table:
+    """A row for each group, of the first ``most``."""
     paths = list(dict.fromkeys(path for group in found for path, _ in group.values))
     heads = short_names(paths)
     cased = any(group.case is not None for group in found)
@@ -192,7 +192,7 @@ def results_table(found: Sequence[RunGroup]) -> Table:
     columns += [head for _, head, _ in shown] + ["expected"]
     count = len(columns)
     made = Table("Sweep: medians, ± half of the range", *columns, right=range(count - 3 - len(shown), count))
-    for group in found[:MOST_ROWS]:
+    for group in found[:most]:
         values = dict(group.values)
         cells: list[str | TableCell] = [group.case or "–"] if cased else []
         cells += [str(values.get(path, "–")) for path in paths]

@@ -161,6 +161,7 @@ class Run:
 
     diff = Method("simspec.comparison.runs:diff")
     show = Method("simspec.report.notebook:show_run")
+    plot = Method("simspec.report.run_plots:plot_run")
 
     def save(self, folder: Path | str) -> Path:
         """Write the run as the whole content of ``folder``: Parquet tables, world.json, provenance.json."""

@@ -60,6 +60,13 @@ FACTS = ("engine_version", "simspec", "python_version", "numpy_version", "platfo
 """Facts of a run's provenance that a page shows."""
 
 
+CHARTS_NOTE = (
+    "Bars are intervals of the mean (95 %), small dots single processes, dashed lines with hollow points figures from "
+    "elsewhere. Plots over the same axis are linked: drag or press arrow keys; double-click or Escape: all of it; a click "
+    "in the legend hides a line."
+)
+
+
 @dataclass(frozen=True)
 class Section:
     """One study on a page: ``scene`` is what its playback and plots are drawn from, None where no run recorded anything;
@@ -77,6 +84,7 @@ class Section:
     scene: dict[str, Any] | None
     caption: str
     charts: tuple[dict[str, Any], ...] = ()
+    charts_note: str = CHARTS_NOTE
     description: str | None = None
     remarks: tuple[Sentence, ...] = ()
     """Further sentences, below the playback."""

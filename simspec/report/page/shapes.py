@@ -97,7 +97,7 @@ def surfaces_note(surfaces: Surfaces) -> str | None:
     drawn, whole = (
         sum(values) for values in ([s.count for s in surfaces.values()], [s.faces for s in surfaces.values()])
     )
-    if drawn > 0.99 * whole:  # degenerate triangles are left out
+    if not whole or drawn > 0.99 * whole:  # degenerate triangles are left out
         return None
     return f"Meshes are drawn with {drawn:,} of their {whole:,} triangles."
 

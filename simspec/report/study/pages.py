@@ -227,13 +227,14 @@ def playbacks(tables: StudyTables, store: Store, packed: PackedNumbers) -> list[
         for shown in showns:
             if (
                 shown.name == PLAYBACK
-                and (part := _part(tables.study, sweep, shown.records, store, packed)) is not None
+                and (part := playback(tables.study, sweep, shown.records, store, packed)) is not None
             ):
                 made.append(part)
     return made
 
 
-def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packed: PackedNumbers) -> Section | None:
+def playback(study: str, sweep: str, records: Sequence[Record], store: Store, packed: PackedNumbers) -> Section | None:
+    """The runs of some records (``run``, ``engine``, ``certificate``) as a part of a page; None where the store has none."""
     runs: dict[str, Run] = {}
     notes: list[str] = []
     certificates: list[Certificate] = []
