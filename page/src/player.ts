@@ -135,6 +135,7 @@ export class Player {
       shown.push(checkbox("contact forces", true, (on) => { stage.showForces = on; stage.ask(); }));
     if (scene.ghost !== null)
       shown.push(checkbox("target of driven joints", true, (on) => { stage.showGhost = on; stage.ask(); }));
+    const own = checkbox("own colours", stage.ownColours, (on) => { stage.ownColours = on; stage.ask(); });
     const larger = document.createElement("select");
     larger.setAttribute("aria-label", "differences drawn larger");
     for (const factor of EXAGGERATIONS) larger.add(new Option(`differences × ${factor}`, String(factor), factor === 1, factor === 1));
@@ -142,7 +143,7 @@ export class Player {
       stage.exaggeration = Number(larger.value);
       stage.ask();
     });
-    if (scene.runs.length) controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart, larger] : []), ...shown));
+    if (scene.runs.length) controls.append(group("what is shown", ...(scene.runs.length > 1 ? [together, apart, larger, own] : []), ...shown));
     const again = <T>(change: (value: T) => void) => (value: T) => { change(value); stage.ask(); };
     const { marks } = stage;
     const { loads } = scene.model;

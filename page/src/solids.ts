@@ -105,7 +105,8 @@ async function batches(geometries: Geometries, shapes: Shape[]): Promise<Batch[]
   return all;
 }
 
-/** How the shapes of one run are drawn: `colour` null for those that they have, `opacity`, and how far nearer than they are (`order`). */
+/** How the shapes of one run are drawn: `colour` null for those that they have, `opacity`, and how far nearer than they are, or
+ * farther where it is negative (`order`). */
 export interface Appearance {
   colour: string | null;
   opacity: number;
@@ -168,10 +169,10 @@ function dress(batch: Batch, how: Appearance, visible: boolean, single: string |
   if (!visible) return;
   mesh.material.transparent = opacity < 1;
   mesh.material.opacity = opacity;
-  mesh.material.polygonOffset = order > 0;
+  mesh.material.polygonOffset = order !== 0;
   mesh.material.polygonOffsetUnits = -NEARER * order;
   mesh.material.polygonOffsetFactor = -order;
-  mesh.renderOrder = order;
+  mesh.renderOrder = Math.abs(order);
   const colour = new Color();
   batch.shapes.forEach(({ shape }, index) => {
     const [red, green, blue] = shape.colour;

@@ -15,6 +15,8 @@ import { Geometries, type Mode, Solids } from "./solids";
 const FIELD_OF_VIEW = 40;
 /** Of the bodies of one run after the other, where several are at the same place: each is about as much of what is seen. */
 const OVERLAID_OPACITY = [0.85, 0.52, 0.37, 0.29, 0.25, 0.22];
+/** Of the other runs, where the first one has its own colours. */
+const BEHIND_OPACITY = 0.7;
 const GHOST_OPACITY = 0.25;
 const GHOST_COLOUR = "#888888";
 const HIGHLIGHT = "#f0e442";
@@ -69,6 +71,8 @@ export class Stage {
   /** By how much the differences of the other runs from the first shown one are drawn larger than they are. */
   exaggeration = 1;
   mode: Mode = "visual";
+  /** Whether overlaid the first shown run has the colours of its shapes, and the others are seen where they differ from it. */
+  ownColours: boolean;
   readonly shown: Set<number>;
   readonly marks: Marks;
   private highlighted: ReadonlyMap<number, string> = new Map();
@@ -94,6 +98,7 @@ export class Stage {
     this.runs = kinematics === null ? scene.runs : [INITIAL];
     this.shown = new Set(this.runs.map((_, index) => index));
     this.marks = new Marks(scene);
+    this.ownColours = scene.shapes.some((shape) => shape.hull?.low !== undefined);
     renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     renderer.domElement.setAttribute("aria-hidden", "true");
     box.append(renderer.domElement);
@@ -165,6 +170,24 @@ export class Stage {
     this.space.add(grid);
   }
 
+  /** The ball that is looked at: moved and grown with the bodies that sliders moved. */
+  private seen(): { centre: Vector3; radius: number } {
+    const { view, moving } = this.scene;
+    const seen = { centre: new Vector3(...view.centre), radius: view.radius };
+    if (this.kinematics === null || !moving.length) return seen;
+    const [before, now] = [new Box3(), new Box3()];
+    for (const body of moving) {
+      this.resting(body, POSITION, QUATERNION);
+      before.expandByPoint(POSITION);
+      this.kinematics.at(body, this.moment, POSITION, QUATERNION);
+      now.expandByPoint(POSITION);
+    }
+    const [first, second] = [new Vector3(), new Vector3()];
+    seen.centre.add(now.getCenter(second).sub(before.getCenter(first)));
+    seen.radius = Math.max(0.3 * seen.radius, seen.radius + (now.getSize(second).length() - before.getSize(first).length()) / 2);
+    return seen;
+  }
+
   /** The level of the grid where there is no plane: below all of a scene that was not run, else 0. */
   private lowest(): number {
     if (this.kinematics === null) return 0;
@@ -175,10 +198,10 @@ export class Stage {
 
   /** Look from one of the directions in `VIEWS` at all there is to see. */
   look(direction: string): void {
-    const { centre, radius } = this.scene.view;
+    const { centre, radius } = this.seen();
     const aspect = Math.min(1, this.box.clientWidth / Math.max(1, this.box.clientHeight));
     const distance = (FILLING * radius) / Math.sin((FIELD_OF_VIEW * Math.PI) / 360) / aspect;
-    this.controls.target.set(...centre);
+    this.controls.target.copy(centre);
     this.camera.position.set(...VIEWS[direction]).normalize().multiplyScalar(distance).add(this.controls.target);
     this.controls.update();
     this.ask();
@@ -283,10 +306,12 @@ export class Stage {
   }
 
   private pose(actor: Actor, first: Actor, alone: boolean, order: number): void {
+    const own = alone || (this.ownColours && actor === first);
+    const behind = this.ownColours && !alone;
     actor.solids.appear({
-      colour: alone ? null : colour(actor.data.colour),
-      opacity: alone ? 1 : OVERLAID_OPACITY[Math.min(order, OVERLAID_OPACITY.length - 1)],
-      order,
+      colour: own ? null : colour(actor.data.colour),
+      opacity: own ? 1 : behind ? BEHIND_OPACITY : OVERLAID_OPACITY[Math.min(order, OVERLAID_OPACITY.length - 1)],
+      order: behind ? -order : order,
       hides: true,
       mode: this.mode,
       highlighted: this.highlighted,

@@ -137,8 +137,9 @@ def _caption(frames: ShownFrames, runs: list[Run], scene: dict[str, Any], surfac
     ]
     if len(runs) > 1:
         parts.append(
-            "Overlaid, each engine has one colour, and bodies at the same place a mixed, greyish one; side by side, bodies "
-            "have their own colours. Differences may be drawn larger than they are, from the first engine shown."
+            "Overlaid, each engine has one colour, and bodies at the same place a mixed, greyish one; with own colours, the "
+            "first engine shown has those of its bodies, and the others are seen where they differ from it. Differences may be "
+            "drawn larger than they are, from the first engine shown."
         )
     if frames.every > 1:
         parts.append(f"Plots and playback show every {frames.every}th record.")

@@ -118,6 +118,11 @@ def test_it_plays_and_pauses_by_the_keyboard(usual):
 def test_shown_parts_are_chosen(usual):
     pictures = [usual.locator(".stage canvas").screenshot()]
     assert usual.locator(".tag").all_inner_texts() == ["first 1.0", "second 1.0", "third 1.0"]
+    assert not usual.get_by_label("own colours").is_checked()  # on where a scene has visual meshes
+    usual.get_by_label("own colours").check()
+    usual.wait_for_timeout(300)
+    pictures.append(usual.locator(".stage canvas").screenshot())
+    usual.get_by_label("own colours").uncheck()
     for choice in ("button:text-is('side by side')", "button:text-is('top')", "label:has-text('second')"):
         usual.locator(choice).click()
         usual.wait_for_timeout(300)
