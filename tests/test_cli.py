@@ -53,6 +53,7 @@ COMMANDS = (
     "trust",
     "help",
     "completion",
+    "init",
 )
 FALL = """\
 simspec: 1

@@ -307,6 +307,7 @@ VALUES: Final[Mapping[str, Callable[[], Iterator[Suggestion]]]] = {
     **dict.fromkeys(("spec", "specs"), _specs),
     **dict.fromkeys(("a", "b"), _runs_or_specs),
     **dict.fromkeys(("import.file", "audit.files"), _robots),
+    "robot": _robots,
     "python": _interpreters,
     "format_name": _formats,
     "accept": _features,

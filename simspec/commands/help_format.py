@@ -17,7 +17,7 @@ GROUPS: Final = {
 }
 """Fields of options by the heading under which a long help lists them; all others stand under "Options", which come first."""
 COMMAND_GROUPS: Final = {
-    "Write and check specs": "new import check list fmt accept schema",
+    "Write and check specs": "new init import check list fmt accept schema",
     "Compile and prove": "compile export verify",
     "Run": "run sweep study bisect",
     "Look and compare": "view explain diff report audit pages",

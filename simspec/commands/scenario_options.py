@@ -57,6 +57,28 @@ class NewOptions(Options):
     name: Annotated[str, Argument(metavar="NAME", help="Name of the scenario; the file is NAME.yaml.")]
 
 
+@command("init", "init:init", "folder robot engine vscode dry_run ROBOTS allow_outside as_json")
+class InitOptions(Options):
+    """Make a project: a spec, its compiled files, simspec.toml, checks before commits, and a CI workflow.
+
+    The spec is the starter of `simspec new`, or a robot file (--robot), with its meshes copied. Files that exist are kept
+    and listed. Without --engine: the engines of docs/examples/github-workflow.yml.
+
+    \b
+    simspec init
+    simspec init my-project
+    simspec init my-robot --robot FILE --package-path ~/ros/src
+    simspec init my-project --engine ENGINE1 --engine ENGINE2 --dry-run
+    """
+
+    folder: Annotated[Path | None, Argument(metavar="[DIR]", help="Folder of the project (default: this one).")] = None
+    robot: Annotated[
+        str | None, Option("--robot", metavar="FILE", help="Import this robot file, or robot by name, as the spec.")
+    ] = None
+    vscode: Annotated[bool, Option("--vscode", help="Also write settings of VS Code for the schema of specs.")] = False
+    dry_run: Annotated[bool, Option("--dry-run", help="Print the files; write nothing.")] = False
+
+
 @command("list", "check:list_scenarios", "as_json")
 class ListOptions(Options):
     """List the scenarios of the library, each with the engines that support it. Writes nothing.
