@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.meshes.drawn import Wanted, wanted
 from simspec.report.page.shapes import drawn_field, is_drawn
 from simspec.world import frames
 from simspec.world.actions import Force
+from simspec.world.appearance import DrawnSurface, Rgba
 from simspec.world.contact_pairs import CollisionFilter, solid_shapes
 from simspec.world.frames import vector3
 from simspec.world.hull import mesh_triangles, mesh_vertices
@@ -68,6 +70,42 @@ def visual_shapes(body: Body) -> list[Shape]:
     """The shapes by which a body is seen: its visual ones, and planes; of a body without any, those that collide."""
     shown = [shape for shape in body.shapes if shape.visual or SHAPES[shape.kind].endless]
     return [shape for shape in shown or body.shapes if is_drawn(shape)]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is drawn of one shape in one colour: triangles in a frame of its body, or the shape itself where it has none.
+    ``flat``: each triangle has a normal of its own."""
+
+    shape: Shape
+    pose: Pose
+    colour: Rgba
+    mesh: tuple[Floats, Faces] | None
+    flat: bool
+
+
+def visual_parts(body: Body, surfaces: Mapping[Wanted, DrawnSurface]) -> Iterator[Part]:
+    """The parts that are seen of a body: a mesh as its file has it, simplified, where ``surfaces`` has it; else its hull."""
+    for shape in visual_shapes(body):
+        surface = None if shape.drawn is None else surfaces.get(wanted(shape.drawn))
+        if shape.drawn is None or surface is None:
+            round_kind = shape.kind in ("sphere", "capsule", "ellipsoid")
+            yield Part(shape, shape.pose, shape.colour, triangles(shape), not round_kind)
+        elif shape.drawn.first:
+            pose = Pose(shape.drawn.position, shape.drawn.quaternion)
+            for colour, mesh in surface_parts(surface):
+                yield Part(shape, pose, shape.colour if shape.drawn.coloured or colour is None else colour, mesh, True)
+
+
+def surface_parts(surface: DrawnSurface) -> Iterator[tuple[Rgba | None, tuple[Floats, Faces]]]:
+    """The triangles of each colour of a surface, with the vertices that they use."""
+    vertices = np.frombuffer(surface.vertices, "<f4").reshape(-1, 3).astype(np.float64)
+    corners = np.frombuffer(surface.triangles, "<u2").reshape(-1, 3).astype(np.int64)
+    first = 0
+    for colour, count in surface.colours:
+        used, faces = np.unique(corners[first : first + count], return_inverse=True)
+        yield colour, (vertices[used], faces.reshape(-1, 3))
+        first += count
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.errors import visible
+from simspec.meshes.drawn import surfaces as surfaces_of
 from simspec.report.page.shapes import is_drawn
 from simspec.report.viewer import drawn
 from simspec.world import frames
 from simspec.world.posture import followers, initial_positions, joint_frame, poses_at, with_followers
 from simspec.world.rotations import exponential_of, logarithm_of
-from simspec.world.shapes import SHAPES
-from simspec.world.types import Body, Joint, Pose, World
+from simspec.world.types import Body, Joint, Pose, Shape, World
 
 GROUPS: Final = ("bodies", "collision shapes", "frames", "joints", "contact pairs", "loads", "names")
 SHOWN_FIRST: Final = ("bodies", "joints", "loads")
@@ -27,6 +27,8 @@ MOST_LAWS: Final = 12
 """Laws of pairs of materials that are listed."""
 MOST_CHOICES: Final = 1_000
 """Bodies that can be chosen for their numbers."""
+BESIDE_PANEL: Final = 0.35
+"""How far right of the scene the camera looks, of its radius: the controls are there."""
 DIGITS: Final = 3
 """Of the numbers of sliders."""
 SLIDER_STEP: Final = 0.001
@@ -168,36 +170,47 @@ class LiveScene:
         return Placed(node, lambda placed: placed[body])
 
     def _visual(self) -> list[Placed]:
-        made = []
+        surfaces, made = surfaces_of(self.world), []
         for body in self.world.bodies:
-            for index, shape in enumerate(drawn.visual_shapes(body)):
+            for index, part in enumerate(drawn.visual_parts(body, surfaces)):
                 path = f"/world/{_path(body.name)}/visual {index}"
-                colour = tuple(round(255 * part) for part in shape.colour[:3])
-                opacity = None if shape.colour[3] >= 1.0 else shape.colour[3]
-                made.append(self._shape(path, shape, colour, opacity, wireframe=False))
+                if part.mesh is None:
+                    made.append(self._plane(path, part.shape, GRID_COLOUR))
+                    continue
+                red, green, blue, opacity = part.colour
+                node = self.server.scene.add_mesh_simple(
+                    path,
+                    *part.mesh,
+                    color=tuple(round(255 * share) for share in (red, green, blue)),
+                    opacity=None if opacity >= 1.0 else opacity,
+                    flat_shading=part.flat,
+                    side="double",
+                    position=part.pose.position,
+                    wxyz=part.pose.quaternion,
+                )
+                made.append(Placed(node))
         return made
 
     def _collision(self) -> list[Placed]:
-        return [
-            self._shape(f"/world/{_path(body.name)}/collision {index}", shape, COLLISION_COLOUR, 0.6, wireframe=True)
-            for body in self.world.bodies
-            for index, shape in enumerate(body.shapes)
-            if shape.collision and is_drawn(shape)
-        ]
+        made = []
+        for body in self.world.bodies:
+            for index, shape in enumerate(body.shapes):
+                path = f"/world/{_path(body.name)}/collision {index}"
+                if not (shape.collision and is_drawn(shape)):
+                    continue
+                if (mesh := drawn.triangles(shape)) is None:
+                    made.append(self._plane(path, shape, COLLISION_COLOUR))
+                    continue
+                place = {"position": shape.pose.position, "wxyz": shape.pose.quaternion}
+                node = self.server.scene.add_mesh_simple(path, *mesh, color=COLLISION_COLOUR, wireframe=True, **place)
+                made.append(Placed(node))
+        return made
 
-    def _shape(
-        self, path: str, shape: Any, colour: tuple[int, ...], opacity: float | None, *, wireframe: bool
-    ) -> Placed:
-        scene, pose = self.server.scene, shape.pose
-        place = {"position": pose.position, "wxyz": pose.quaternion}
-        if (mesh := drawn.triangles(shape)) is None:
-            side, cell = 8.0 * self.extent.radius, 10.0 ** math.floor(math.log10(self.extent.radius))
-            lines = COLLISION_COLOUR if wireframe else GRID_COLOUR
-            grid = {"cell_size": cell, "section_size": 5.0 * cell, "cell_color": lines, "section_color": lines}
-            return Placed(scene.add_grid(path, side, side, **grid, **place))
-        flat = SHAPES[shape.kind].points or SHAPES[shape.kind].grid or shape.kind in ("box", "cylinder")
-        how = {"wireframe": True} if wireframe else {"flat_shading": flat, "side": "double"}
-        return Placed(scene.add_mesh_simple(path, *mesh, color=colour, opacity=opacity, **how, **place))
+    def _plane(self, path: str, shape: Shape, colour: tuple[int, int, int]) -> Placed:
+        side, cell = 8.0 * self.extent.radius, 10.0 ** math.floor(math.log10(self.extent.radius))
+        grid = {"cell_size": cell, "section_size": 5.0 * cell, "cell_color": colour, "section_color": colour}
+        place = {"position": shape.pose.position, "wxyz": shape.pose.quaternion}
+        return Placed(self.server.scene.add_grid(path, side, side, **grid, **place))
 
     def _frames(self) -> list[Placed]:
         size = {"axes_length": 0.7 * self.length, "axes_radius": 0.025 * self.length}
@@ -251,7 +264,8 @@ class LiveScene:
         reach = drawn.NEAR * self.extent.radius
         on = "contact pairs" in self._shown
         pairs = drawn.near_pairs(self.world, self._solids, self.placed, reach) if on else np.zeros((0, 2, 3))
-        self._near.value = f"{len(pairs)} near each other" if on else "not shown"
+        count = f"the nearest {len(pairs)}" if len(pairs) == drawn.MOST_NEAR else f"{len(pairs)} near each other"
+        self._near.value = count if on else "not shown"
         lines = pairs if len(pairs) else np.zeros((1, 2, 3))
         self.server.scene.add_line_segments(
             "/contact pairs", lines, CONTACT_COLOUR, thickness=3.0, thickness_units="screen", visible=bool(len(pairs))
@@ -289,8 +303,9 @@ class LiveScene:
 
     def _look(self) -> None:
         camera, centre, radius = self.server.initial_camera, np.array(self.extent.centre), self.extent.radius
-        camera.position = centre + 2.5 * radius * np.array([0.62, -0.66, 0.42])
-        camera.look_at = centre
+        target = centre + BESIDE_PANEL * radius * np.array([0.73, 0.68, 0.0])
+        camera.position = target + 1.9 * radius * np.array([0.62, -0.66, 0.42])
+        camera.look_at = target
 
     def _controls(self) -> None:
         gui = self.server.gui

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import simspec
+from simspec.meshes.drawn import wanted
 from simspec.report.viewer import drawn
 from simspec.report.viewer.scene import joint_position, slider_ranges, slider_values
+from simspec.world.appearance import DrawnSurface
 from simspec.world.kinematics import poses
 from simspec.world.posture import initial_positions, poses_at, with_followers
 from simspec.world.shapes import SHAPES
@@ -69,6 +71,26 @@ def test_triangles_reach_as_far_as_the_shape(kind):
 
 def test_a_plane_has_no_triangles():
     assert drawn.triangles(Shape("x", "plane", ())) is None
+
+
+def test_a_mesh_is_drawn_as_its_file_has_it_where_that_can_be_read():
+    of = simspec.load(simspec.find_spec("coupled-gripper")).resolve()
+    bar = of.bodies[[body.name for body in of.bodies].index("bar")]
+    (hull,) = drawn.visual_parts(bar, {})
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
+    corners = np.array([[0, 1, 2], [0, 1, 3]], "<u2")
+    red = (1.0, 0.0, 0.0, 1.0)
+    surface = DrawnSurface(vertices.tobytes(), corners.tobytes(), ((red, 1), (None, 1)), 2)
+    written = bar.shapes[0].drawn
+    parts = list(drawn.visual_parts(bar, {wanted(written): surface}))
+    assert [part.colour for part in parts] == [bar.shapes[0].colour] * 2  # the spec gives one
+    plain = dataclasses.replace(bar.shapes[0], drawn=dataclasses.replace(written, coloured=False))
+    parts = list(drawn.visual_parts(dataclasses.replace(bar, shapes=(plain,)), {wanted(written): surface}))
+    assert [part.colour for part in parts] == [red, plain.colour]
+    assert [part.mesh[0][part.mesh[1]].tolist() for part in parts] == [vertices[row][None].tolist() for row in corners]
+    assert len(hull.mesh[1]) > 2
+    further = dataclasses.replace(plain, drawn=dataclasses.replace(written, first=False))
+    assert not list(drawn.visual_parts(dataclasses.replace(bar, shapes=(further,)), {wanted(written): surface}))
 
 
 def test_sliders_are_of_joints_that_follow_no_other(gripper):
