@@ -73,8 +73,8 @@ def visual_shapes(body: Body) -> list[Shape]:
 
 
 @dataclass(frozen=True)
-class Part:
-    """What is drawn of one shape in one colour: triangles in a frame of its body, or the shape itself where it has none.
+class SeenPart:
+    """The visible part of a shape in one colour: triangles in a frame of its body, or the shape itself where it has none.
     ``flat``: each triangle has a normal of its own."""
 
     shape: Shape
@@ -84,17 +84,19 @@ class Part:
     flat: bool
 
 
-def visual_parts(body: Body, surfaces: Mapping[Wanted, DrawnSurface]) -> Iterator[Part]:
+def visual_parts(body: Body, surfaces: Mapping[Wanted, DrawnSurface]) -> Iterator[SeenPart]:
     """The parts that are seen of a body: a mesh as its file has it, simplified, where ``surfaces`` has it; else its hull."""
     for shape in visual_shapes(body):
         surface = None if shape.drawn is None else surfaces.get(wanted(shape.drawn))
         if shape.drawn is None or surface is None:
             round_kind = shape.kind in ("sphere", "capsule", "ellipsoid")
-            yield Part(shape, shape.pose, shape.colour, triangles(shape), not round_kind)
+            yield SeenPart(shape, shape.pose, shape.colour, triangles(shape), not round_kind)
         elif shape.drawn.first:
             pose = Pose(shape.drawn.position, shape.drawn.quaternion)
             for colour, mesh in surface_parts(surface):
-                yield Part(shape, pose, shape.colour if shape.drawn.coloured or colour is None else colour, mesh, True)
+                yield SeenPart(
+                    shape, pose, shape.colour if shape.drawn.coloured or colour is None else colour, mesh, True
+                )
 
 
 def surface_parts(surface: DrawnSurface) -> Iterator[tuple[Rgba | None, tuple[Floats, Faces]]]:

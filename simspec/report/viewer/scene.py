@@ -27,7 +27,7 @@ MOST_LAWS: Final = 12
 """Laws of pairs of materials that are listed."""
 MOST_CHOICES: Final = 1_000
 """Bodies that can be chosen for their numbers."""
-BESIDE_PANEL: Final = 0.35
+RIGHT_OF_SCENE: Final = 0.35
 """How far right of the scene the camera looks, of its radius: the controls are there."""
 DIGITS: Final = 3
 """Of the numbers of sliders."""
@@ -303,7 +303,7 @@ class LiveScene:
 
     def _look(self) -> None:
         camera, centre, radius = self.server.initial_camera, np.array(self.extent.centre), self.extent.radius
-        target = centre + BESIDE_PANEL * radius * np.array([0.73, 0.68, 0.0])
+        target = centre + RIGHT_OF_SCENE * radius * np.array([0.73, 0.68, 0.0])
         camera.position = target + 1.9 * radius * np.array([0.62, -0.66, 0.42])
         camera.look_at = target
 
