@@ -112,9 +112,9 @@ def _built(
             found = ways_out(error.problems, name, engines.engines, world, engines.pythons, is_writable(spec))
             ways |= {name: found} if found is not None else {}
     if ways:
-        from simspec.report.problems import with_endings
+        from simspec.report.problems import briefly, with_endings
 
-        raise with_endings(every, ways)
+        raise with_endings(every, ways, briefly(every, ways, engines.engines))
     demand(every)
     return built, chosen
 

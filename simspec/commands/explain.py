@@ -13,6 +13,7 @@ from simspec.analysis.speed import find_figure
 from simspec.attribution.configuration import Configuration, ModelProof, model_lines, proof_of, prove
 from simspec.attribution.sides import explain as explain_sides
 from simspec.attribution.sides import side_of_run
+from simspec.commands.check import is_writable
 from simspec.commands.engines import installed_version
 from simspec.commands.experiment_options import BisectOptions, ExplainOptions
 from simspec.commands.loading import OF_A_MODEL, accepted_sets, load_spec
@@ -30,6 +31,7 @@ from simspec.outputs.targets import STORE, STUDY, demand, folder_problem
 from simspec.outputs.writing import open_folder
 from simspec.report.experiments import bisect_data, bisect_lines
 from simspec.report.explain import explanation_data, show_explanation
+from simspec.report.problems import with_ways_out
 from simspec.report.screen import progress, say
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
@@ -119,6 +121,11 @@ def _of_specs(options: ExplainOptions, pythons: Mapping[str, str]) -> tuple[list
         for name, sets in _accepting(options)
     ]
     options.robot_files.check_effect(*(entry.spec for entry in loaded))
+    together = loaded[0].world == loaded[1].world
+    for name, entry, label in zip((options.a, options.b or options.a), loaded, labels, strict=True):
+        needed = labels if together else [label]
+        with with_ways_out(name, needed, entry.world, pythons, is_writable(entry.spec)):
+            compile_world(entry.world, needed, entry.spec.locate, pythons=pythons)
     sides = [Configuration(entry.world, label, pythons.get(label)) for entry, label in zip(loaded, labels, strict=True)]
     second = " ".join([f"{options.b or options.a} in {labels[1]}", *(f"--with {word}" for word in others)])
     return sides, [f"{options.a} in {labels[0]}", second]

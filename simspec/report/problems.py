@@ -205,7 +205,8 @@ def show_error(error: SimspecError) -> None:
     for line in error.more if not brief else ():
         screen.print(line)
     count = len(error.problems)
-    screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red") + Text(_pages(error.problems)))
+    head = f"{count} problem{'s' if count > 1 else ''}"
+    screen.print(Text(head, style="bold red") + Text(_pages(error.problems, screen.width - len(head))))
     for line in error.ending if isinstance(error, UnsupportedError) else ():
         screen.message(line)
 
@@ -217,10 +218,6 @@ def show_warnings(warnings: Sequence[Problem]) -> None:
         screen.print(_problem(problem, _kind("warning", problem.code)), soft_wrap=not screen.is_terminal)
 
 
-MOST_PAGES = 4
-"""Pages that the line of the number of problems names; the others stand in the messages."""
-
-
 def _kind(word: str, code: str) -> Text:
     from rich.text import Text
 
@@ -228,11 +225,14 @@ def _kind(word: str, code: str) -> Text:
     return Text(f"{word}[{code}]: " if code else f"{word}: ", style=style)
 
 
-def _pages(problems: Iterable[Problem]) -> str:
-    """The command that prints the pages of some problems: of codes, of features where engines refuse these."""
-    words = dict.fromkeys(_feature_of(problem) or problem.code for problem in problems)
-    named = [word for word in words if word][:MOST_PAGES]
-    return f"; about {'it' if len(named) == 1 else 'them'}: simspec help {' '.join(named)}" if named else ""
+def _pages(problems: Iterable[Problem], width: int) -> str:
+    """The command that prints the pages of some problems: of codes, of features where engines refuse these; the first, and as
+    many as fit into ``width``."""
+    words = [word for word in dict.fromkeys(_feature_of(problem) or problem.code for problem in problems) if word]
+    text = f"; about {'it' if len(words) == 1 else 'them'}: simspec help {' '.join(words[:1])}" if words else ""
+    for word in words[1:]:
+        text += f" {word}" if len(text) + len(word) < width else ""
+    return text
 
 
 def _feature_of(problem: Problem) -> str:
@@ -396,6 +396,18 @@ def brief(problems: Iterable[Problem]) -> list[str]:
     return lines
 
 
+MOST_IN_FULL = 3
+"""Refusals of engines that a command prints in full; of more each feature is a line."""
+
+
+def briefly(problems: Sequence[Problem], specs: Iterable[str], engines: Iterable[str]) -> tuple[str, ...]:
+    """The lines of :func:`brief`, and the command that prints all in full; none for a few refusals."""
+    if sum(isinstance(problem, EngineRefusal) for problem in problems) <= MOST_IN_FULL:
+        return ()
+    words = [*map(shlex.quote, specs), *(f"-e {name}" for name in engines)]
+    return (*brief(problems), f"each in full: simspec check {' '.join(words)} -v")
+
+
 @contextmanager
 def with_ways_out(
     spec: str, engines: Sequence[str], world: World, pythons: Mapping[str, str] | None = None, writable: bool = True
@@ -407,6 +419,7 @@ def with_ways_out(
         found = ways_out(error.problems, spec, engines, world, pythons, writable)
         if found is not None and not error.ending:
             error.ending, error.ways_out = found.lines(), {spec: vars(found)}
+            error.brief = briefly(error.problems, [spec], engines)
         raise
 
 
