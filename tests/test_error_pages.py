@@ -8,7 +8,8 @@ import shutil
 import pytest
 
 from simspec.codes import CODES
-from simspec.report.error_pages import generated, notes_of, page_files, page_of
+from simspec.commands.help import wrapped
+from simspec.report.error_pages import APPROXIMATE, NOTES, OUTSIDE, generated, notes_of, page_files, page_of
 from tests import error_pages
 from tests.error_pages import NOT_RUN, PAGES, done, forget, halves, not_said, reported
 from tests.installed import INSTALLED
@@ -94,6 +95,14 @@ def test_generated_pages_are_current():
     assert not stale, "python -m simspec.report.error_pages writes them"
 
 
+def test_features_that_an_engine_approximates_have_a_note():
+    notes = notes_of((PAGES / NOTES).read_text(encoding="utf-8"))
+    pages = {word: page_of(word) or "" for word in page_files() if (PAGES / "accept" / f"{word}.md").is_file()}
+    needed = {word for word, page in pages.items() if f"## {APPROXIMATE}" in page or f"## {OUTSIDE}" in page}
+    assert len(needed) > 20
+    assert needed <= notes.keys()
+
+
 def test_a_note_of_an_unknown_feature_is_refused():
     assert notes_of("## `joint.damping`\n\nA note.\n") == {"joint.damping": "A note."}
     with pytest.raises(ValueError, match=r"joint\.dampin"):
@@ -103,6 +112,23 @@ def test_a_note_of_an_unknown_feature_is_refused():
 @pytest.mark.parametrize("word", ["S101", "s101", "Material.Restitution", "mass-ratio"])
 def test_pages_are_found_by_their_word(word):
     assert page_of(word)
+
+
+def test_a_page_fits_the_terminal():
+    page = (
+        "# A: b\n\n<!-- not run: x -->\n\n"
+        + "word " * 30
+        + "\n\n- "
+        + "item " * 20
+        + "\n\n```text\n"
+        + "x" * 90
+        + "\n```\n"
+    )
+    lines = list(wrapped(page, 40))
+    assert max(map(len, lines)) == 90
+    assert all(len(line) <= 40 for line in lines if not line.startswith("x"))
+    assert "not run" not in "\n".join(lines)
+    assert "  item item" in "\n".join(lines)
 
 
 def test_words_without_page_have_none():

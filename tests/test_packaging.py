@@ -36,7 +36,13 @@ def test_the_wheel_runs_in_a_fresh_environment(tmp_path, whole):
     run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT, cwd=tmp_path)
     (wheel,) = (tmp_path / "dist").glob("simspec_physics-*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    for part in ("_resources/templates/", "_resources/specs/spheres-216.yaml", "_resources/schema/", "help.txt"):
+    for part in (
+        "_resources/templates/",
+        "_resources/specs/spheres-216.yaml",
+        "_resources/schema/",
+        "help.txt",
+        "_resources/docs/errors/S101.md",
+    ):
         assert any(part in name for name in names), part
     for part in ("_resources/page/bundle/report.js", "licenses/page/bundle/LICENSE-three.txt"):
         assert any(name.endswith(part) for name in names), part

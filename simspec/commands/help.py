@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Iterator
 
 from simspec.codes import CODES
 from simspec.commands.options import print_json
@@ -11,9 +12,10 @@ from simspec.commands.scenario_options import HelpOptions
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.language.strict import near
 from simspec.report.error_pages import FOLDER, page_files, page_of
-from simspec.report.screen import say
+from simspec.report.screen import console, say
 
 CODE = re.compile("[A-Z][0-9]+")
+COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
 MOST_NAMED = 6
 """Words that a hint names."""
 
@@ -40,11 +42,30 @@ def help_about(options: HelpOptions) -> int:
     for number, (word, page) in enumerate(pages.items()):
         if number:
             say("")
-        for line in (page or "").rstrip().split("\n"):
+        for line in wrapped(page or "", console().width):
             say(line)
-        say("")
         say(f"page: {FOLDER}/{files.get(word.upper()) or files.get(word.lower())}")
     return EXIT_OK
+
+
+def wrapped(page: str, width: int) -> Iterator[str]:
+    """The lines of a page for a terminal: paragraphs are wrapped between words, blocks and tables keep their lines, comments
+    are left out."""
+    paragraph: list[str] = []
+    block = False
+    for line in [*COMMENT.sub("", page).strip().split("\n"), ""]:
+        block = block != line.startswith("```")
+        text = not block and line and not line.startswith(("```", "|", "#"))
+        if paragraph and (not text or line.startswith("- ")):
+            indent = "  " * paragraph[0].startswith("- ")
+            yield from textwrap.wrap(
+                " ".join(paragraph), width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )
+            paragraph = []
+        if text:
+            paragraph.append(line)
+        else:
+            yield line
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:

@@ -7,7 +7,7 @@ Pages of codes are written by hand. Those of features are made from the declarat
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,65 +79,68 @@ def feature_page(feature: Feature, note: str) -> str:
 
 
 def _feature(feature: Feature, note: str) -> Iterator[str]:
-    from simspec.report.table import markdown_cell, markdown_rows
-    from simspec.support.declarations import Level
-
     supports = _supports(feature)
-    approximate = [name for name, (level, _) in supports.items() if level is Level.APPROXIMATE]
-    outside = [name for name, (level, _) in supports.items() if level is Level.OUTSIDE]
-    lacking = [name for name, (level, _) in supports.items() if level is Level.UNSUPPORTED]
-    yield f"# {feature.value}: {MEANING[feature]}"
-    yield from ("", GENERATED, "")
-    if note:
-        yield from (note, "")
-    if not approximate and not outside and not lacking:
-        yield from ("Every engine supports it exactly.", "")
+    named = {
+        word: [name for name, (level, _) in supports.items() if WORDS[level.value] == word] for word in WORDS.values()
+    }
+    yield from (f"# {feature.value}: {MEANING[feature]}", "", GENERATED, "")
+    if len(named[EXACT]) == len(supports):
+        yield from ("Every engine simulates it exactly.", "")
         return
-    yield from (
-        "An engine that does not simulate this exactly refuses the spec, until the spec says that it may differ.",
-        "",
-    )
-    rows = [
-        [f"[{name}](../../reference/engines/{name}.md)", WORDS[level.value], markdown_cell(" ".join(how.split()))]
-        for name, (level, how) in supports.items()
-    ]
-    yield from (*markdown_rows(("engine", "support", "how"), rows), "")
+    yield "An engine that does not simulate this as the language defines it refuses the spec, until the spec says that it may"
+    yield from ("differ.", "")
+    for title, names in named.items():
+        if not names:
+            continue
+        yield from (f"## {title}", "")
+        if title == EXACT:
+            yield from (", ".join(f"[{name}]({ENGINE_PAGE.format(name)})" for name in names), "")
+            continue
+        reasons: dict[str, list[str]] = {}
+        for name in names:
+            reasons.setdefault(" ".join(supports[name][1].split()), []).append(name)
+        yield from (f"- {', '.join(some)}: {reason}" for reason, some in reasons.items())
+        yield ""
+    if note:
+        yield from ("## When it matters", "", note, "")
+    yield from _way_out(feature, named)
+
+
+def _way_out(feature: Feature, named: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """How to accept a feature, and which engines need no acceptance."""
     yield from ("## The way out", "")
-    if approximate or outside:
-        first = (approximate or outside)[0]
-        option = "accept" if approximate else "outside"
-        yield from ("Accept it by name, if the difference does not matter for your question:", "", "```")
-        yield from (f"simspec accept SPEC -e {first}              # writes it into the spec",)
-        yield from (f"simspec run SPEC -e {first} --accept {feature.value}    # for one command", "```", "")
-        yield from ("In the spec:", "", "```", "engines:", f"  {first}: {{{option}: [{feature.value}]}}", "```", "")
-        yield from (
-            "The proof then leaves out, or widens, what the acceptance is about, and says so in the certificate.",
-            "",
-        )
-    else:
-        yield from ("Accepting does not help: these engines cannot simulate it.", "")
-    exact = [name for name in supports if name not in (*approximate, *outside, *lacking)]
-    if exact:
-        yield from (f"Or use an engine that has it exactly: {', '.join(exact)}. Or leave it out of the spec.", "")
-    yield "The figures that were measured of each engine: [support matrix](../../reference/support-matrix.md)."
+    for title, option in ((APPROXIMATE, "accept"), (OUTSIDE, "outside")):
+        for name in named[title][:1]:
+            commands = (f"simspec accept SPEC -e {name}", f"simspec run SPEC -e {name} --accept {feature.value}")
+            written = f"engines: {{{name}: {{{option}: [{feature.value}]}}}}"
+            yield from ("Accept it, in the spec or for one command:", "", "```", *commands, "```", "")
+            yield from ("The first writes this into the spec, with the reason:", "", "```", written, "```", "")
+    if not named[APPROXIMATE] and not named[OUTSIDE]:
+        yield from ("Accepting does not help: these engines do not simulate it at all.", "")
+    exact = f"Use an engine that has it: {', '.join(named[EXACT])}. Or leave" if named[EXACT] else "Leave"
+    yield from (f"{exact} it out of the spec.", "")
+    yield f"The support of every engine, with measured deviations of contact: [support matrix]({MATRIX})."
 
 
+EXACT, APPROXIMATE, OUTSIDE = "Exact", "Approximate", "Computed by simspec, on request"
 WORDS: Mapping[str, str] = {
-    "exact": "exact",
-    "via_api": "exact",
-    "outside": "on request, computed by simspec",
-    "approximate": "approximate",
-    "unsupported": "not supported",
+    "approximate": APPROXIMATE,
+    "outside": OUTSIDE,
+    "unsupported": "Not supported",
+    "exact": EXACT,
+    "via_api": EXACT,
 }
-"""Levels of support as a page has them."""
+"""Levels of support as a page has them, in its order."""
+ENGINE_PAGE, MATRIX = "../../reference/engines/{}.md", "../../reference/support-matrix.md"
 
 
 def _supports(feature: Feature) -> dict[str, tuple[Level, str]]:
-    """How every engine supports a feature: level and words."""
+    """How each engine of simspec supports a feature with its default settings: level and words."""
     from simspec.engines.kit.registry import engines
     from simspec.report.matrix import support
 
-    found = {name: support(engine)[feature] for name, engine in engines().items()}
+    ours = {name: engine for name, engine in engines().items() if engine.__module__.startswith("simspec.")}
+    found = {name: support(engine)[feature] for name, engine in ours.items()}
     return {name: (entry.level, entry.how) for name, entry in found.items()}
 
 
