@@ -306,8 +306,22 @@ class Words:
                 for shape in body.get("shapes", ()):
                     if "mesh" in shape:
                         shape["mesh"]["file"] = f"../{shape['mesh']['file']}"
+            self.instance(name, model, inner)
             self.files[path] = json.dumps(text, indent=1)
             model["use"] = path
+
+    def instance(self, name: str, model: Data, inner: Data) -> None:
+        """Mirror a file's model, and make the mass of a body of it a parameter."""
+        light = random.Random(
+            f"simspec random words {name} {self.data['name']}, instance"
+        )  # leaves the others as they were
+        if light.random() < 0.5:
+            model["mirror"] = light.choice("xyz")
+        heavy = [body for body in inner["bodies"].values() if isinstance(body.get("mass"), float)]
+        if heavy and light.random() < 0.5:
+            inner["parameters"] = {"mass": {"dimension": "mass", "default": 1}}
+            model["with"] = {"mass": 2.0 * heavy[0]["mass"]}
+            heavy[0]["mass"] = "$mass / 2"
 
     def rough_ground(self) -> None:
         """Uneven ground in place of a slab, nowhere above it."""

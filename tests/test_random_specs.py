@@ -96,6 +96,8 @@ def test_two_hundred_of_them_use_the_words_that_are_put_in():
         "states",
         "fluid",
         "heightfield",
+        "mirror",
+        "parameters",
     )
     assert [word for word in (*words, "self_collision", "max_vertices", "mass_from") if word not in text] == []
     assert any("armature" in joint for data, _ in drawn for joint in balls(data))

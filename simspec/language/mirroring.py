@@ -21,9 +21,8 @@ from typing import Any
 from simspec.language import problems
 from simspec.language.document import Document, Key, listed, mapping
 from simspec.language.quantities import Number
-from simspec.language.shapes import Shape
+from simspec.language.shapes import AXES, Shape
 from simspec.language.strict import Faults
-from simspec.language.vocabulary import AXES
 
 Flip = tuple[int, int, int]
 """The signs of x, y and z."""

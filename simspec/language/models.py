@@ -24,10 +24,10 @@ from simspec.language.joints import Joint
 from simspec.language.parameters import ModelParameter, ParameterName, ParameterValue
 from simspec.language.physics import Physics, Record, not_whole, whole_steps
 from simspec.language.quantities import Number, Reader
-from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.language.shapes import AXES, Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, fields_of, misspelt, show, too_long
 from simspec.language.sweep import Sweep
-from simspec.language.vocabulary import AXES, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
+from simspec.language.vocabulary import JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
 from simspec.language.words import FileName, Name, Text, Word
 
 VERSION = 1

@@ -23,7 +23,7 @@ MARK = "$"
 """The first character of a reference's name of a parameter."""
 LONGEST_REFERENCE = 300
 """Characters of a reference."""
-MOST_PARAMETERS = 1000
+MOST_PARAMETERS = 100
 """Parameters of one model."""
 REFERENCE_RULE = "$NAME, -$NAME / 2, 0.5 * $NAME, or a sum of such terms"
 

@@ -15,6 +15,7 @@ from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault,
 from simspec.language.vocabulary import SHAPE_KINDS, STATIC_SHAPES
 from simspec.language.words import FileName, Flag, Name, Word
 
+AXES = ("x", "y", "z")
 GRID_SUFFIXES = (".png", ".csv", ".txt")
 """Ends of names of files of heights, in small letters."""
 MOST_HEIGHTS = 2**18
@@ -170,7 +171,7 @@ class _File(Strict):
     unit: Maybe[Annotated[str, Word(UNITS)]] = Field(
         ABSENT, description="Unit of the file's lengths; default: that of the DAE file, else m"
     )
-    up: Maybe[Annotated[str, Word(("x", "y", "z"))]] = Field(
+    up: Maybe[Annotated[str, Word(AXES)]] = Field(
         ABSENT,
         description="The file's axis that becomes z; default: that of the DAE file, y for glTF and GLB, z for "
         "all others",

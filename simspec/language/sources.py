@@ -12,7 +12,7 @@ from typing import Any, Unpack
 from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.language.document import Details, Document, Key, dotted, mapping, read
+from simspec.language.document import Details, Document, Key, dotted, event_count, mapping, read
 from simspec.language.foreign import Import, Imported, ImportOptions, import_file, is_foreign, suffixes
 from simspec.language.instances import ModelPlacement, instance, placement_of
 from simspec.language.models import File
@@ -28,6 +28,8 @@ DEEPEST_USE = 8
 """Files that use files that use files: a chain longer than this is refused."""
 NAMEABLE = (".yaml", ".yml", ".csv", ".npz")
 """Files that a spec may mean."""
+MOST_EXPANDED = 1_000_000
+"""Keys and values of all files, once for each different way in which they are used: some ten seconds of reading."""
 PROJECT_MARKS = (".git", "pyproject.toml")
 PACKAGE_MARKS = ("package.xml", "model.config")
 """Marks of a package of robot files, which is a project where it is in none."""
@@ -151,6 +153,7 @@ class SourceCollector:
         self.problems: list[Problem] = []
         self._read: dict[tuple[Path, str, str], Source | None] = {}
         self._opened: dict[tuple[Path, str], tuple[Document, Imported | None] | None] = {}
+        self._expanded = 0
 
     def again(self) -> SourceCollector:
         """A collector for the same spec with other values: it does not read again the files that this one has read."""
@@ -293,6 +296,14 @@ class SourceCollector:
         if opened is None:
             return None
         written, imported = opened
+        before, self._expanded = self._expanded, self._expanded + event_count(written.data)
+        if self._expanded > MOST_EXPANDED:
+            if before <= MOST_EXPANDED:
+                message = "model files that are used in too many different ways: too many keys and values in all"
+                found, allowed = f"{self._expanded:,}", f"up to {MOST_EXPANDED:,}"
+                problem = placement.document.problem(placement.path, message, found=found, allowed=allowed, code="S109")
+                self.problems.append(problem)
+            return None
         document, wrong = instance(written, placement)
         file, problems = validate(document)
         self.problems.extend((*document.problems, *wrong, *problems))

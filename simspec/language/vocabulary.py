@@ -12,7 +12,6 @@ TREE_JOINTS = (*SCALAR_JOINTS, "ball")
 """Kinds of joints that move a body against its parent."""
 QUATERNION_JOINTS = ("ball", "free")
 """Kinds of joints whose position ends with a quaternion w x y z."""
-AXES = ("x", "y", "z")
 PRIMITIVE_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
 """Kinds of shapes that a few lengths define."""
 SHAPE_KINDS = (*PRIMITIVE_SHAPES, "mesh", "heightfield")

@@ -10,7 +10,7 @@ from simspec.errors import SpecError
 from simspec.language.formatting import format_text
 from simspec.language.load import Spec, load
 from simspec.language.overrides import Override
-from simspec.language.parameters import LONGEST_REFERENCE, read_reference
+from simspec.language.parameters import LONGEST_REFERENCE, MOST_PARAMETERS, read_reference
 from simspec.language.strict import Faults
 from tests.files import write
 
@@ -39,6 +39,7 @@ model:
       positions:
         rod_joint: $swing
 """
+CONTACT = {"materials": {"rubber": {"friction": 0.5}}}
 SCENE = "simspec: 1\nname: scene\ncontact: {{materials: {{rubber: {{friction: 0.5}}}}}}\nmodels:\n  leg: {{{}}}\n"
 
 
@@ -48,7 +49,7 @@ def files(folder, **texts):
 
 def placed(folder, leg=LEG, **words):
     (folder / "leg.yaml").write_text(leg)
-    data = {"name": "scene", "contact": {"materials": {"rubber": {"friction": 0.5}}}}
+    data = {"name": "scene", "contact": CONTACT}
     return Spec.from_data({**data, "models": {"leg": {"use": "leg.yaml", **words}}}, folder=folder)
 
 
@@ -227,3 +228,29 @@ def test_words_about_the_model_of_a_file_need_a_file():
     for word, value in (("with", {"a": 1}), ("mirror", "x")):
         with pytest.raises(SpecError, match=f"`{word}` goes with `use`"):
             Spec.from_data({"name": "scene", "model": {"bodies": {"b": {"fixed": True}}, word: value}})
+
+
+def test_a_long_chain_of_defaults_is_read_and_more_parameters_are_an_error(tmp_path):
+    def model(count):
+        chain = "".join(f"    p{n}: {{dimension: length, default: $p{n + 1}}}\n" for n in range(count - 1))
+        start, end = LEG.split("    length:")[0], LEG.partition("  bodies:")[2]
+        last = f"    p{count - 1}: {{dimension: length, default: 0.3}}\n"
+        plain = {"$length - 2 * $radius": "0.2", "$length / 2": "0.1", "$radius": "$p0", "$density": "1", "$drag": "1"}
+        for reference, number in {**plain, "2 * $swing": "1", "$swing / 2": "0.5", "$swing": "1"}.items():
+            end = end.replace(reference, number)
+        return f"{start}{chain}{last}  bodies:{end}"
+
+    assert rod(placed(tmp_path, model(MOST_PARAMETERS))).shapes[0].size[0] == 0.3
+    messages = [problem.message for problem in problems(tmp_path, model(MOST_PARAMETERS + 1))]
+    assert "too many parameters" in messages
+
+
+def test_a_file_that_is_used_in_too_many_ways_is_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("simspec.language.sources.MOST_EXPANDED", 200)
+    files(tmp_path, leg=LEG)
+    models = {f"leg_{n}": {"use": "leg.yaml", "with": {"length": n + 1}} for n in range(5)}
+    with pytest.raises(SpecError) as error:
+        Spec.from_data({"name": "scene", "contact": CONTACT, "models": models}, folder=tmp_path)
+    assert [problem.message.partition(":")[0] for problem in error.value.problems] == [
+        "model files that are used in too many different ways"
+    ]
