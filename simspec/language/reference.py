@@ -13,6 +13,7 @@ from typing import Any
 from simspec.language import problems
 from simspec.language.arrays import NamePattern
 from simspec.language.contact import Contact
+from simspec.language.editor_hints import field_hints, snippets, with_word_meanings
 from simspec.language.expectations import KINDS, Expectation
 from simspec.language.joints import Joint
 from simspec.language.models import File
@@ -70,10 +71,14 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         default = {} if field.is_required() else _default(problems.default(kind, field))
         # draft 07 ignores the keys next to a $ref
         what = {"allOf": [_kind(kind)]} if problems.is_model(kind) else _kind(kind)
-        properties[name] = {**described, **what, **default}
+        unit = kind.unit() if isinstance(kind, Reader) else ""
+        properties[name] = with_word_meanings(
+            {**described, **what, **default}, f"{model.__name__}.{name}", field.description or ""
+        )
+        properties[name] |= field_hints(properties[name], _what(kind), unit)
     if model is Contact:
         word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
-        properties["combine"].update(word)
+        properties["combine"].update(with_word_meanings(word, "Contact.combine", ""))
     schema: dict[str, Any] = {
         "description": " ".join((inspect.getdoc(model) or "").split()),
         "type": "object",
@@ -85,7 +90,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         schema["required"] = required
     if rules := _rules(model):
         schema["allOf"] = rules
-    return schema
+    return schema | snippets(model.__name__)
 
 
 def _kind(kind: Any) -> dict[str, Any]:

@@ -9,6 +9,8 @@ import jsonschema
 import pytest
 
 from simspec.language.document import read
+from simspec.language.editor_hints import SNIPPETS
+from simspec.language.load import load
 from simspec.language.models import File
 from simspec.language.problems import fields, models
 from simspec.language.reference import LANGUAGES, json_schema, schema_text
@@ -126,3 +128,66 @@ def test_refused_by_both(data):
     assert list(VALIDATOR.iter_errors(data))
     with pytest.raises(ValueError, match="validation error"):
         File.model_validate(data)
+
+
+def enumerations(part, place=""):
+    """Every list of words of a schema with its place, but for those in conditions."""
+    if isinstance(part, dict):
+        if isinstance(part.get("enum"), list):
+            yield place, part
+        for key, value in part.items():
+            if key != "if":
+                yield from enumerations(value, f"{place}/{key}")
+    elif isinstance(part, list):
+        for value in part:
+            yield from enumerations(value, place)
+
+
+def test_editors_show_a_meaning_of_every_word():
+    found = dict(enumerations(SCHEMA))
+    assert len(found) > 20
+    assert not [place for place, part in found.items() if len(part.get("enumDescriptions", [])) != len(part["enum"])]
+    assert all(
+        text and text != word
+        for part in found.values()
+        for word, text in zip(part["enum"], part["enumDescriptions"], strict=True)
+    )
+
+
+def test_editors_show_type_unit_and_default_of_every_field():
+    for model in (SCHEMA, *SCHEMA["definitions"].values()):
+        for field in model["properties"].values():
+            assert field["markdownDescription"].startswith(field["description"])
+    timestep = SCHEMA["definitions"]["Physics"]["properties"]["timestep"]
+    lines = [line.strip(" *") for line in timestep["markdownDescription"].splitlines()]
+    assert lines == ["Length of one step", "a time > 0", "SI unit: s", "default: 0.001"]
+    assert len(schema_text()) < 250_000
+
+
+@pytest.mark.parametrize("model", SNIPPETS)
+def test_contents_to_start_from_are_valid(model):
+    snippets = SCHEMA["definitions"][model]["defaultSnippets"]
+    of_model = jsonschema.Draft7Validator({**SCHEMA["definitions"][model], "definitions": SCHEMA["definitions"]})
+    assert {entry["label"] for entry in snippets} == {label for label, *_ in SNIPPETS[model]}
+    for entry in snippets:
+        assert list(of_model.iter_errors(entry["body"])) == []
+
+
+@pytest.mark.parametrize(
+    "body", [body for _, _, body in SNIPPETS["Body"]], ids=[label for label, *_ in SNIPPETS["Body"]]
+)
+def test_a_body_to_start_from_resolves(body, tmp_path):
+    parent = {"PARENT": {"fixed": True}} if "parent" in body else {}
+    path = tmp_path / "x.yaml"
+    contact = {"materials": {"MATERIAL": {"friction": 0.5}}}
+    path.write_text(json.dumps({"simspec": 1, "name": "x", "contact": contact, "bodies": {**parent, "part": body}}))
+    assert any(found.name == "part" for found in load(path).resolve().bodies)
+
+
+def test_examples_are_values_of_their_fields():
+    for name, model in models(File).items():
+        properties = (SCHEMA if name == "File" else SCHEMA["definitions"][name])["properties"]
+        for key, kind in fields(model).items():
+            for example in properties[key].get("examples", []):
+                kind.read(example)
+    assert SCHEMA["definitions"]["Sphere"]["properties"]["radius"]["examples"] == ["50 mm"]
