@@ -180,6 +180,9 @@ def index(folder: Path) -> str:
         "Each message of simspec has a code in brackets: `spec.yaml:5:5: error[S101]: bodies.ball.mas: unknown key 'mas'`.",
         "Its page says why simspec refuses or warns, and the way out. `simspec help S101` prints the same page in the",
         "terminal, as `simspec help material.restitution` does for a word of `accept`.",
+        "",
+        "Examples have the part of a spec that matters. simspec reads them with `simspec: 1` and a name, and where the part",
+        "has neither bodies nor a duration, with a ball of 1 kg and 1 s. A test runs every example and its way out.",
     ]
     for title, codes in grouped():
         lines += ["", f"## {title}", "", "| code | meaning |", "|---|---|"]

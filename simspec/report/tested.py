@@ -218,6 +218,12 @@ def skipped_suites(spec: str, not_taken: Mapping[str, NotTaken]) -> list[TestedS
     return suites
 
 
+def coded_message(problem: Problem) -> str:
+    """The message of a problem with its code, for systems that show the message alone."""
+    message = clipped(problem.message)
+    return f"{message} [{problem.code}]" if problem.code else message
+
+
 def error_suites(spec: str, error: SimspecError) -> list[TestedSuite]:
     """The error that ended a command: an entry for each of its problems."""
     if isinstance(error, EngineError):
@@ -226,7 +232,7 @@ def error_suites(spec: str, error: SimspecError) -> list[TestedSuite]:
     problems: Sequence[Problem] = error.problems if isinstance(error, SpecError) else [Problem(str(error), code="E202")]
     entries = []
     for problem in problems[:MOST_PROBLEMS]:
-        about = (clipped(problem.message), str(problem), problem.location)
+        about = (coded_message(problem), str(problem), problem.location)
         entries.append(TestedEntry(problem.path or "spec", Status.ERROR, *about, excess=math.inf))
     if len(problems) > MOST_PROBLEMS:
         entries.append(TestedEntry("more", Status.ERROR, f"{len(problems) - MOST_PROBLEMS:,} more problems"))
@@ -382,7 +388,7 @@ def annotation_lines(suites: Sequence[TestedSuite], warnings: Sequence[Problem] 
         (entry.location, f"{suite.engine}: {entry.name}", f"{suite.name}: {entry.name}: {entry.message}")
         for suite, entry in wrong(suites)
     ]
-    slips = [(problem.location, problem.path or "spec", problem.message) for problem in warnings]
+    slips = [(problem.location, problem.path or "spec", coded_message(problem)) for problem in warnings]
     return [*_lines("error", errors), *_lines("warning", slips)]
 
 
