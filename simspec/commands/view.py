@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
+import time
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,11 +14,14 @@ from simspec.commands.options import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
+from simspec.processes import exit_if_signalled
 from simspec.report.screen import progress, say
 from simspec.world.types import World
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables that name the display, on systems that need one."""
+LISTENING = 0.5
+"""s between two looks for a signal that requests the end."""
 GET_VISER = "sliders on the page move the joints, too; a live view: pip install 'simspec-physics[view]'"
 
 
@@ -154,8 +157,10 @@ def serve(world: World, options: ViewOptions) -> int:
         else:
             note = "" if why is None or options.no_browser else f", not opened: {why}"
             say(f"{address}  (Ctrl-C ends it{note})")
-        threading.Event().wait()
-    return EXIT_OK
+        while True:
+            # a signal that another thread receives does not end the wait of this one
+            time.sleep(LISTENING)
+            exit_if_signalled()
 
 
 # --- the browser --------------------------------------------------------------------------------------------------------------
