@@ -8,6 +8,8 @@ import type { Stage } from "./stage";
 const MOST_JOINTS = 200;
 const MOST_FREE = 12;
 const STEPS = 1000;
+/** Of a slide without limits, and of a free body: so many radii of the scene from the start, both ways. */
+const REACH = 2;
 const TURNS = ["roll", "pitch", "yaw"];
 
 interface Row {
@@ -74,13 +76,13 @@ export class Sliders {
       TURNS.forEach((turn, part) => this.add(joint, part, `${joint.name} ${turn}`, -reach, reach, grid));
       return;
     }
-    const reach = joint.kind === "hinge" ? Math.PI : Math.max(1, radius);
+    const reach = joint.kind === "hinge" ? Math.PI : REACH * radius;
     const [low, high] = joint.limits ?? [joint.start[0] - reach, joint.start[0] + reach];
     this.add(joint, 0, joint.name, low, high, grid);
   }
 
   private addFree(joint: Joint, grid: HTMLElement): void {
-    const reach = Math.max(1, this.scene.view.radius);
+    const reach = REACH * this.scene.view.radius;
     const body = this.scene.bodies[joint.body];
     ["x", "y", "z"].forEach((axis, part) =>
       this.add(joint, part, `${body} ${axis}`, joint.start[part] - reach, joint.start[part] + reach, grid, "slide"),

@@ -1,7 +1,7 @@
 /** Shapes of bodies: what is seen, what collides, or both. Shapes of one geometry are drawn at once. */
 
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial,
+  Box3, BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial,
   Quaternion, SphereGeometry, Vector3,
 } from "three";
 import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
@@ -146,6 +146,16 @@ export class Solids {
       });
       batch.mesh.instanceMatrix.needsUpdate = true;
     }
+  }
+
+  /** The box of what is seen, where it is placed now. */
+  box(): Box3 {
+    const all = new Box3();
+    for (const { mesh } of this.seen.length ? this.seen : this.solid) {
+      mesh.computeBoundingBox();
+      if (mesh.boundingBox !== null) all.union(mesh.boundingBox);
+    }
+    return all;
   }
 
   appear(how: Appearance): void {

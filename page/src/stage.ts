@@ -23,6 +23,8 @@ const HIGHLIGHT = "#f0e442";
 const RELATED = "#56b4e9";
 /** The ball that is looked at fills the view a bit more than wholly: most of what moves is nearer its centre. */
 const FILLING = 0.8;
+/** Around the box of a scene that was not run. */
+const ROOM = 1.1;
 /** Longest bar of a contact force, of the radius of the view. */
 const LONGEST_FORCE = 0.15;
 
@@ -170,22 +172,17 @@ export class Stage {
     this.space.add(grid);
   }
 
-  /** The ball that is looked at: moved and grown with the bodies that sliders moved. */
+  /** The ball that is looked at; of a scene that was not run that of what moves, as sliders have it now. */
   private seen(): { centre: Vector3; radius: number } {
-    const { view, moving } = this.scene;
+    const { view } = this.scene;
     const seen = { centre: new Vector3(...view.centre), radius: view.radius };
-    if (this.kinematics === null || !moving.length) return seen;
-    const [before, now] = [new Box3(), new Box3()];
-    for (const body of moving) {
-      this.resting(body, POSITION, QUATERNION);
-      before.expandByPoint(POSITION);
-      this.kinematics.at(body, this.moment, POSITION, QUATERNION);
-      now.expandByPoint(POSITION);
-    }
-    const [first, second] = [new Vector3(), new Vector3()];
-    seen.centre.add(now.getCenter(second).sub(before.getCenter(first)));
-    seen.radius = Math.max(0.3 * seen.radius, seen.radius + (now.getSize(second).length() - before.getSize(first).length()) / 2);
-    return seen;
+    if (this.kinematics === null) return seen;
+    this.draw();
+    const all = new Box3();
+    for (const { solids } of this.actors) all.union(solids.box());
+    if (all.isEmpty()) return seen;
+    all.getCenter(seen.centre);
+    return { centre: seen.centre, radius: ROOM * (all.getSize(new Vector3()).length() / 2) || seen.radius };
   }
 
   /** The level of the grid where there is no plane: below all of a scene that was not run, else 0. */

@@ -191,7 +191,8 @@ class ReportOptions(Options):
     """
 
     folders: Annotated[
-        list[Path], Argument(metavar="FOLDER...", help="Folders of studies (runs/NAME), or of runs (runs/NAME/ENGINE).")
+        list[Path],
+        Argument(metavar="FOLDER...", help="Folders of studies or sweeps (runs/NAME), or of runs (runs/NAME/ENGINE)."),
     ]
     out: PageFile = None
 

@@ -13,12 +13,14 @@ from simspec.errors import visible
 from simspec.meshes.drawn import surfaces as surfaces_of
 from simspec.report.page.document import Section, page
 from simspec.report.page.model import DIGITS, loads_note, model_data
-from simspec.report.page.packing import FARTHEST, Numbers, PackedNumbers, box_of
+from simspec.report.page.packing import FARTHEST, Numbers, PackedNumbers, Rows, box_of
 from simspec.report.page.sentences import Sentence
 from simspec.report.page.shapes import Surfaces, drawn_shapes, is_drawn, surfaces_note
 from simspec.report.table import PLAIN, Table, listed, number
 from simspec.runner.metrics import moving_bodies
 from simspec.world.kinematics import poses
+from simspec.world.rotations import rotate
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Joint, World
 
 MOST_BODIES = 300
@@ -58,6 +60,7 @@ def scene_of(world: World, packed: PackedNumbers, surfaces: Surfaces) -> dict[st
     rest = np.where(np.abs(rest) < FARTHEST, rest, 0.0)
     moving = moving_bodies(world)
     low, high, centre, radius, _ = box_of(world, [rest[None, :, :3]], moving)
+    centre, radius = _ball(world, rest, moving) or (centre, radius)
     return {
         "name": visible(world.name),
         "times": packed.floats(np.zeros(1)),
@@ -75,6 +78,24 @@ def scene_of(world: World, packed: PackedNumbers, surfaces: Surfaces) -> dict[st
         "view": {"centre": np.round(centre, DIGITS).tolist(), "radius": round(radius, DIGITS)},
         "plots": [],
     }
+
+
+def _ball(world: World, rest: Numbers, moving: Rows) -> tuple[Numbers, float] | None:
+    """The centre and the radius (m) of the ball about the box of all shapes of moving bodies; None where there are none."""
+    balls = [
+        (
+            rest[body, :3] + rotate(rest[body, 3:], np.array(shape.pose.position)),
+            SHAPES[shape.kind].outer_radius(shape.size),
+        )
+        for body in moving.tolist()
+        for shape in filter(is_drawn, world.bodies[body].shapes)
+    ]
+    centres = np.array([centre for centre, reach in balls if math.isfinite(reach)]).reshape(-1, 3)
+    reaches = np.array([reach for _, reach in balls if math.isfinite(reach)])[:, None]
+    if not len(centres):
+        return None
+    low, high = (centres - reaches).min(axis=0), (centres + reaches).max(axis=0)
+    return 0.5 * (low + high), float(0.5 * np.linalg.norm(high - low))
 
 
 def _summary(world: World) -> str:
