@@ -43,7 +43,8 @@ def cell_output(language: str, code: str, names: dict[str, object]) -> str:
         exec(compile(tree, "cell", "exec"), names)
         if isinstance(last, ast.Expr):
             value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
-            if value is not None:
+            # a notebook shows a page there, which is not stored
+            if value is not None and not hasattr(value, "_repr_html_"):
                 print(repr(value))
     return printed.getvalue()
 
