@@ -1,6 +1,6 @@
-"""Fill the blocks of the README and of two other pages: files as they are, commands with the output that they give now.
+"""Fill the blocks of the README and of three other pages: files as they are, commands with the output that they give now.
 
-    python tools/readme.py [README.md] [docs/tour.md] [docs/guide/sweeps.md]
+    python tools/readme.py [README.md] [docs/tour.md] [docs/concepts/proof.md] [docs/guide/sweeps.md]
 
 Commands of the README work each in a folder of its own; those of the other pages one after the other in one folder,
 with the spec that stands in the page. ``output 4: COMMAND`` shows the first four lines. The engines of
@@ -25,7 +25,12 @@ BLOCK = re.compile(r"(<!-- (file|output(?: \d+)?|spec): (.*?) -->\n```\w*\n)(.*?
 ENGINES = ("dart", "drake", "gazebo", "mujoco", "ode", "physx", "pybullet", "rapier")
 """Engines of a page where a command takes all: those that ``make setup`` and ``make engines`` install."""
 ALL = "--all-engines"
-PAGES = (("README.md", False, 80), ("docs/tour.md", True, 80), ("docs/guide/sweeps.md", True, 110))
+PAGES = (
+    ("README.md", False, 80),
+    ("docs/tour.md", True, 80),
+    ("docs/concepts/proof.md", True, 80),
+    ("docs/guide/sweeps.md", True, 110),
+)
 """Pages, whether their commands work in one folder, and the width of their terminal."""
 
 

@@ -57,6 +57,7 @@ def outputs(page: Path) -> list[str]:
             **os.environ,
             "PATH": path,
             "COLUMNS": COLUMNS,
+            "MPLBACKEND": "Agg",
             "XDG_DATA_HOME": place,
             "XDG_CACHE_HOME": f"{place}/.cache",
         }

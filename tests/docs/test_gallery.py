@@ -8,7 +8,7 @@ from tests.docs.blocks import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
-import gallery  # noqa: E402 - a script outside the package
+import gallery
 
 
 def test_pages_pictures_and_figures_are_current():

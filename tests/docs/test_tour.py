@@ -1,4 +1,4 @@
-"""docs/tour.md is correct: its commands, one after the other in one folder, print the outputs of the page."""
+"""docs/tour.md and the example in docs/concepts/proof.md are correct: their commands print the outputs of the pages."""
 
 from __future__ import annotations
 
@@ -48,3 +48,15 @@ def test_the_commands_print_what_the_page_shows(tmp_path, monkeypatch):
         else:
             lines = [line.rstrip() for line in done.stdout.splitlines()]
             assert lines[: int(found["lines"] or len(lines))] == found["text"].splitlines(), found["command"]
+
+
+def test_the_worked_example_of_a_proof_is_current(tmp_path, monkeypatch):
+    """The lines of its table, without the deviations, which are round-off."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    (found,) = OUTPUT.finditer((ROOT / "docs" / "concepts" / "proof.md").read_text(encoding="utf-8"))
+    done = CliRunner().invoke(cli.app, shlex.split(found["command"])[1:])
+    assert done.exit_code == 0, done.output
+    printed = done.stdout.splitlines()[: int(found["lines"])]
+    words = lambda line: re.sub(r"\d\.?\d*e-\d+|equal|exact|[\s─]+", " ", line).split()  # noqa: E731
+    assert [words(line) for line in printed] == [words(line) for line in found["text"].splitlines()]
