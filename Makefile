@@ -100,6 +100,8 @@ generated: setup
 	$(BIN)/simspec schema --of figures
 	$(BIN)/simspec engines --markdown
 	$(BIN)/python tools/readme.py
+	$(BIN)/python tools/tutorials.py
+	$(BIN)/python tools/gallery.py
 	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done
 
 # newest versions that pyproject.toml allows; then make test, and commit constraints.txt
