@@ -208,6 +208,15 @@ def test_a_live_scene_is_served_until_it_is_interrupted():
 
 
 @needs_viser
+def test_a_live_scene_prints_its_address_as_json(monkeypatch, capsys):
+    monkeypatch.setattr("simspec.commands.view.exit_if_signalled", lambda: (_ for _ in ()).throw(SystemExit(0)))
+    assert call("view", "ball-pendulum", "--no-browser", "--json") == EXIT_OK
+    said = json.loads(capsys.readouterr().out)
+    assert (said["opened"], said["reason"]) == (False, "--no-browser")
+    assert said["address"].startswith("http://127.0.0.1:")
+
+
+@needs_viser
 def test_a_reader_that_is_gone_ends_it_without_a_traceback():
     read, write = os.pipe()
     os.close(read)
