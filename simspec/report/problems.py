@@ -194,19 +194,19 @@ def show_error(error: SimspecError) -> None:
 
     screen = console(error=True)
     if not isinstance(error, SpecError):
-        screen.print(_kind("error", error.code) + Text(str(error)), soft_wrap=not screen.is_terminal)
+        screen.print(Text.assemble(_kind("error", error.code), str(error)), soft_wrap=not screen.is_terminal)
         return
     brief = error.brief if isinstance(error, UnsupportedError) else ()
     for problem in error.problems[:MOST_PROBLEMS]:
         if not (brief and isinstance(problem, EngineRefusal)):
-            screen.print(_problem(problem, _kind("error", problem.code)), soft_wrap=not screen.is_terminal)
+            screen.print(_problem(problem, _kind("error", problem.code), screen), soft_wrap=True)
     for line in brief:
         screen.message(line)
     for line in error.more if not brief else ():
         screen.print(line)
     count = len(error.problems)
     head = f"{count} problem{'s' if count > 1 else ''}"
-    screen.print(Text(head, style="bold red") + Text(_pages(error.problems, screen.width - len(head))))
+    screen.message(head + _pages(error.problems, screen.width - len(head)), style="bold red")
     for line in error.ending if isinstance(error, UnsupportedError) else ():
         screen.message(line)
 
@@ -215,7 +215,7 @@ def show_warnings(warnings: Sequence[Problem]) -> None:
     """Print warnings on standard error, as errors are."""
     screen = console(error=True)
     for problem in warnings:
-        screen.print(_problem(problem, _kind("warning", problem.code)), soft_wrap=not screen.is_terminal)
+        screen.print(_problem(problem, _kind("warning", problem.code), screen), soft_wrap=True)
 
 
 def _kind(word: str, code: str) -> Text:
@@ -239,15 +239,26 @@ def _feature_of(problem: Problem) -> str:
     return problem.feature if isinstance(problem, EngineRefusal) else ""
 
 
-def _problem(problem: Problem, kind: Text) -> Text:
+def _problem(problem: Problem, kind: Text, screen: Screen) -> Text:
+    """The text of a problem; on a terminal its lines are wrapped between words, and further lines are indented."""
     from rich.text import Text
 
-    first, *rest = str(problem).split("\n")
     place = f"{problem.location}: " if problem.location else ""
-    text = Text(place, style="bold") + kind + Text(first.removeprefix(place))
-    for line in rest:
-        text.append("\n" + line)
+    first, *rest = str(problem).split("\n")
+    head = f"{place}{kind.plain}"
+    lines = [f"{head}{first.removeprefix(place)}", *rest]
+    if screen.is_terminal:
+        lines = [part for line in lines for part in _wrapped(line, screen.width)]
+    text = Text("\n".join(lines))
+    if lines[0].startswith(head.rstrip()):
+        text.stylize("bold", 0, len(place))
+        text.stylize(kind.style, len(place), len(head))
     return text
+
+
+def _wrapped(line: str, width: int) -> list[str]:
+    indent = "           " if line.startswith("  ") else "    "
+    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 LONGEST_REASON = 600

@@ -20,6 +20,7 @@ from simspec.proof.checks import Check
 from simspec.proof.expected import PARTS
 from simspec.proof.selftest import DefectOutcome, SelfTest
 from simspec.report import differences, matrix
+from simspec.report import problems as problems_module
 from simspec.report.certificate import PART_WORDS, level_title, self_test_table, show_certificate
 from simspec.report.console import Screen
 from simspec.report.matrix import engine_tables
@@ -253,3 +254,19 @@ def test_an_engine_shows_every_feature_with_its_reason():
     assert all(how for said, how in rows.values() if said in ("no", "approximate"))
     assert len(abilities.rows) == len(Capability)
     assert settings.rows
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_errors_on_a_terminal_are_wrapped_between_words(width, monkeypatch):
+    """Every line fits, none ends with a blank, and only place and kind are set off."""
+    out = io.StringIO()
+    screen = Screen(file=out, width=width, force_terminal=True, color_system=None)
+    monkeypatch.setattr(problems_module, "console", lambda error: screen)
+    place = Location("a.yaml", 3, 5)
+    problem = Problem("no such key " * 10, "bodies.ball.mas", place, allowed="word, " * 30, code="S101")
+    show_error(SpecError([problem, Problem("other", code="S102"), Problem("more", code="S103")]))
+    lines = out.getvalue().splitlines()
+    assert lines[0].startswith("a.yaml:3:5: error[S101]:")
+    assert max(map(len, lines)) <= width
+    assert not [line for line in lines if line != line.rstrip()]
+    assert "simspec help" in " ".join(lines)
