@@ -167,7 +167,8 @@ def plain(value: Any) -> Any:
     """Dataclasses, tuples, numpy numbers and paths as JSON data. Numbers that are not finite are null: JSON has no word for
     them."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        kept = [field.name for field in dataclasses.fields(value) if not field.metadata.get("unstored")]
+        return {name: plain(getattr(value, name)) for name in kept}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -17,6 +17,7 @@ from simspec.meshes.reading import open_mesh, read_surfaces
 from simspec.meshes.simplify import simplified
 from simspec.report.page.packing import PackedNumbers
 from simspec.report.page.shapes import drawn_shapes, surfaces_note
+from simspec.report.screen import plain
 from simspec.runner.store import load_run
 from simspec.world.canonical import canonical_json, sha256
 from tests.meshes.solids import box, obj
@@ -126,6 +127,7 @@ def test_colours_of_other_languages(tmp_path):
 def test_a_stored_run_keeps_its_surfaces_and_the_hash_of_its_world(tmp_path):
     world = painted(tmp_path)
     assert "drawn" not in canonical_json(world)
+    assert "drawn" not in plain(world.bodies[0].shapes[0])  # which has a path of this machine
     run(world).save(tmp_path / "run")
     (tmp_path / "painted.obj").unlink()
     again = load_run(tmp_path / "run")
@@ -148,10 +150,10 @@ def test_a_stored_run_keeps_its_surfaces_and_the_hash_of_its_world(tmp_path):
 )
 def test_damaged_surfaces_are_refused(tmp_path, name, value):
     (surface,) = surfaces(painted(tmp_path)).values()
-    plain = json.loads(json.dumps(plain_surface(surface)))
-    assert surface_of(plain) == surface
+    stored = json.loads(json.dumps(plain_surface(surface)))
+    assert surface_of(stored) == surface
     with pytest.raises((ValueError, KeyError, TypeError)):
-        surface_of({**plain, name: value})
+        surface_of({**stored, name: value})
 
 
 def test_surfaces_share_the_budget_of_a_page(tmp_path, monkeypatch):
