@@ -18,7 +18,15 @@ from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, check_sweep, overridden, without_effect
 from simspec.language.packages import Package, digests, is_packaged, packaged
 from simspec.language.problems import in_order, of_validation
-from simspec.language.sources import Source, SourceCollector, of_package, open_document, project_folder, validate
+from simspec.language.sources import (
+    Source,
+    SourceCollector,
+    of_package,
+    open_document,
+    parameters_of,
+    project_folder,
+    validate,
+)
 from simspec.language.strict import ABSENT, Strict, bounded_suggestions, near, show
 from simspec.language.sweep import Figure, FiguresFile, StudyFile, StudySweep
 from simspec.language.trees import too_much
@@ -208,7 +216,10 @@ def _validated(
         # checks that visit a file for each model that uses it are made only where their number is bounded
         problems += [*collector.problems, *(too_much(source) or check(source))]
         if file is not None:
-            problems += [*check_sweep(written, file.sweep), *without_effect(document, file, changed)]
+            problems += [
+                *check_sweep(written, file.sweep, parameters_of(source)),
+                *without_effect(document, file, changed),
+            ]
     if problems:
         raise SpecError(in_order(problems))
     return Spec(source, path, collector)

@@ -13,6 +13,7 @@ from simspec.language.contact import EngineOptions, SettingsAtTimestep
 from simspec.language.control import PerJoint
 from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.models import File
+from simspec.language.parameters import ParameterValue
 from simspec.language.quantities import Reader, Vector
 from simspec.language.strict import Faults, fault_problem, near, show
 from simspec.language.sweep import Sweep
@@ -258,18 +259,36 @@ Placed = list[tuple[tuple[Key, ...], Any]]
 """Values, each with its place below that of its path."""
 
 
-def check_sweep(document: Document, sweep: Sweep | None) -> Iterator[Problem]:
+def check_sweep(
+    document: Document, sweep: Sweep | None, parameters: Mapping[str, Mapping[str, Reader]]
+) -> Iterator[Problem]:
     """Every problem of a sweep's paths, checked as ``--set`` checks them, and of the values whose type is known before the spec
-    is resolved. Errors that only the resolved world of a value shows are problems of that run."""
+    is resolved. Errors that only the resolved world of a value shows are problems of that run. ``parameters``: those of the
+    files of placed models, by the placement's name."""
     if sweep is None:
         return
     for place, path, values, alike in _axes(document, sweep):
         location = document.locate(place, key=True)
         kind = kind_at(document, path, location)
+        model, parameter = _parameter_at(path)
+        if isinstance(kind, ParameterValue) and model in parameters:
+            known = parameters[model]
+            if parameter not in known:
+                message, hint = f"the model has no parameter {parameter!r}", near(parameter, known)
+                allowed = ", ".join(known) or "nothing: it has no parameters"
+                yield document.problem(place, message, key=True, allowed=allowed, hint=hint, code="S302")
+                continue
+            kind = known[parameter]
         if isinstance(kind, Problem):
             yield kind
         elif isinstance(kind, Reader):
             yield from _values(document, place, path, kind, values, alike)
+
+
+def _parameter_at(path: str) -> tuple[str, str]:
+    """The placement and the parameter that a path names; empty texts for another path."""
+    steps = path.split(".")
+    return (steps[1], steps[3]) if len(steps) == 4 and steps[0] == "models" and steps[2] == "with" else ("", "")
 
 
 def _axes(document: Document, sweep: Sweep) -> Iterator[tuple[tuple[Key, ...], str, Placed, bool]]:

@@ -18,6 +18,7 @@ from simspec.language.instances import ModelPlacement, instance, placement_of
 from simspec.language.models import File
 from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
 from simspec.language.problems import of_validation
+from simspec.language.quantities import Number
 from simspec.language.shapes import GRID_SUFFIXES as GRIDS
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.language.shapes import named_files
@@ -118,6 +119,17 @@ def use_key(placed: Mapping[str, Any]) -> str:
     text: str = placed["use"]
     said = {word: placed[word] for word in ("import", "with", "mirror", "joint") if placed.get(word) is not None}
     return text if not said else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
+
+
+def parameters_of(source: Source) -> dict[str, dict[str, Number]]:
+    """The parameters of the files of placed models, by the placement's name: which numbers they may be."""
+    found: dict[str, dict[str, Number]] = {}
+    for path, placed in uses(source.document.data):
+        used = source.uses.get(use_key(placed))
+        if used is not None and used.file is not None and used.file.model is not None and path[0] == "models":
+            declared = used.file.model.parameters
+            found[path[1]] = {name: Number(parameter.dimension) for name, parameter in declared.items()}
+    return found
 
 
 def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:

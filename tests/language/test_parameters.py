@@ -102,6 +102,18 @@ def test_overrides_and_sweeps_set_them_by_path(tmp_path):
     (path, lengths) = next(iter(spec.data.sweep.over.items()))
     found = [spec.with_overrides([Override(path, length, None, None)]) for length in lengths]
     assert [rod(each).shapes[0].size[0] for each in found] == [0.01, pytest.approx(0.04)]
+    for path, values, message in (
+        ("lenght", "[1 m]", "the model has no parameter 'lenght'"),
+        ("length", "[1 kg]", "wrong unit: expected a length (m), found 'kg'"),
+        ("length", "[0.2, 20 cm]", "this value of models.leg.with.length is duplicated"),
+    ):
+        text = SCENE.format("use: leg.yaml") + f"sweep: {{over: {{models.leg.with.{path}: {values}}}}}\n"
+        (tmp_path / "scene.yaml").write_text(text)
+        with pytest.raises(SpecError) as error:
+            load(tmp_path / "scene.yaml")
+        assert [problem.message for problem in error.value.problems] == [message]
+        assert error.value.problems[0].location.line == 6
+    (tmp_path / "scene.yaml").write_text(SCENE.format("use: leg.yaml"))
     with pytest.raises(SpecError, match="expected a length"):
         load(tmp_path / "scene.yaml", sets=["models.leg.with.length=3 kg"])
 
