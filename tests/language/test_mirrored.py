@@ -309,6 +309,20 @@ def test_a_plane_is_solid_on_the_other_side():
         assert turns[0][:, 2] == pytest.approx(up, abs=1e-15)
 
 
+@pytest.mark.parametrize("axis", ["x", "z"])
+def test_the_surface_of_a_plane_moves_as_its_mirror_image(axis):
+    moving = {"linear": [1, 2, 0], "angular": [0.1, 0.2, 3]}
+    plane = {"plane": {}, "pose": {"quat": [0.5, 0.5, -0.5, 0.5]}, "surface_velocity": moving, "material": "belt"}
+    vectors = []
+    for mirror in ({}, {"mirror": axis}):
+        floor = scenario(bodies={"floor": {"fixed": True, "shapes": [plane]}}, **mirror).resolve().bodies[0].shapes[0]
+        (turn,), _ = matrices(np.array([[*floor.pose.position, *floor.pose.quaternion]]))
+        vectors.append((turn @ floor.surface_velocity[:3], turn @ floor.surface_velocity[3:]))
+    signs = np.array(SIGNS[axis])
+    assert vectors[1][0] == pytest.approx(signs * vectors[0][0], abs=1e-15)
+    assert vectors[1][1] == pytest.approx(-signs * vectors[0][1], abs=1e-15)
+
+
 def test_a_height_field_cannot_be_mirrored():
     ground = {"fixed": True, "shapes": [{"heightfield": {"rows": [[0, 0], [0, 1]], "size": [1, 1]}}]}
     with pytest.raises(SpecError, match="a height field cannot be mirrored exactly") as error:
