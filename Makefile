@@ -7,6 +7,7 @@
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/records/self-test.md: about an hour
+# make newest  the newest Python that has wheels of engines, where it is installed: a first run and some tests: under a minute
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
 # make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's placements, the CI example from end to end: some 25 minutes
 # make nightly  slow, certify, selftest, kills, random worlds, fuzz: hours; outcomes in docs/records/nightly.md
@@ -25,7 +26,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills nightly study study-small study-contact site page-bundle clean
+.PHONY: corpora newest engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills nightly study study-small study-contact site page-bundle clean
 
 setup: .venv/ready
 
@@ -84,6 +85,9 @@ QUICK := tests/language tests/world tests/control tests/comparison tests/report 
 	tests/runner/test_store.py tests/runner/test_metrics.py tests/runner/test_expectations.py
 # of these, what starts engines or readers of files in processes of their own: a third of the time, left to make test
 BUT := tests/formats/usd tests/resolve/test_meshes.py tests/comparison/test_long.py $(wildcard tests/report/test_study_*.py)
+
+newest:
+	tools/newest.sh
 
 quick: setup
 	$(BIN)/ruff check .
@@ -178,4 +182,4 @@ page-bundle:
 	cd page && npm ci --no-audit --no-fund && npm run check && npm run build
 
 clean:
-	rm -rf .venv runs
+	rm -rf .venv .venv-newest runs

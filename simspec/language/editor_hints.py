@@ -168,7 +168,7 @@ def field_hints(schema: Mapping[str, Any], what: str, unit: str) -> dict[str, An
     """``markdownDescription`` and ``examples`` of a field. ``what``: its type in words."""
     facts = [_LINK.sub(r"\1", what.replace("\\|", "|"))] if what and "enum" not in schema else []
     facts += [f"SI unit: {unit}"] if unit and not unit.startswith("by ") else []
-    if schema.get("default", []) != []:
+    if schema.get("default", "") not in ("", []):
         facts.append(f"default: {_shown(schema['default'])}")
     text = str(schema.get("description", ""))
     hints: dict[str, Any] = {"markdownDescription": "  \n".join([text, *(f"*{fact}*" for fact in facts)])}

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 
 import pytest
 from typer.testing import CliRunner
 
 from simspec.cli import app
+
+pytestmark = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python")
 
 SPEC = """\
 simspec: 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+from importlib.util import find_spec
 from types import SimpleNamespace
 
 import pytest
@@ -17,6 +18,8 @@ from simspec.language.load import load_study_file
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.report.study.validity import certified_tables, words
+
+pytestmark = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python")
 
 SPEC = """\
 simspec: 1
