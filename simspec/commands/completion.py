@@ -295,6 +295,15 @@ def _runs_or_specs() -> Iterator[Suggestion]:
     yield Suggestion("folders")
 
 
+def _pages() -> Iterator[Suggestion]:
+    """Codes of errors and warnings with their titles, and features."""
+    from simspec.codes import CODES
+    from simspec.support.features import MEANING
+
+    for texts in (CODES, MEANING):
+        yield from (Suggestion("word", str(word), str(text)) for word, text in texts.items())
+
+
 def _features() -> Iterator[Suggestion]:
     from simspec.support.features import Feature
 
@@ -313,6 +322,8 @@ VALUES: Final[Mapping[str, Callable[[], Iterator[Suggestion]]]] = {
     "accept": _features,
     "repair": lambda: iter([Suggestion("word", "all", "defects of every kind")]),
     "study": _studies,
+    "help.words": _pages,
+    "view.seen": _runs_or_specs,
     "fmt.files": lambda: iter([Suggestion("files", " ".join(SPECS))]),
     "pages": lambda: iter([Suggestion("files", ".md")]),
     "trust.file": lambda: iter([Suggestion("files", "simspec.toml")]),

@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from simspec import cli
-from simspec.commands.completion import answer_text, parameters_of
+from simspec.commands.completion import answer_text, parameters_of, values
 from simspec.commands.options import COMMANDS
 from simspec.engines.kit.registry import engines
 from simspec.files import library, resource_folder
@@ -46,6 +46,19 @@ def test_every_option_of_a_command_is_offered(command):
     options = {word for entry in group.params for word in (*entry.opts, *entry.secondary_opts) if word.startswith("-")}
     assert {*offered(*command.split(), "-")["word"]} == options | {"--help"}
     assert all(parameter.description for parameter in parameters_of(command) if parameter.words)
+
+
+def test_every_argument_has_suggestions_but_a_new_name():
+    """A new command whose argument is of an unknown kind is found here."""
+    arguments = {(command, part.field) for command in COMMANDS for part in parameters_of(command) if not part.words}
+    without = {
+        (command, part.field)
+        for command in COMMANDS
+        for part in parameters_of(command)
+        if not part.words and not [*values(part, command)]
+    }
+    assert len(arguments) > 20
+    assert without == {("new", "name")}
 
 
 def test_an_option_is_offered_again_only_where_it_may_be_repeated():
