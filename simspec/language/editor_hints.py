@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from simspec.language.quantities import DIMENSIONS, Number
-from simspec.language.vocabulary import COMBINATIONS
+from simspec.language.vocabulary import COMBINATIONS, COMBINED_QUANTITIES
 
 _LINK: Final = re.compile(r"\[(\w+)\]\([^)]*\)")
 _COMBINED: Final = dict(
@@ -39,7 +39,7 @@ _INTERPOLATION: Final = {
 }
 _AXIS: Final = {axis: f"the plane {axis} = 0" for axis in "xyz"}
 MEANINGS: Final[Mapping[str, Mapping[str, str]]] = {
-    **{f"Combine.{name}": _COMBINED for name in ("friction", "restitution", "torsional_friction", "rolling_friction")},
+    **{f"Combine.{name}": _COMBINED for name in COMBINED_QUANTITIES},
     "Combine.restitution_threshold": _COMBINED,
     "Contact.combine": _COMBINED,
     "Contact.hardness": _HARDNESS,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.meshes.drawn import Wanted, wanted
 from simspec.report.page.shapes import drawn_field, is_drawn
 from simspec.world import frames
@@ -162,7 +163,7 @@ def axis_length(world: World, radius: float) -> float:
 def limits_line(joint: Joint, length: float) -> Floats:
     """Segments (n, 2, 3) in the joint's frame that show its range: of a hinge an arc with its two ends, or a circle where it is
     unlimited; of a slide the way of its body's origin, with a bar at each end; of a ball joint none."""
-    first, second = across(joint.axis) if joint.kind in ("hinge", "slide") else ((0.0,) * 3, (0.0,) * 3)
+    first, second = across(joint.axis) if joint.kind in SCALAR_JOINTS else ((0.0,) * 3, (0.0,) * 3)
     if joint.kind == "hinge":
         low, high = joint.position_limits or (-math.pi, math.pi)
         high = min(high, low + FULL_TURN)
