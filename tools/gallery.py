@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import functools
 import hashlib
 import io
 import json
@@ -50,12 +51,17 @@ def scenarios() -> dict[str, Path]:
     return {path.stem: path for group in GROUPS for path in sorted((SPECS / group).glob("*.yaml"))}
 
 
-def digest(path: Path) -> str:
-    """Of a spec without its comments, name and description."""
+@functools.cache
+def data_of(path: Path) -> dict[str, Any]:
+    """The data of a spec."""
     from ruamel.yaml import YAML
 
-    data = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
-    physics = {key: value for key, value in data.items() if key not in ("name", "description")}
+    return YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+
+
+def digest(path: Path) -> str:
+    """Of a spec without its comments, name and description."""
+    physics = {key: value for key, value in data_of(path).items() if key not in ("name", "description")}
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -177,10 +183,7 @@ def comment(text: str) -> str:
 
 def page(name: str, path: Path, figures: dict[str, Any]) -> str:
     """The page of a scenario."""
-    from ruamel.yaml import YAML
-
-    text = path.read_text(encoding="utf-8")
-    data = YAML(typ="safe").load(text)
+    text, data = path.read_text(encoding="utf-8"), data_of(path)
     lines = [f"# {name}", ""]
     lines += [
         f"> With this page you can see what `{name}` shows, what must be true of it, and what each engine makes of it.",
@@ -201,8 +204,6 @@ def page(name: str, path: Path, figures: dict[str, Any]) -> str:
 
 def pages() -> dict[str, str]:
     """The text of each page by its file's name."""
-    from ruamel.yaml import YAML
-
     figures = stored()
     made = {f"{name}.md": page(name, path, figures.get(name, {})) for name, path in scenarios().items()}
     lines = [
@@ -216,7 +217,7 @@ def pages() -> dict[str, str]:
     for group, title in GROUPS.items():
         lines += [f"## {title}", "", "| scenario | it shows |", "|---|---|"]
         for path in sorted((SPECS / group).glob("*.yaml")):
-            description = YAML(typ="safe").load(path.read_text(encoding="utf-8"))["description"]
+            description = data_of(path)["description"]
             link = f"[![{path.stem}]({path.stem}.webp)]({path.stem}.md)" if has_picture(path) else "no shapes"
             lines.append(f"| {link} | [{path.stem}]({path.stem}.md): {description} |")
         lines.append("")
@@ -226,8 +227,8 @@ def pages() -> dict[str, str]:
 
 def stale() -> list[str]:
     """Pages, figures and pictures that are missing or not current, one line each."""
-    figures, found = stored(), []
-    for name, text in pages().items():
+    figures, found, texts = stored(), [], pages()
+    for name, text in texts.items():
         path = PLACE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             found.append(f"{name}: stale (python tools/gallery.py)")
@@ -239,7 +240,7 @@ def stale() -> list[str]:
             found.append(
                 f"{name}: no picture, or one of more than {LARGEST} bytes (python tools/gallery.py --draw {name})"
             )
-    known = {*pages(), *(f"{name}.webp" for name, path in scenarios().items() if has_picture(path)), FIGURES.name}
+    known = {*texts, *(f"{name}.webp" for name, path in scenarios().items() if has_picture(path)), FIGURES.name}
     found += [f"{path.name}: of no scenario" for path in PLACE.iterdir() if path.name not in known]
     return found
 

@@ -31,11 +31,12 @@ COLUMNS = "88"
 
 
 def cell_output(language: str, code: str, names: dict[str, object]) -> str:
-    """The output of a cell; a cell of ``bash`` says with which exit code it ended where that is not 0."""
+    """The output of a cell; a cell of ``bash`` must end with the exit code 0."""
     if language == "bash":
         done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=False)
-        # notes of progress are on standard error, too: they depend on the machine
-        return done.stdout + (f"{done.stderr}exit code {done.returncode}\n" if done.returncode else "")
+        if done.returncode:  # which a notebook shows as an exception
+            raise RuntimeError(f"exit code {done.returncode}: {code}\n{done.stderr}")
+        return done.stdout  # standard error has notes of progress, which depend on the machine
     tree = ast.parse(code)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     printed = io.StringIO()

@@ -105,4 +105,8 @@ def test_tutorials_are_notebooks(site):
         if page.name == "index.md":
             continue
         made = json.loads((site / "tutorials" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))
-        assert any(cell["cell_type"] == "code" and cell["outputs"] for cell in made["cells"]), page
+        cells = [cell for cell in made["cells"] if cell["cell_type"] == "code"]
+        assert any(cell["outputs"] for cell in cells), page
+        text = page.read_text(encoding="utf-8")
+        shell = [cell for cell in cells if "".join(cell["source"]).startswith("%%bash\n")]
+        assert (len(shell), len(cells) - len(shell)) == (text.count("```bash\n"), text.count("```python\n")), page

@@ -7,13 +7,16 @@ import re
 OUTPUT = re.compile(r"<!-- output(?P<kind>: varies)? -->\n```text\n(?P<text>.*?)```\n", re.DOTALL)
 """An output of the cell before it; one that varies is not compared when the tutorials run."""
 
+HEADER = "---\njupyter:\n  kernelspec:\n    name: python3\n    language: python\n    display_name: Python 3\n---\n\n"
+"""Without it, the language of most cells is that of the notebook."""
+
 
 def notebook(page: str) -> str:
     """The text of the ``.ipynb`` file of a tutorial, with its outputs."""
     import jupytext
     import nbformat
 
-    read = jupytext.reads(page, fmt="md")
+    read = jupytext.reads(HEADER + page, fmt="md")
     cells = []
     for number, cell in enumerate(read.cells):
         cell["id"] = f"cell-{number}"  # the same at each build
