@@ -66,15 +66,15 @@ def simspec_command() -> None:
 
     \b
     Start here:
-      simspec new pendulum                     write a commented spec, pendulum.yaml
+      simspec new pendulum                     write a spec, pendulum.yaml
       simspec run pendulum.yaml --all-engines  compile, verify, run, compare
       simspec view runs/pendulum               see it: verdict, playback, plots
       simspec list                             the scenarios of the library
       simspec engines                          the engines, and what they support
 
     \b
-    Exit codes: 0 success; 1 an expectation, a proof or a comparison failed; 2 error in
-    the spec or the command line; 3 an engine failed or is not installed.
+    Exit codes: 0 success; 1 an expectation, a proof or a comparison failed; 2
+    error in the spec or the command line; 3 an engine failed or is not installed.
     """
 
 
@@ -111,9 +111,9 @@ def __getattr__(name: str) -> typer.Typer:
 
 
 def help_text() -> str:
-    """The text of ``simspec --help``, 100 columns wide whatever the terminal is."""
+    """The text of ``simspec --help``, 80 columns wide whatever the terminal is."""
     group = typer.main.get_command(registered())
-    settings = {**group.context_settings, "terminal_width": 100, "max_content_width": 100}
+    settings = {**group.context_settings, "terminal_width": 80, "max_content_width": 80}
     context = group.context_class(group, info_name="simspec", **settings)
     return group.get_help(context) + "\n"
 

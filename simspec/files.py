@@ -310,7 +310,7 @@ def find_spec(name: str) -> Path:
         [
             Problem(
                 f"{name}: {what}",
-                allowed=f"a YAML file, or one of {', '.join(scenarios)}: simspec list",
+                allowed="a YAML file, or a scenario of the library (simspec list)",
                 hint=f"did you mean {near[0]!r}?" if near else None,
                 code="C104",
             )

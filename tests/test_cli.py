@@ -477,6 +477,24 @@ def test_a_run_ends_with_a_verdict_of_at_most_twelve_lines(folder, monkeypatch):
     assert "exclude each other" in simspec(*words, "-q", "-v", code=2).stderr
 
 
+def test_the_help_fits_in_80_columns_and_is_whole():
+    lines = cli.help_text().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert not any(line.endswith("...") for line in lines[1:])
+
+
+def test_scenarios_whose_meshes_cannot_be_read_here_are_listed_with_the_extra(monkeypatch):
+    from simspec.meshes import load
+
+    monkeypatch.setattr(load, "not_installed", lambda: ["trimesh"])
+    monkeypatch.setattr(load, "read", lambda name: None)
+    monkeypatch.setattr(load, "_remembered", {})
+    found = data("list")
+    assert found.keys() == library().keys()
+    assert "pip install 'simspec-physics[meshes]'" in found["coupled-gripper"]["not_read"]
+    assert found["double-pendulum"]["not_read"] == ""
+
+
 def test_the_scenarios_of_the_library_are_listed_with_their_engines():
     lines = simspec("list").stdout.splitlines()
     found = data("list")

@@ -23,8 +23,8 @@ const HIGHLIGHT = "#f0e442";
 const RELATED = "#56b4e9";
 /** The ball that is looked at fills the view a bit more than wholly: most of what moves is nearer its centre. */
 const FILLING = 0.8;
-/** Around the box of a scene that was not run. */
-const ROOM = 1.1;
+/** Around the box of a scene that was not run: with FILLING more than 1, so that a tall robot is whole. */
+const ROOM = 1.3;
 /** Longest bar of a contact force, of the radius of the view. */
 const LONGEST_FORCE = 0.15;
 

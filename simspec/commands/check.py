@@ -261,7 +261,18 @@ def list_scenarios(options: ListOptions) -> int:
     screen = console()
     for scenario, path in library().items():
         spec = load(str(path))
-        world, said = spec.resolve(), spec.data.description or ""
+        said = spec.data.description or ""
+        found[scenario] = {"file": path, "description": said, "engines": [], "refused": {}, "not_read": ""}
+        if not options.as_json:
+            screen.note(f"{scenario}: {said}" if said else scenario)
+        try:
+            world = spec.resolve()
+        except SpecError as error:
+            problem = error.problems[0]
+            found[scenario]["not_read"] = "; ".join(filter(None, (problem.message, problem.hint)))
+            if not options.as_json:
+                screen.note(f"  {found[scenario]['not_read']}", "yellow")
+            continue
         refused: dict[str, list[str]] = {}
         for name in names:
             try:
@@ -270,9 +281,8 @@ def list_scenarios(options: ListOptions) -> int:
                 features = [problem.feature for problem in error.problems if isinstance(problem, EngineRefusal)]
                 refused[name] = list(dict.fromkeys(filter(None, features)))
         supported = [name for name in names if name not in refused]
-        found[scenario] = {"file": path, "description": said, "engines": supported, "refused": refused}
+        found[scenario] |= {"engines": supported, "refused": refused}
         if not options.as_json:
-            screen.note(f"{scenario}: {said}" if said else scenario)
             screen.note(f"  {', '.join(supported)}", "dim")
     if options.as_json:
         print_json(found)

@@ -67,9 +67,10 @@ class HelpGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands."""
         known = {name: command for name in self.list_commands(ctx) if (command := self.get_command(ctx, name))}
-        limit = formatter.width - 6 - max(map(len, known))
         for title, names in COMMAND_GROUPS.items():
-            rows = [(name, known[name].get_short_help_str(limit)) for name in names.split() if name in known]
+            rows = [
+                (name, known[name].get_short_help_str(formatter.width * 3)) for name in names.split() if name in known
+            ]
             if rows:
                 with formatter.section(title):
                     formatter.write_dl([(name.ljust(max(map(len, known))), text) for name, text in rows])

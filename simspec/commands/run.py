@@ -51,8 +51,9 @@ from simspec.report.screen import (
     text,
 )
 from simspec.report.studies import ends, show_failures, show_run
+from simspec.report.table import BAD, length
 from simspec.report.tested import skipped_suites, study_suites
-from simspec.report.verdict import VerdictPart, show_verdict, verdict, verdict_data
+from simspec.report.verdict import AFTER_MOTIONS, VerdictPart, show_verdict, verdict, verdict_data
 from simspec.runner.run import Case, Run
 from simspec.runner.store import stored_runs
 from simspec.selection import NotTaken, Selection, compiling
@@ -348,10 +349,15 @@ class Finished:
 
     @property
     def verdict(self) -> list[VerdictPart]:
-        """The verdict."""
-        return verdict(
+        """The verdict; after its motions also that these fail ``--fail-on-diff``."""
+        parts = verdict(
             self.study, self.selection.not_taken, self.folder, skipped="--quick" if self.options.quick else ""
         )
+        bound = self.options.fail_on_diff
+        if bound is not None and diff_code(self.study.diffs) != EXIT_OK:
+            after = next((n for n, part in enumerate(parts) if part.label in AFTER_MOTIONS), len(parts))
+            parts.insert(after, VerdictPart("", f"failed: not within --fail-on-diff {length(bound)}", BAD))
+        return parts
 
     def data(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -452,7 +458,7 @@ def _with_baseline(
         if not comparison.compared:
             notes.append("nothing could be compared with the baseline")
     elif read is not None:
-        notes.append(f"{read}: no baseline yet: nothing was compared")
+        notes.append(f"{read}: no baseline yet: nothing was compared (--write-baseline {read} makes it)")
     if written is not None:
         same = read is not None and read.resolve() == written.resolve()
         if any(run.failed is not None for run in study.runs.values()):

@@ -148,6 +148,7 @@ def _show(
         show_error(SpecError(outcome.invalid))
         console(error=True).print(f"{outcome.invalid_count:,} runs were not done: their values make the spec invalid")
     console().print(f"written: {folder}{f', {csv}' if csv is not None else ''}", soft_wrap=True)
+    console().print(f"next: simspec view {folder}  (its page: plots and tables)", soft_wrap=True)
     return code
 
 

@@ -188,12 +188,43 @@ def build(stream: Iterable[Any], file: str) -> Document:
     return Document(file, data, mark or Mark(1, 1), builder.problems)  # an empty file has a beginning too
 
 
+def _indentation(line: str) -> int:
+    return len(line) - len(line.lstrip(" "))
+
+
+def _written(line: str) -> bool:
+    """Whether a line has more than blanks and a comment."""
+    return bool(line.strip(" ")) and line.lstrip(" ")[0] != "#"
+
+
+def _too_deep(lines: list[str], index: int) -> tuple[str, str] | None:
+    """The words for a key that is indented below a line whose value is complete; None where the line above is none such."""
+    above = next((number for number in range(index - 1, -1, -1) if _written(lines[number])), None)
+    if above is None or index >= len(lines) or lines[above].rstrip(" ").endswith(":"):
+        return None
+    here, there = _indentation(lines[index]), _indentation(lines[above])
+    if here <= there or ": " not in lines[above]:
+        return None
+    return (
+        f"this line is indented by {here} spaces, line {above + 1} above it, which is complete, by {there}",
+        f"indent it by {there} spaces",
+    )
+
+
+def _left_of(lines: list[str], column: int) -> int | None:
+    """The last line above that is indented by less than ``column``: the key that began the block of its neighbours."""
+    left = (index for index in range(len(lines) - 1, -1, -1) if _written(lines[index]))
+    return next((index for index in left if _indentation(lines[index]) < column), None)
+
+
 def _yaml_words(error: MarkedYAMLError, text: str) -> tuple[str, str | None]:
     """The parser's error in the words of who writes a file, and the way out; the parser's words where these are not known."""
     context, problem, mark = error.context or "", error.problem or "", error.problem_mark
     if "'\\t'" in problem:
         return "a tab in the indentation", "indent with spaces, never with tabs"
     if problem.startswith("mapping values are not allowed"):
+        if mark is not None and (words := _too_deep(text.splitlines(), mark.line)) is not None:
+            return words
         return "a second colon in a line", 'put the key on a line of its own, or the text in quotes: "a: b"'
     if "quoted scalar" in context and error.context_mark is not None:
         return f"the quote that begins in line {error.context_mark.line + 1} does not end", None
@@ -209,15 +240,22 @@ def _yaml_words(error: MarkedYAMLError, text: str) -> tuple[str, str | None]:
         )
     if "block" in context and "expected <block end>" in problem and mark is not None:
         lines = text.splitlines()[: mark.line]
-        columns = sorted(
-            {len(line) - len(line.lstrip(" ")) for line in lines if line.strip(" ") and line.lstrip(" ")[0] != "#"}
-        )
+        columns = sorted({_indentation(line) for line in lines if _written(line)})
         if mark.column not in columns:
             known = ", ".join(str(column) for column in columns)
             return (
                 f"this line is indented by {mark.column} spaces, the lines above by {known}",
                 "align it with its neighbours",
             )
+        if (above := _left_of(lines, mark.column)) is not None:
+            key, column = lines[above].strip(" ").split(":")[0], _indentation(lines[above])
+            return (
+                f"this line is indented by {mark.column} spaces, the block before it in line {above + 1} by {column}",
+                f"indent line {above + 1}, {key}, and its block by {mark.column} spaces, or this line by {column}",
+            )
+    if problem.startswith("could not find expected ':'") and error.context_mark is not None:
+        line = error.context_mark.line
+        return f"line {line + 1} has no colon after its key", "write KEY: VALUE, or KEY: above a block"
     return " ".join(part for part in (context, problem) if part), None
 
 

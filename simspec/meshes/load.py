@@ -17,12 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec import numerals
-from simspec.errors import SpecError
+from simspec.errors import Problem, SpecError
 from simspec.files import NotReadableError, parse_json, read_bytes
 from simspec.language.quantities import LARGEST as UnitsLARGEST
 from simspec.language.shapes import FEWEST, MOST_HEIGHTS
 from simspec.meshes.hulls import Enclosed, enclosed, merged, reduced
-from simspec.meshes.reading import MeshError, MeshFile, MeshSurface, open_mesh, read_surfaces
+from simspec.meshes.reading import (
+    INSTALL,
+    NEEDS,
+    MeshError,
+    MeshFile,
+    MeshSurface,
+    not_installed,
+    open_mesh,
+    read_surfaces,
+)
 from simspec.outputs.collection import Entries
 from simspec.stored import MeshEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
@@ -253,7 +262,8 @@ _remembered: dict[str, MadeMesh] = {}
 
 
 def load(wanted: Iterable[MeshRequest], most_vertices: int) -> Mapping[MeshRequest, MadeMesh | MeshError]:
-    """The geometry of each file, or why there is none. ``most_vertices``: of a hull whose options allow any."""
+    """The geometry of each file, or why there is none. ``most_vertices``: of a hull whose options allow any. Raises SpecError,
+    once for all files, where packages that read meshes are not installed."""
     results: dict[MeshRequest, MadeMesh | MeshError] = {}
     names: dict[MeshRequest, str] = {}
     files: dict[Path, MeshFile] = {}
@@ -271,6 +281,8 @@ def load(wanted: Iterable[MeshRequest], most_vertices: int) -> Mapping[MeshReque
             results[item] = _bounded(_remember(name, known), options, most_vertices)
     missing = [item for item in names if item not in results]
     unread = list(dict.fromkeys(path for path, _ in missing))
+    if unread and (packages := not_installed()):
+        raise SpecError([Problem(NEEDS, found=f"no {' and no '.join(packages)}", hint=INSTALL, code="C110")])
     surfaces = dict(zip(unread, read_surfaces([files[path] for path in unread]), strict=True))
     for item in missing:
         path, options = item

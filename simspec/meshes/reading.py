@@ -189,7 +189,13 @@ LARGEST_ANSWER = 2**30
 BUSY = 5.0
 """Times the processor time of a decomposition that its process may take."""
 NEEDED = ("trimesh", "collada")
+NEEDS = "reading meshes needs packages that are not installed"
 INSTALL = "pip install 'simspec-physics[meshes]'"
+
+
+def not_installed() -> list[str]:
+    """The packages that reading meshes needs and that are not installed."""
+    return [name for name in NEEDED if find_spec(name) is None]
 
 
 @dataclass(frozen=True)
@@ -206,9 +212,8 @@ class MeshSurface:
 
 def read_surfaces(files: Sequence[MeshFile]) -> list[MeshSurface | MeshError]:
     """The content of each file, or why it is not read, in order."""
-    missing = [name for name in NEEDED if find_spec(name) is None]
-    if missing:
-        return [MeshError(f"reading meshes needs packages that are not installed: {INSTALL}") for _ in files]
+    if files and not_installed():
+        return [MeshError(f"{NEEDS}: {INSTALL}") for _ in files]
     answers: list[MeshSurface | MeshError] = []
     while len(answers) < len(files):
         answers += _read(_next_batch(files[len(answers) :]))

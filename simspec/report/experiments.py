@@ -15,7 +15,7 @@ from simspec.experiments.index import Estimate, ProofsLeft, RunRow
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.sweep import SweepOutcome
 from simspec.report.screen import console, duration
-from simspec.report.table import BAD, Table, TableCell, csv_text, length, number
+from simspec.report.table import BAD, Table, TableCell, csv_text, length, listed, number
 
 # Sweeps: a table of groups of runs, CSV, plain data.
 
@@ -109,7 +109,7 @@ def proof_words(proofs: ProofsLeft | None) -> str:
         return "proofs: all are there"
     text = f"proofs: {proofs.count:,} at most"
     if proofs.total is None:
-        return f"{text}, whose time is not known: none of some engine in this store"
+        return f"{text}, time not known: an engine has none yet"
     return f"{text}, about {duration(proofs.total)}, from what proofs took in this store"
 
 
@@ -132,7 +132,8 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
         about = f"about {duration(left.total)}{together}"
         screen.note(f"runs: {about}, from what such runs took in this store")
     elif to_do:
-        screen.note("no run of some engine has been measured in this store: its time is not known")
+        unknown = [name for name in plan.engines if left.runs[name] and left.seconds[name] is None]
+        screen.note(f"runs: time not known: none yet in {listed(unknown)}")
     screen.note(proof_words(proofs))
 
 

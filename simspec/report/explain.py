@@ -319,7 +319,7 @@ def _gap(explanation: Explanation, name: str) -> str:
 
 
 def swaps_table(explanation: Explanation) -> Table:
-    """The swaps with their shares by class, the largest first."""
+    """The swaps with their shares by class, the largest first; probes that close nothing are counted."""
     classes = [name for name in explanation.telling if name != ALL] + ([ALL] if ALL in explanation.telling else [])
     kinds = (explanation.causes, explanation.probes)
     title = "swaps: one thing changed, and the share of the gap that it closes"
@@ -330,7 +330,9 @@ def swaps_table(explanation: Explanation) -> Table:
             cells = ["" if name not in declared.share else percent(declared.share[name]) for name in classes]
             shown.add(f"{declared.acts}, as declared", declared.engine, "predicted", *cells)
     ordered = (sorted(swaps, key=lambda swap: (swap.failed is not None, -swap.largest)) for swaps in kinds)
-    swaps = [swap for of_kind in ordered for swap in of_kind]
+    every = [swap for of_kind in ordered for swap in of_kind]
+    idle = [swap for swap in explanation.probes if not swap.share and swap.failed is None] if classes else []
+    swaps = [swap for swap in every if all(swap is not other for other in idle)]
     if any(share < 0.0 for swap in swaps[:MOST_ROWS] for share in swap.share.values()):
         shown.note = "negative: the gap grows by this share with the change"
     for swap in swaps[:MOST_ROWS]:
@@ -341,6 +343,9 @@ def swaps_table(explanation: Explanation) -> Table:
             cells[0] = "none"
         before, after = swap.values if swap.kind != CandidateKind.DIFFERENCE.value else swap.values[::-1]
         shown.add(swap.name, before, after, *cells)
+    if idle:
+        counted = f"{len(idle)} other {'change' if len(idle) == 1 else 'changes'} (--json)"
+        shown.add(counted, "", "", *["none"][: len(classes)], *[""] * (len(classes) - 1))
     if len(swaps) > MOST_ROWS:
         shown.add(f"and {len(swaps) - MOST_ROWS} more (--json)", "", "", *[""] * len(classes))
     return shown

@@ -367,13 +367,16 @@ def short_reason(engine: str, feature: str, said: str) -> str:
 SYMBOLS = {Level.EXACT: "✓", Level.VIA_API: "✓", Level.OUTSIDE: "+", Level.APPROXIMATE: "≈", Level.UNSUPPORTED: "·"}
 LEGEND = "✓ exact   + by simspec's own forces, on request   ≈ approximate, to be accepted by name   · no"
 MORE = "Reasons: simspec engines show NAME. Everything as data: simspec engines --json."
-LONGEST_REMARK = 46
+LONGEST_REMARK = 120
 """Characters of a remark in the list of engines."""
+REMARK_WIDTH = 46
+"""Columns of it: longer remarks have several lines."""
 
 
 def engine_tables(instances: Sequence[EngineInstance], data: Mapping[str, Any]) -> list[Table]:
     """The engines with their versions, and symbols for what each proven engine of ``data`` supports: 80 columns wide."""
     versions = Table("Engines", "engine", "version", "reads", "")
+    versions.columns[3].width = REMARK_WIDTH
     for instance in instances:
         remark = instance.problem or instance.python or ""
         versions.add(

@@ -20,7 +20,6 @@ from simspec.numerals import rounded
 from simspec.report.certificate import level_title, strain
 from simspec.report.console import STYLES
 from simspec.report.table import BAD, DIM, GOOD, WARNING, length, listed, number
-from simspec.runner.expectations import Outcome
 from simspec.runner.unphysical import together
 from simspec.selection import NotTaken
 from simspec.world.contact_pairs import meeting_laws
@@ -39,6 +38,8 @@ NBSP = "\u00a0"
 """A blank at which no line is broken."""
 FURTHER = "further: "
 """The beginning of the part on departures after the first."""
+AFTER_MOTIONS = ("expectations", "speed", "not run", "next")
+"""Labels of the parts that may follow the motions."""
 CUT_FIRST = ("not run", "accepted", "speed", "contact law", "model", "further")
 """Parts that are cut before the others, where a verdict is too long."""
 NAMED = 5
@@ -69,7 +70,7 @@ def verdict(
     """
     found = agreement(study)
     parts = [*_failed(study), *_unphysical(study), *_model(study), *_contact(study, skipped)]
-    parts += [*_motion(found, study), *_expectations(study.outcomes), *_speed(study)]
+    parts += [*_motion(found, study), *_expectations(study), *_speed(study)]
     if words := grouped(not_run):
         parts.append(VerdictPart("not run", words, WARNING, brief=False))
     return parts + (_next(found, folder) if folder is not None else [])
@@ -161,7 +162,7 @@ def _model(study: Study) -> list[VerdictPart]:
     if unproven := [name for name, proof in proofs.items() if proof.passed and proof.files_alone]:
         text = f"not proven in {listed(unproven)}: the files alone were checked"
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
-    if without := [name for name in study.runs if name not in proofs]:
+    if without := [name for name, run in study.runs.items() if name not in proofs and run.failed is None]:
         text = f"not proven in {listed(without)}: the certificate does not contain it"
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
     accepted: dict[str, list[str]] = {}
@@ -302,10 +303,16 @@ def _hidden(diff: Diff) -> str:
 # --- expectations and speed ---
 
 
-def _expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> list[VerdictPart]:
-    by_engine = {name: row for name, row in outcomes.items() if row}
+def _expectations(study: Study) -> list[VerdictPart]:
+    """The expectations in the engines that ran: a failed run is a line of its own."""
+    by_engine = {name: row for name, row in study.outcomes.items() if row}
     if not by_engine:
         return []
+    absent = [name for name in by_engine if study.runs[name].failed is not None]
+    if len(absent) == len(by_engine):
+        return [VerdictPart("expectations", f"not evaluated: {listed(absent)} failed", BAD)]
+    by_engine = {name: row for name, row in by_engine.items() if name not in absent}
+    without = f"; not evaluated in {listed(absent)}" if absent else ""
     count = max(map(len, by_engine.values()))
     missed: dict[int, list[str]] = {}
     for name, row in by_engine.items():
@@ -313,7 +320,7 @@ def _expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> list[VerdictPart
             if not outcome.passed:
                 missed.setdefault(index, []).append(name)
     if not missed:
-        return [VerdictPart("expectations", f"{count} of {count} met", GOOD)]
+        return [VerdictPart("expectations", f"{count} of {count} met{without}", BAD if absent else GOOD)]
     words = []
     for index, names in list(missed.items())[:FEW]:
         outcome = by_engine[names[0]][index]
@@ -323,7 +330,7 @@ def _expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> list[VerdictPart
             else outcome.detail or "not measured"
         )
         words.append(f"{outcome.kind} not met in {listed(names)} ({figures})")
-    more = f"; and {len(missed) - FEW} more" if len(missed) > FEW else ""
+    more = (f"; and {len(missed) - FEW} more" if len(missed) > FEW else "") + without
     return [VerdictPart("expectations", f"{count - len(missed)} of {count} met; {'; '.join(words)}{more}", BAD)]
 
 

@@ -55,8 +55,10 @@ def test_fail_on_diff_acts_on_the_reported_difference(
         tmp_path / "run",
     )
     assert found == code
+    printed = capsys.readouterr()
+    assert ("failed: not within --fail-on-diff 1 mm" in printed.out) == (code != EXIT_OK)
     if said and not as_json:
-        assert said in capsys.readouterr().err
+        assert said in printed.err
 
 
 @pytest.mark.parametrize(("option", "code"), [([], EXIT_OK), (["--fail-on-diff", "1e-3"], EXIT_FAILED)])

@@ -55,7 +55,7 @@ def test_a_plan_a_sweep_and_nothing_left_to_do(place):
     assert "2 runs of 2 sets of values in mujoco" in said
     assert "done: 0; to do: 2" in said
     assert "not measured yet" in said
-    assert "proofs: 2 at most, whose time is not known" in said
+    assert "proofs: 2 at most, time not known" in said
     assert os.listdir(place) == ["fall.yaml"], "a plan writes nothing"
     said = call("--csv", "fall.csv")
     assert "2 runs now, 0 before" in said

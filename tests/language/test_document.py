@@ -67,6 +67,18 @@ def test_places_of_keys_and_values():
         ("a: 'x", "not YAML: the quote that begins in line 1 does not end", "1:6"),
         ("a:\n    b: 1\n  c: 2\n", "not YAML: this line is indented by 2 spaces, the lines above by 0, 4", "3:3"),
         ("a: b: c", "not YAML: a second colon in a line", "1:5"),
+        (
+            "a:\n  b: 1\nc:\n  d: 1\n e: 1\n",
+            "not YAML: this line is indented by 1 spaces, the lines above by 0, 2",
+            "5:2",
+        ),
+        (
+            "a:\n  b: {}\nc:\n    d: 1\n  e: 1\n",
+            "the block before it in line 3 by 0\n.*indent line 3, c, and its",
+            "5:3",
+        ),
+        ("a:\n  b: x\n   c: 1\n", "indented by 3 spaces, line 2 above it, which is complete, by 2", "3:5"),
+        ("a:\n  b: 1\nc\nd:\n  e: 1\n", "not YAML: line 3 has no colon after its key", None),
         ("a:\n\tb: 1", "not YAML: a tab in the indentation", "2:1"),
         ("a: \x01", "does not allow: U\\+0001", "1:4"),
         ("[" * (DEEPEST + 1), "nested deeper", None),

@@ -20,7 +20,7 @@ from simspec.proof.checks import Check
 from simspec.report.console import Screen
 from simspec.report.verdict import LABEL, MOST_LINES, VerdictPart, fitted, show_verdict, verdict, verdict_data
 from simspec.runner.execution import failed_run
-from simspec.runner.expectations import evaluate
+from simspec.runner.expectations import Outcome, evaluate
 from simspec.selection import NotTaken
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world
@@ -151,6 +151,21 @@ def test_a_run_without_a_proof_is_named_and_not_counted_as_the_same_model():
     proofs = {name: proof(check("masses", 0.0)) for name in names[:-1]}
     texts = by_label(study_of(dict.fromkeys(names, 0.0), Certificate("quad", "0" * 64, "pinocchio", proofs)))
     assert texts["model"].startswith("same in a, b, c, d, e, f (60 comparisons); not proven in g: ")
+
+
+def test_expectations_are_counted_in_the_engines_that_ran():
+    study = study_of({"a": 0.0, "b": 0.0})
+    met = Outcome("position", True, 0.0, 1e-3, "m")
+    lost = Outcome("position", False, None, 1e-3, "m", "the run failed: not installed")
+    absent = dataclasses.replace(study.runs["b"], failed="not installed")
+    study = dataclasses.replace(study, runs={**study.runs, "b": absent}, outcomes={"a": (met,), "b": (lost,)})
+    assert by_label(study)["expectations"] == "1 of 1 met; not evaluated in b"
+    study = dataclasses.replace(study, outcomes={"a": (dataclasses.replace(met, passed=False),), "b": (lost,)})
+    assert (
+        by_label(study)["expectations"] == "0 of 1 met; position not met in a (0 m, bound 0.001 m); not evaluated in b"
+    )
+    study = dataclasses.replace(study, runs={"b": absent}, outcomes={"b": (lost,)})
+    assert by_label(study)["expectations"] == "not evaluated: b failed"
 
 
 def test_a_motion_that_is_not_finite_is_the_largest_difference():

@@ -3,6 +3,7 @@ versions, here and in other interpreters."""
 
 from __future__ import annotations
 
+import difflib
 import functools
 import json
 import os
@@ -147,7 +148,9 @@ def find_engine(name: str) -> type[Engine]:
     found = engines().get(engine_name(name))
     if found is None:
         why = engines().broken().get(engine_name(name))
-        raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}")
+        similar = difflib.get_close_matches(engine_name(name), engines(), 1)
+        hint = f"; did you mean {similar[0]!r}?" if similar else ""
+        raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}{hint}")
     return found
 
 

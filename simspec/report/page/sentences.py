@@ -78,7 +78,8 @@ def summary(study: Study) -> Sentence:
     if failed:
         return Sentence(BAD, f"{listed(failed)} did not finish.")
     model, proven = _model(study)
-    unmet = sum(not outcome.passed for outcomes in study.outcomes.values() for outcome in outcomes)
+    rows = study.outcomes.values()
+    unmet = len({index for row in rows for index, outcome in enumerate(row) if not outcome.passed})
     tail = f", and {unmet} expectation{'s' if unmet > 1 else ''} failed." if unmet else "."
     if _not_physical(study):
         tail, unmet = f"; the motion is not physical{tail}", unmet + 1
