@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from simspec.selection import Selection
 
 NUMBERS: Mapping[str, Callable[[str], float]] = {
-    **dict.fromkeys(("--tolerance", "--fail-on-diff", "--deadline"), numerals.number),
-    **dict.fromkeys(("--jobs", "--windows", "--timed-runs"), numerals.whole),
+    **dict.fromkeys(("--tolerance", "--fail-on-diff", "--deadline", "--speed"), numerals.number),
+    **dict.fromkeys(("--jobs", "--windows", "--timed-runs", "--fps", "--port"), numerals.whole),
 }
 """Options that take numbers, and the function that checks their text before the command line is parsed."""
 SpecName = Annotated[str, Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]

@@ -32,6 +32,7 @@ NOT_IN_FILES = {
 UNSAID = {
     "Physics.timestep": "written for any value",
     "Shape.rounding": "of engines, for a read-back",
+    "Shape.drawn": "of pages",
     "Shape.surfaces": "of a read-back",
     **dict.fromkeys(
         ("World.expectations", "World.record", "RecordOptions.every_steps", "RecordOptions.channels"),
