@@ -4,6 +4,7 @@ simspec, and arrays mapped from a file. numpy is imported with the first such ar
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import functools
 import json
@@ -14,8 +15,9 @@ import secrets
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -132,6 +134,8 @@ CONTENT = b"simspec scratch folder 1: removed when the process that made it is g
 """The content that makes a file of that name a marker."""
 NEW = f"{MARKER}.new"
 """Name of the marker until it is whole and locked."""
+ATTEMPTS, PAUSE = 50, 0.01
+"""How often the removal of a folder is repeated while files come and go, and the seconds between."""
 UNMARKED = 0o1700
 """Mode that a folder is made with: a sticky bit on a folder that only its owner can write to, which has no other use. So a
 folder is known that is empty because its process ended before it could mark it."""
@@ -246,19 +250,40 @@ def _remove(folder: Path, marker: int) -> None:
     try:
         if not os.path.samestat(os.stat(MARKER, dir_fd=opened, follow_symlinks=False), os.fstat(marker)):
             return
-        with os.scandir(opened) as entries:
-            names = {entry.name: entry.is_dir(follow_symlinks=False) for entry in entries if entry.name != MARKER}
+        for attempt in range(ATTEMPTS):  # a process that is being killed may still write
+            if attempt:
+                time.sleep(PAUSE)
+            if _emptied(opened):
+                with suppress(FileNotFoundError):
+                    os.unlink(MARKER, dir_fd=opened)
+                try:
+                    folder.rmdir()
+                except OSError as error:
+                    if error.errno != errno.ENOTEMPTY:
+                        raise
+                else:
+                    return
+    except OSError:
+        return  # in use, or protected: the next process tries again
+    finally:
+        os.close(opened)
+
+
+def _emptied(opened: int) -> bool:
+    """Remove all but the marker from an open folder; False where something went or came meanwhile."""
+    with os.scandir(opened) as entries:
+        names = {entry.name: entry.is_dir(follow_symlinks=False) for entry in entries if entry.name != MARKER}
+    try:
         for name, is_folder in names.items():
             if is_folder:
                 shutil.rmtree(name, dir_fd=opened)
             else:
                 os.unlink(name, dir_fd=opened)
-        os.unlink(MARKER, dir_fd=opened)
-        folder.rmdir()
-    except OSError:
-        return  # in use, or protected: the next process tries again
-    finally:
-        os.close(opened)
+    except OSError as error:
+        if error.errno not in (errno.ENOENT, errno.ENOTEMPTY):
+            raise
+        return False
+    return True
 
 
 # Folders that travel with simspec: templates and the scenario library, in the wheel or next to the source.

@@ -9,6 +9,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import CancelledError
 from pathlib import Path
@@ -136,6 +137,24 @@ def test_finished_engines_are_kept_and_named_when_the_user_interrupts(begin, pla
     shown.communicate(timeout=60)
     assert shown.returncode == 0
     assert (place / "runs" / "long" / "report.html").is_file()
+
+
+def test_a_folder_into_which_a_dying_process_writes_is_removed():
+    ended = threading.Event()
+
+    def write(folder: Path) -> None:
+        until = time.monotonic() + 0.2
+        while time.monotonic() < until:
+            with contextlib.suppress(OSError):  # the folder is gone
+                (folder / "progress.new").write_text("0.5")
+                (folder / "progress.new").rename(folder / "progress")
+        ended.set()
+
+    with files.scratch_folder("work") as folder:
+        threading.Thread(target=write, args=(folder,), daemon=True).start()
+    assert not folder.exists()
+    assert ended.wait(10)
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize("command", ["compile", "verify", "run"])
