@@ -194,6 +194,11 @@ def without_l3(plain):
     block["checks"] = [row for row in block["checks"] if row["level"] != "L3"]
 
 
+def quick_l3(plain):
+    without_l3(plain)
+    plain["engines"]["second"]["not_compared"]["L3"] = "not requested"
+
+
 FILES = {
     "edited": (
         lambda second: (second / "model.xml").write_text("<other/>\n"),
@@ -207,6 +212,7 @@ TEXT = {
     "another simspec": (lambda plain: plain.update(simspec="0.0.0"), "made by simspec 0.0.0"),
     "another oracle": (lambda plain: plain.update(oracle="pinocchio 3"), "held against pinocchio 3"),
     "a level dropped": (without_l3, "not valid, as it claims to be: L3"),
+    "a level not requested": (quick_l3, "made without L3, as by --quick"),
     "other files": (lambda plain: plain["engines"]["second"].update(artifacts_sha256="0" * 64), "its files are others"),
 }
 

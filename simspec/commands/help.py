@@ -11,7 +11,7 @@ from simspec.commands.options import print_json
 from simspec.commands.scenario_options import HelpOptions
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.language.strict import near
-from simspec.report.error_pages import FOLDER, page_files, page_of
+from simspec.report.error_pages import FOLDER, GENERATED, page_files, page_of
 from simspec.report.screen import console, say
 
 CODE = re.compile("[A-Z][0-9]+")
@@ -30,7 +30,8 @@ def help_about(options: HelpOptions) -> int:
             Problem(
                 f"{word!r} has no page",
                 found=word,
-                allowed="a code of a message (S101), a word of accept (material.restitution), a rule of plausibility",
+                allowed="a code of a message (S101), a word of accept (material.restitution), a rule of plausibility; "
+                "rules of --repair: docs/guide/import-repairs.md",
                 hint=_nearest(word, files),
                 code="C103",
             )
@@ -53,7 +54,7 @@ def wrapped(page: str, width: int) -> Iterator[str]:
     are left out."""
     paragraph: list[str] = []
     block = False
-    for line in [*COMMENT.sub("", page).strip().split("\n"), ""]:
+    for line in [*COMMENT.sub("", page).replace(f"{GENERATED}\n\n", "").strip().split("\n"), ""]:
         block = block != line.startswith("```")
         text = not block and line and not line.startswith(("```", "|", "#"))
         if paragraph and (not text or line.startswith("- ")):

@@ -91,7 +91,8 @@ class JointQuantity(Reader):
         return Number(DIMENSION[kind][self.quantity] if self.quantity else "number", self.least, self.most)
 
     def kinds(self, value: Any) -> tuple[str, ...]:
-        """The types of joints whose number ``value`` may be. Raises Faults, those of the first type, where there is none."""
+        """The types of joints whose number ``value`` may be. Raises Faults where there is
+        none: those of the first type, with the units of all."""
         refused, suited = list[Faults](), list[str]()
         for kind in SCALAR_JOINTS:
             try:
@@ -100,7 +101,11 @@ class JointQuantity(Reader):
             except Faults as error:
                 refused.append(error)
         if not suited:
-            raise refused[0]
+            first = refused[0].faults
+            either = (
+                f"a number, or one with a unit: {self.unit()}" if self.quantity and isinstance(value, str) else None
+            )
+            raise Faults([each._replace(allowed=either or each.allowed) for each in first])
         return tuple(suited)
 
     def read(self, value: Any) -> Any:

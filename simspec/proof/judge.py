@@ -20,7 +20,16 @@ from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import contact_checks, figure_faults
 from simspec.proof.contact.scope import scope
-from simspec.proof.expected import NO_FRAMES, TITLES, not_checked_parts, of_files_alone, realised, title, unreadable
+from simspec.proof.expected import (
+    NO_FRAMES,
+    NOT_REQUESTED,
+    TITLES,
+    not_checked_parts,
+    of_files_alone,
+    realised,
+    title,
+    unreadable,
+)
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
@@ -296,6 +305,8 @@ def _stale(engine: str, proof: EngineProof, world: World, files: str | None) -> 
         return "its files are others than were verified"
     # a proof that is not valid claims nothing
     if proof.valid and (found := judge_proof(engine, proof, world)):
+        if left := [name for name, why in proof.not_compared.items() if why == NOT_REQUESTED]:
+            return f"made without {', '.join(left)}, as by --quick"
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         return f"not valid, as it claims to be: {found[0]}{more}"
     return None

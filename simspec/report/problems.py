@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from simspec.engines.kit.registry import engine_name
 from simspec.errors import MOST_PROBLEMS, EngineRefusal, Location, Problem, SimspecError, SpecError, UnsupportedError
-from simspec.language.foreign import AccountGroup, Repair, kind_of
+from simspec.language.foreign import AccountGroup, LossSeverity, Repair, kind_of
 from simspec.plausibility.findings import RULES, Grade, Plausibility, PlausibilityFinding
 from simspec.report.screen import console, plain
 from simspec.report.table import Table
@@ -31,14 +31,21 @@ if TYPE_CHECKING:
 
 
 def losses_table(file: str, groups: Sequence[AccountGroup]) -> Table:
-    """One row for each kind of loss, with the place of the first and the number of all."""
+    """One row for each kind of loss, with the place of the first and the number of all. Kinds that change no physics and have
+    one reason are one row."""
     rows = Table(
         f"Elements that the import of {file} does not carry", "what", "changes", "why", "line", "count", right=(3, 4)
     )
+    alike: dict[tuple[str, ...], list[AccountGroup]] = {}
     for group in groups:
         first = group.first
         why = f"{first.reason}; {first.hint}" if first.hint else first.reason
-        rows.add(kind_of(first), first.severity.value, why, str(first.location.line), str(group.count))
+        single = kind_of(first) if first.severity is LossSeverity.PHYSICS else ""
+        alike.setdefault((first.severity.value, why, single), []).append(group)
+    for (severity, why, _), same in alike.items():
+        more = f" and {len(same) - 1} more" if len(same) > 1 else ""
+        line, count = same[0].first.location.line, sum(group.count for group in same)
+        rows.add(f"{kind_of(same[0].first)}{more}", severity, why, str(line), str(count))
     return rows
 
 
@@ -147,8 +154,8 @@ def _short(group: tuple[PlausibilityFinding, ...]) -> str:
     first = group[0]
     line = f", line {first.location.line}" if first.location is not None else ""
     more = f"; and {len(group) - 1} more" if len(group) > 1 else ""
-    text = f"  {first.grade} {first.rule}: {figure(first)}{first.element}{line}{more}"
-    return text if len(text) <= WIDTH else f"{text[: WIDTH - 1]}…"
+    text = f"  {first.grade} {first.rule}: {figure(first)}{first.element}{line}"
+    return text + more if len(text + more) <= WIDTH else f"{text[: WIDTH - 1 - len(more)]}…{more}"
 
 
 def figure(finding: PlausibilityFinding) -> str:

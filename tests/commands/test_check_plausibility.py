@@ -81,6 +81,7 @@ def test_lines_are_bounded():
     lines = plausibility_lines(found)
     assert len(lines) == 1 + MOST_LINES + 1 + 2
     assert all(len(line) <= WIDTH for line in lines)
+    assert all(line.endswith("; and 2 more") for line in lines[1 : 1 + MOST_LINES])
     left = len(RULES) - MOST_LINES
     assert f"  and {3 * left} findings of {left} more rules (-v)" in lines
     assert "10 of 20 positions" in "".join(lines)

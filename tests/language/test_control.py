@@ -88,7 +88,7 @@ BAD = {
     "gain no number": ("joints: [elbow], kp: stiff, kd: 1", "kp", "found no number", "'stiff'", None, None),
     "gain a list": ("joints: [elbow], kp: [1], kd: 1", "kp", "expected an angular stiffness", "[1]", None, None),
     "gain without end": ("joints: [elbow], kp: .inf, kd: 1", "kp", "finite", None, None, None),
-    "gain of no joint at all": ("joints: [elbow], kp: 3 kg, kd: 1", "kp", "wrong unit", "'3 kg'", "N m/rad", None),
+    "gain of no joint at all": ("joints: [elbow], kp: 3 kg, kd: 1", "kp", "wrong unit", "'3 kg'", "one with a unit: N m/rad or N/m", None),
     "gain of a slide at a hinge": ("joints: [elbow], kp: 3 N/mm, kd: 1", "kp", "expected an angular stiffness", "'3 N/mm'", "N m/rad", None),
     "gain of a hinge at a slide": ("joints: [lift], kp: 3 N m/rad, kd: 1", "kp", "expected a stiffness", "'3 N m/rad'", "N/m", None),
     "damping of a hinge at a slide": ("joints: [lift], kp: 3, kd: 1 N m s/rad", "kd", "expected a damping", None, "N s/m", None),

@@ -12,11 +12,31 @@ from simspec.analysis.tables import ResultTable, spread
 from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
+from simspec.errors import Location
+from simspec.language.foreign import Account, Fate, LossSeverity, grouped
 from simspec.report.differences import study_tables
+from simspec.report.problems import losses_table
 from simspec.report.table import csv_text, latex_text
 from tests.runner.synthetic import column, free_body, run, world
 
 WORLD = world(free_body("ball_<1>"), free_body("cube"))
+
+
+def test_losses_with_the_same_reason_that_change_no_physics_share_a_row():
+    def lost(line: int, what: str, severity: LossSeverity, reason: str) -> Account:
+        return Account(Location("f", line, 1), what, Fate.LOST, severity, reason)
+
+    accounts = [
+        lost(9, "link[a]/mass/@value", LossSeverity.INFORMATION, "left out by a rule"),
+        lost(8, "link[a]/inertia/@ixx", LossSeverity.INFORMATION, "left out by a rule"),
+        lost(18, "link[b]/inertia/@ixx", LossSeverity.INFORMATION, "left out by a rule"),
+        lost(3, "joint[c]/play/@size", LossSeverity.PHYSICS, "no engine has it"),
+        lost(4, "joint[c]/slack/@size", LossSeverity.PHYSICS, "no engine has it"),
+    ]
+    rows = losses_table("f", grouped(accounts)).rows
+    assert [row[-1] for row in rows] == ["1", "1", "3"]
+    assert [row[0] for row in rows[:2]] == ["joint/play/@size", "joint/slack/@size"]
+    assert rows[2][0] in ("link/inertia/@ixx and 1 more", "link/mass/@value and 1 more")
 
 
 def study() -> Study:
