@@ -185,7 +185,9 @@ def _fetch(name: str) -> None:
     try:
         importlib.import_module(f"{ROBOTS}.{name}")
     except Exception as error:  # it fetches by git, which fails in ways of its own
-        raise SpecError([Problem(f"{name}: {ROBOTS} cannot fetch it: {error}", code="I116")]) from None
+        lines = str(error).splitlines() or ["no reason given"]
+        why = next((line.partition("fatal:")[2].strip(" '") for line in lines if "fatal:" in line), lines[0])
+        raise SpecError([Problem(f"{name}: {ROBOTS} cannot fetch it: {why}", code="I116")]) from None
 
 
 def _not_over_the_source(out: Path, path: Path) -> Problem | None:
@@ -288,11 +290,11 @@ FILES = {
     name: f"{'simspec' if name == 'language' else name}.schema.json"
     for name in (*language_schema.LANGUAGES, "project", *request.SCHEMAS)
 }
-"""The file of each schema, below ``schema/``."""
+"""The name of the file of each schema."""
 
 
 def schema(options: SchemaOptions) -> int:
-    """Write a JSON Schema to ``--out`` (default: below ``schema/``; ``-``: standard output)."""
+    """Write a JSON Schema to ``--out`` (default: in ``schema/`` where there is such a folder, else here; ``-``: standard output)."""
     of, out = options.of.value, options.out
     ours: Callable[[bytes], bool]
     if of in language_schema.LANGUAGES:
@@ -304,7 +306,7 @@ def schema(options: SchemaOptions) -> int:
     if out is not None and str(out) == "-":
         sys.stdout.write(wanted)
         return EXIT_OK
-    path = out if out is not None else Path("schema") / FILES[of]
+    path = out if out is not None else (Path("schema") if Path("schema").is_dir() else Path()) / FILES[of]
     how = "simspec schema" if of == "language" else f"simspec schema --of {of}"
     return generated_files({path: (wanted, ours)}, options.check, options.as_json, how)
 

@@ -1,4 +1,5 @@
-"""``simspec help``: the page of a code of an error or a warning, of a word of ``accept``, of a rule of plausibility."""
+"""``simspec help``: the page of a code of an error or a warning, of a word of ``accept``, of a rule of plausibility or of
+repair."""
 
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ from simspec.report.screen import console, say
 
 CODE = re.compile("[A-Z][0-9]+")
 COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
+REPAIRS = "docs/guide/import-repairs.md"
+"""The page of the rules of repair."""
 MOST_NAMED = 6
 """Words that a hint names."""
 
@@ -23,15 +26,15 @@ MOST_NAMED = 6
 def help_about(options: HelpOptions) -> int:
     """Print the pages of the words. Raises SpecError for a word that has none."""
     files = page_files()
-    pages = {word: page_of(word) for word in options.words}
+    pages = {word: page_of(word) or _repair(word) for word in options.words}
     unknown = [word for word, page in pages.items() if page is None]
     if unknown:
         raise SpecError(
             Problem(
                 f"{word!r} has no page",
                 found=word,
-                allowed="a code of a message (S101), a word of accept (material.restitution), a rule of plausibility; "
-                "rules of --repair: docs/guide/import-repairs.md",
+                allowed="a code of a message (S101), a word of accept (material.restitution), a rule of plausibility "
+                "or of --repair",
                 hint=_nearest(word, files),
                 code="C103",
             )
@@ -45,8 +48,24 @@ def help_about(options: HelpOptions) -> int:
             say("")
         for line in wrapped(page or "", console().width):
             say(line)
-        say(f"page: {FOLDER}/{files.get(word.upper()) or files.get(word.lower())}")
+        name = files.get(word.upper()) or files.get(word.lower())
+        say(f"page: {f'{FOLDER}/{name}' if name else REPAIRS}")
     return EXIT_OK
+
+
+def _repair(word: str) -> str | None:
+    """The meaning of a rule of repair in each language that has it, as a page; None where no importer has it."""
+    from simspec.language.foreign import importers
+
+    meanings: dict[str, list[str]] = {}
+    for name, importer in importers().items():
+        if (meaning := importer.rules().get(word.lower()) if hasattr(importer, "rules") else None) is not None:
+            meanings.setdefault(meaning, []).append(name)
+    if not meanings:
+        return None
+    lines = [f"- {', '.join(names)}: {meaning}" for meaning, names in meanings.items()]
+    way = f"`--repair {word.lower()}`, or `import: {{repair: [{word.lower()}]}}` in a scenario, applies it."
+    return "\n".join([f"# {word.lower()}: a rule of repair of robot files", "", *lines, "", way, ""])
 
 
 def wrapped(page: str, width: int) -> Iterator[str]:

@@ -234,7 +234,8 @@ class SchemaOptions(Options):
         ),
     ] = SchemaName.LANGUAGE
     out: Annotated[
-        Path | None, Option(metavar="FILE", help="Output file (default schema/…); - for standard output.")
+        Path | None,
+        Option(metavar="FILE", help="Output file (default: below schema/, if it exists); - for standard output."),
     ] = None
     check: Annotated[bool, Option("--check", help="Write nothing; exit with 1 if FILE is not current.")] = False
 
