@@ -294,7 +294,7 @@ FILES = {
 
 
 def schema(options: SchemaOptions) -> int:
-    """Write a JSON Schema to ``--out`` (default: in ``schema/`` where there is such a folder, else here; ``-``: standard output)."""
+    """Write a JSON Schema to ``--out`` (default: in ``schema/`` if it exists, else here; ``-``: standard output)."""
     of, out = options.of.value, options.out
     ours: Callable[[bytes], bool]
     if of in language_schema.LANGUAGES:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.audit.meaning import packages_of
+from simspec.commands import files
 from simspec.errors import UNSEEN_CHARACTERS, Location, SpecError
 from simspec.imports import files as packages
 from simspec.imports.elements import Element
@@ -292,3 +293,16 @@ def test_paths_that_lead_nowhere_say_why(tmp_path, text, said):
     assert said in str(problem)
     assert problem.location == ASKING.location
     assert isinstance(error.value, MissingFileError) is ("gopher" not in text)
+
+
+def test_a_robot_that_git_cannot_fetch_is_an_error_with_the_reason_of_git(monkeypatch):
+    output = "Cmd('git') failed due to: exit code(128)\n  cmdline: git fetch\n  stderr: 'fatal: no such host'"
+
+    def failing(name: str):
+        raise RuntimeError(output)
+
+    monkeypatch.setattr(files.importlib, "import_module", failing)
+    with pytest.raises(SpecError) as caught:
+        files._fetch("panda_description")
+    (problem,) = caught.value.problems
+    assert problem.message == "panda_description: robot_descriptions cannot fetch it: no such host"
