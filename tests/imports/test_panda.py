@@ -26,3 +26,19 @@ def test_a_panda_with_meshes_and_coupled_fingers_picks_a_cube(tmp_path, monkeypa
         "mujoco": [True],
         "pybullet": [True],
     }
+
+
+def test_meshes_without_the_packages_that_read_them_are_one_error(tmp_path, monkeypatch, capsys):
+    from simspec.meshes import load
+
+    (package,) = find_spec("pybullet_data").submodule_search_locations
+    shutil.copytree(Path(package) / "franka_panda", tmp_path / "franka_panda")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(load, "not_installed", lambda: ["trimesh"])
+    monkeypatch.setattr(load, "read", lambda name: None)
+    monkeypatch.setattr(load, "_remembered", {})
+    assert cli.main(["import", "franka_panda/panda.urdf", "-o", "panda.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("error[") == said.count("error[C110]") == 1
+    assert "pip install 'simspec-physics[meshes]'" in said
+    assert "missing-meshes" not in said

@@ -23,6 +23,13 @@ def said(study, start: str = "") -> list[str]:
     return [f"{sentence.tone}: {sentence.text}" for sentence in verdict(study) if sentence.text.startswith(start)]
 
 
+def test_an_expectation_that_several_engines_fail_counts_once():
+    study = samples.a_study()
+    (lost,) = [outcome for row in study.outcomes.values() for outcome in row if not outcome.passed]
+    study = dataclasses.replace(study, outcomes=dict.fromkeys(study.outcomes, (lost,)))
+    assert summary(study).text.endswith("and 1 expectation failed.")
+
+
 def test_what_is_said_of_runs_that_part():
     study = samples.a_study()
     first, *others = said(study)
