@@ -28,7 +28,7 @@ def test_a_panda_with_meshes_and_coupled_fingers_picks_a_cube(tmp_path, monkeypa
     }
 
 
-def test_meshes_without_the_packages_that_read_them_are_one_error(tmp_path, monkeypatch, capsys):
+def test_meshes_without_the_packages_that_read_them_give_a_single_error(tmp_path, monkeypatch, capsys):
     from simspec.meshes import load
 
     (package,) = find_spec("pybullet_data").submodule_search_locations
