@@ -93,6 +93,10 @@ class Surface:
     hardness: Hardness | None = None
 
 
+GREY = (0.7, 0.7, 0.7, 1.0)
+"""The colour of a shape that has none."""
+
+
 @dataclass(frozen=True, slots=True)
 class Shape:
     """A collision and/or visual shape, with its pose in the body frame.
@@ -114,7 +118,7 @@ class Shape:
     material: str = ""
     collision: bool = True
     visual: bool = True
-    colour: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
+    colour: tuple[float, float, float, float] = GREY
     surfaces: tuple[Surface, ...] = ()
     rounding: float = field(default=0.0, metadata=LEFT_OUT)
     margin: float = field(default=0.0, metadata=LEFT_OUT)

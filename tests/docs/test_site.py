@@ -40,13 +40,13 @@ def pages(site):
         if "studies" in path.parts and path.name == "report.html":
             continue  # a page of a published study, which its own tests check
         tree = html.fromstring(path.read_bytes())
-        fetched = [
-            *tree.xpath("//script/@src"),
-            *tree.xpath("//img/@src"),
-            *tree.xpath("//link/@href"),
-            *tree.xpath("//video/@src"),
-        ]
-        found[path] = (tree.xpath("//a/@href"), fetched, {*tree.xpath("//@id"), *tree.xpath("//a/@name")})
+
+        def texts(*queries: str, tree=tree) -> list[str]:
+            # lxml's strings keep the whole tree of their page
+            return [str(text) for query in queries for text in tree.xpath(query)]
+
+        fetched = texts("//script/@src", "//img/@src", "//link/@href", "//video/@src")
+        found[path] = (texts("//a/@href"), fetched, set(texts("//@id", "//a/@name")))
     return found
 
 

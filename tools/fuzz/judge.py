@@ -63,6 +63,7 @@ def judged(project: Path, name: str, watch: Watch) -> tuple[str, list[str]]:
     reader, writer = os.pipe()
     scratch = project.parent / "tmp"
     watch.opened()
+    inherited = _resident()
     child = os.fork()
     if child == 0:
         os.close(reader)
@@ -82,8 +83,8 @@ def judged(project: Path, name: str, watch: Watch) -> tuple[str, list[str]]:
     seconds = used.ru_utime + used.ru_stime
     if seconds > CPU_SECONDS:
         wrong.append(f"{seconds:.1f} s of processor time")
-    if used.ru_maxrss > MEMORY:
-        wrong.append(f"{used.ru_maxrss / 1024:.0f} MB of memory")
+    if used.ru_maxrss - inherited > MEMORY:
+        wrong.append(f"{(used.ru_maxrss - inherited) / 1024:.0f} MB of memory")
     if opened := sorted(set(watch.opened())):
         wrong.append(f"opened what is outside: {opened}")
     if left := sorted(path.name for path in scratch.iterdir() if not path.name.startswith("simspec-bug-")):
@@ -91,6 +92,11 @@ def judged(project: Path, name: str, watch: Watch) -> tuple[str, list[str]]:
     if list(project.rglob("pwned")):
         wrong.append("ran a command")
     return str(answer.get("outcome", "none")), wrong
+
+
+def _resident() -> int:
+    """The memory (kB) of this process, which a forked process has from the beginning."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
 
 
 def _answer(reader: int, child: int) -> tuple[dict[str, Any], bool]:

@@ -13,12 +13,43 @@ from simspec.report.page.model import DIGITS, placed
 from simspec.report.page.packing import FARTHEST, PackedNumbers, coded
 from simspec.world.appearance import DrawnMesh, DrawnSurface, Rgba
 from simspec.world.hull import mesh_triangles, mesh_vertices
+from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES, field_of
-from simspec.world.types import Pose, Shape, World
+from simspec.world.types import GREY, Pose, Shape, World
 
 Surfaces = Mapping[Wanted, DrawnSurface]
 MOST_ROWS = 200
 """Rows, and columns, of a height field that are drawn: its points are indexed by numbers of 16 bits."""
+TINTS: tuple[Rgba, ...] = (
+    (0.40, 0.60, 0.82, 1.0),
+    (0.93, 0.72, 0.38, 1.0),
+    (0.48, 0.74, 0.62, 1.0),
+    (0.85, 0.61, 0.74, 1.0),
+    (0.86, 0.55, 0.42, 1.0),
+    (0.62, 0.78, 0.92, 1.0),
+    (0.62, 0.58, 0.80, 1.0),
+    (0.72, 0.74, 0.46, 1.0),
+)
+"""Colours of moving bodies in a world without colours: lighter ones of those that runs have on the page."""
+
+
+def painted(world: World) -> World:
+    """``world`` with a colour for each moving body, where no shape has a colour and no mesh is drawn as its file has it."""
+    shapes = [shape for body in world.bodies for shape in body.shapes]
+    if any(shape.colour != GREY or shape.drawn is not None for shape in shapes):
+        return world
+    groups = rigid_groups(world)
+    moving = [body.name for body in world.bodies if groups[body.name] != "world" and body.shapes]
+    tints = {name: TINTS[index % len(TINTS)] for index, name in enumerate(moving)}
+    bodies = tuple(
+        dataclasses.replace(
+            body, shapes=tuple(dataclasses.replace(shape, colour=tints[body.name]) for shape in body.shapes)
+        )
+        if body.name in tints
+        else body
+        for body in world.bodies
+    )
+    return dataclasses.replace(world, bodies=bodies)
 
 
 def drawn_shapes(world: World, packed: PackedNumbers, surfaces: Surfaces) -> list[dict[str, Any]]:
@@ -27,7 +58,7 @@ def drawn_shapes(world: World, packed: PackedNumbers, surfaces: Surfaces) -> lis
     shown: list[dict[str, Any]] = []
     hulls: dict[tuple[float, ...], dict[str, str]] = {}
     coloured: dict[Wanted, list[tuple[Rgba | None, dict[str, Any]]]] = {}
-    for index, body in enumerate(world.bodies):
+    for index, body in enumerate(painted(world).bodies):
         visual = any(map(_visual, body.shapes))
         for shape in filter(is_drawn, body.shapes):
             seen = _visual(shape) if visual else shape.collision

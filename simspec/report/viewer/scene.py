@@ -12,7 +12,7 @@ import numpy as np
 
 from simspec.errors import visible
 from simspec.meshes.drawn import surfaces as surfaces_of
-from simspec.report.page.shapes import is_drawn
+from simspec.report.page.shapes import is_drawn, painted
 from simspec.report.viewer import drawn
 from simspec.world import frames
 from simspec.world.posture import followers, initial_positions, joint_frame, poses_at, with_followers
@@ -171,7 +171,7 @@ class LiveScene:
 
     def _visual(self) -> list[Placed]:
         surfaces, made = surfaces_of(self.world), []
-        for body in self.world.bodies:
+        for body in painted(self.world).bodies:
             for index, part in enumerate(drawn.visual_parts(body, surfaces)):
                 path = f"/world/{_path(body.name)}/visual {index}"
                 if part.mesh is None:
