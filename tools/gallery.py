@@ -35,11 +35,13 @@ SECONDS = 240
 LARGEST = 40_000
 """Bytes of a picture."""
 CAMERA = {
-    **dict.fromkeys(("bouncing-ball", "tower-boxes", "tower-cylinders"), -4),
-    **dict.fromkeys(("spring-damper", "compliance-laws", "frictionless-laws", "box-on-box"), -2),
-    **dict.fromkeys(("friction-laws", "restitution-laws", "rolling-laws", "torsional-laws", "card-house"), 2),
-    **dict.fromkeys(("ball-pendulum", "four-bar-push", "six-materials", "ur10e", "ur10e-hand", "ur10e-reach"), 2),
-    **dict.fromkeys(("double-pendulum", "newtons-cradle", "tripod"), 4),
+    **dict.fromkeys(("bouncing-ball", "tower-boxes", "tower-cylinders"), -2),
+    **dict.fromkeys(
+        ("ball-pendulum", "friction-laws", "rolling-laws", "torsional-laws", "restitution-laws", "tripod"), 4
+    ),
+    **dict.fromkeys(
+        ("card-house", "double-pendulum", "bouncing-row", "rolling-ramp", "gripper-lift", "stack-cylinders"), 2
+    ),
 }
 """How often the camera goes nearer (or, negative, away) before the picture is taken."""
 GROUPS = {".": "Robots and mechanisms", "contact": "Contact"}
