@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec import generated, selection
-from simspec.audit.exported import ReaderLoss, reader_losses
 from simspec.commands.loading import LoadedSpec, load_all, spec_file
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
@@ -30,6 +29,7 @@ from simspec.selection import Selection
 from simspec.world.canonical import sha256
 
 if TYPE_CHECKING:
+    from simspec.audit.exported import ReaderLoss
     from simspec.report.problems import WaysOut
 
 
@@ -202,6 +202,8 @@ class Export:
     @functools.cached_property
     def readers(self) -> list[ReaderLoss]:
         """Known losses of programs that read the format."""
+        from simspec.audit.exported import reader_losses
+
         return reader_losses(self.loaded.world, self.format_name, self.profile, self.plain.files)
 
     @property

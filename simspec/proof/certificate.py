@@ -16,6 +16,7 @@ from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.scope import DeclaredShare, declared, unmeasured
 from simspec.stored import StoredCertificate, parse, read_as
+from simspec.support.declarations import Level
 from simspec.world.canonical import from_plain, to_plain
 
 SCHEMA = 5
@@ -66,6 +67,11 @@ class EngineProof:
     def files_alone(self) -> bool:
         """Whether only the files were checked (L0), since the engine is not there: nothing is proven of it."""
         return "L1" in self.not_checked
+
+    @property
+    def accepted(self) -> list[str]:
+        """The features that differ from the spec, as it accepts. Those that simspec computes outside the engine do not."""
+        return [name for name, how in self.approximations.items() if how.startswith(f"{Level.APPROXIMATE.value}:")]
 
     @property
     def unchecked(self) -> dict[str, str]:

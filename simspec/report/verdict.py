@@ -167,8 +167,8 @@ def _model(study: Study) -> list[VerdictPart]:
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
     accepted: dict[str, list[str]] = {}
     for name, proof in proofs.items():
-        if proof.approximations:
-            accepted.setdefault(_few(list(proof.approximations)), []).append(name)
+        if proof.accepted:
+            accepted.setdefault(_few(proof.accepted), []).append(name)
     if accepted:
         text = "; ".join(f"{', '.join(names)}: {features}" for features, names in accepted.items())
         parts.append(VerdictPart("accepted", text, WARNING))

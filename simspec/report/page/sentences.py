@@ -110,7 +110,7 @@ def _model(study: Study) -> tuple[str, bool]:
     if not study.runs.keys() <= certificate.engines.keys():
         return "Not every engine's model was compared with the spec's", False
     model = "The engine has the spec's model" if alone else "The engines have the same model"
-    if any(certificate.engines[name].approximations for name in study.runs):
+    if any(certificate.engines[name].accepted for name in study.runs):
         model += ", with approximations that the spec accepts"
     return model, True
 
@@ -135,8 +135,8 @@ def _models(study: Study) -> Iterator[Sentence]:
         yield Sentence(GOOD, f"Models: proven equal to the spec in {listed(proven)}, by {count:,} comparisons.")
     yield from _unproven(study, certificate)
     for name, proof in certificate.engines.items():
-        if name in study.runs and proof.approximations:
-            features = listed(sorted(proof.approximations))
+        if name in study.runs and proof.accepted:
+            features = listed(sorted(proof.accepted))
             yield Sentence(WARNING, f"Models: {name} differs from the spec as the spec accepts: {features}.")
         if name in study.runs and proof.declared.declared:
             yield Sentence(WARNING, f"Contact: {name}: {proof.declared.words}.")
