@@ -22,7 +22,7 @@ def colours(world):
     return {body.name: {shape.colour for shape in body.shapes} for body in world.bodies}
 
 
-def test_moving_bodies_are_painted_in_turn_and_fixed_ones_are_not(world):
+def test_moving_bodies_are_painted_in_turn_and_fixed_bodies_are_not(world):
     found = colours(painted(world))
     fixed = {body.name for body in world.bodies if body.joint.kind == "fixed"}
     assert fixed
