@@ -13,6 +13,25 @@ from simspec import cli
 VALUES = {'"${engines[@]}"': "ENGINE", '"${engines[@]/#/--engine=}"': "--engine=ENGINE", '"${arguments[@]}"': "--quick"}
 """Arrays of the scripts, and words in place of them."""
 
+FALL = """\
+simspec: 1
+name: fall
+
+physics: {timestep: 1 ms, duration: 20 ms}
+
+bodies:
+  ball:
+    pose: {xyz: [0, 0, 1]}
+    mass: 1
+    inertia: {principal: [0.01, 0.01, 0.01]}
+
+record: {every: 10 ms}
+
+expect:
+  - displacement: {body: ball, xyz: [0, 0, -0.00206], tolerance: 0.1 mm}
+"""
+"""A spec that the steps of CI run."""
+
 
 def commands(script: str) -> Iterator[str]:
     """The commands of simspec in a script, with values in place of variables."""

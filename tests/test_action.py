@@ -11,30 +11,13 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from tests.command_lines import commands, parse
+from tests.command_lines import FALL, commands, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "action.yml").read_text(encoding="utf-8")
 ACTION = YAML(typ="safe").load(TEXT)
 STEPS = ACTION["runs"]["steps"]
 INSTALL, CHECK, RUN = (step for step in STEPS if "run" in step)
-FALL = """\
-simspec: 1
-name: fall
-
-physics: {timestep: 1 ms, duration: 20 ms}
-
-bodies:
-  ball:
-    pose: {xyz: [0, 0, 1]}
-    mass: 1
-    inertia: {principal: [0.01, 0.01, 0.01]}
-
-record: {every: 10 ms}
-
-expect:
-  - displacement: {body: ball, xyz: [0, 0, -0.00206], tolerance: 0.1 mm}
-"""
 INPUTS = {"specs": "specs/*.yaml", "engines": "mujoco", "arguments": "--quick --no-verify"}
 
 

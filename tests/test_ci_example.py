@@ -14,28 +14,12 @@ from ruamel.yaml import YAML
 
 from simspec import cli
 from simspec.errors import EXIT_OK
+from tests.command_lines import FALL
 
 ROOT = Path(__file__).resolve().parent.parent
 WORKFLOW = YAML(typ="safe").load(ROOT / "docs" / "examples" / "github-workflow.yml")
 JOB = WORKFLOW["jobs"]["simspec"]
 INSTALL, CHECK, VERIFY, RUN = (step for step in JOB["steps"] if "run" in step)
-FALL = """\
-simspec: 1
-name: fall
-
-physics: {timestep: 1 ms, duration: 20 ms}
-
-bodies:
-  ball:
-    pose: {xyz: [0, 0, 1]}
-    mass: 1
-    inertia: {principal: [0.01, 0.01, 0.01]}
-
-record: {every: 10 ms}
-
-expect:
-  - displacement: {body: ball, xyz: [0, 0, -0.00206], tolerance: 0.1 mm}
-"""
 
 
 class Clone:

@@ -31,21 +31,21 @@ export class Sliders {
     box: HTMLElement,
   ) {
     const { joints } = scene.model;
-    const held = joints.filter(({ kind }) => kind === "hinge" || kind === "slide" || kind === "ball");
+    const adjustable = joints.filter(({ kind }) => kind === "hinge" || kind === "slide" || kind === "ball");
     const free = joints.filter(({ kind }) => kind === "free");
-    if (!held.length && (!free.length || free.length > MOST_FREE)) return;
+    if (!adjustable.length && (!free.length || free.length > MOST_FREE)) return;
     const head = document.createElement("div");
     head.className = "group";
     const title = document.createElement("strong");
-    title.textContent = held.length ? "Joints" : "Bodies";
+    title.textContent = adjustable.length ? "Joints" : "Bodies";
     head.append(title, this.button("initial state", false));
-    if (held.length) head.append(this.button("all at zero", true));
+    if (adjustable.length) head.append(this.button("all at zero", true));
     box.append(head);
     const grid = document.createElement("div");
     grid.className = "sliders";
-    for (const joint of held.slice(0, MOST_JOINTS)) this.addJoint(joint, grid);
+    for (const joint of adjustable.slice(0, MOST_JOINTS)) this.addJoint(joint, grid);
     box.append(grid);
-    if (held.length > MOST_JOINTS) box.append(this.note(`The first ${MOST_JOINTS} of ${held.length} joints have sliders.`));
+    if (adjustable.length > MOST_JOINTS) box.append(this.note(`The first ${MOST_JOINTS} of ${adjustable.length} joints have sliders.`));
     if (free.length && free.length <= MOST_FREE) {
       const more = document.createElement("details");
       const summary = document.createElement("summary");

@@ -22,7 +22,6 @@ from simspec.language.foreign import repaired, repairs_data
 from simspec.language.load import Spec
 from simspec.option_checks import check_options
 from simspec.outputs.writing import write_file
-from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
 from simspec.report.problems import as_problems, plausibility_data, plausibility_lines
 from simspec.report.screen import console, say
@@ -38,6 +37,8 @@ def check(options: CheckOptions) -> int:
     """Check specs, and compile them for the chosen engines. Implausible values of a model are printed after its verdict, with
     ``--verbose`` in full. Raises SpecError with the problems of all specs, with ``--strict`` also with likely mistakes of the
     model. Features that engines reject are one line each, unless ``--verbose``, with the ways out at the end."""
+    from simspec.plausibility.examine import examine
+
     options = replace(options, engine=options.chosen)
     names = names_alone(options.chosen)
     problems: list[Problem] = []

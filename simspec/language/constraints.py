@@ -122,7 +122,7 @@ class _Loop(Strict):
         bodies = listed(data.get("bodies"))
         if len(bodies) == 2 and bodies[0] == bodies[1]:
             yield Fault(
-                ("bodies",), "a body cannot be held to itself", str(bodies[0]), "two different bodies", code="S502"
+                ("bodies",), "a body cannot be connected to itself", str(bodies[0]), "two different bodies", code="S502"
             )
 
 

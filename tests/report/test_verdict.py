@@ -136,7 +136,7 @@ def test_the_model_line_counts_valid_proofs_and_names_the_worst_check_of_others(
         "b": proof(check("masses", 0.5), check("inertia", 1.0)),
         "c": proof(
             check("masses", 0.0),
-            approximations={"shape.box": "approximate: wider", "joint.limits.velocity": "outside: by simspec"},
+            approximations={"shape.box": "why", "joint.limits.velocity": "outside: by simspec"},
         ),
     }
     texts = by_label(study_of(dict.fromkeys(proofs, 0.0), Certificate("quad", "0" * 64, "pinocchio", proofs)))

@@ -72,7 +72,7 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
             "these joints follow each other: right_joint -> tip_joint -> right_joint",
         ),
         ("m: {connect: {bodies: [left, unknown], at: [0, 0, 0]}}", "there is no body 'unknown'"),
-        ("m: {connect: {bodies: [left, left], at: [0, 0, 0]}}", "cannot be held to itself"),
+        ("m: {connect: {bodies: [left, left], at: [0, 0, 0]}}", "cannot be connected to itself"),
         ("m: {connect: {bodies: [left, tip], at: [1, 0, 0], second_at: [0, 0, 0.1]}}", "do not meet initially"),
         ("m: {weld: {bodies: [left, tip], pose: {xyz: [1, 0, 0]}}}", "is not initially where left holds it"),
         ("m: {connect: {bodies: [left, tip], at: [1, 0, 0]}}", "initial velocities of left and tip would part them"),
