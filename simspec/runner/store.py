@@ -63,7 +63,13 @@ def save_run(run: Run, folder: Path) -> Path:
         put(fresh / WORLD_FILE, canonical_json(run.world) + "\n")
         yield WORLD_FILE
         facts = {**run.provenance, "failed": run.failed, "tables": written}
-        if (looks := looks_of(run.world)) is not None:
+        try:
+            looks = looks_of(run.world)
+        except UNREADABLE:
+            looks = (
+                None  # a result is not lost for the way it is drawn: pages draw hulls, as of files that cannot be read
+            )
+        if looks is not None:
             put(fresh / LOOKS_FILE, looks)
             yield LOOKS_FILE
             facts["looks"] = hashlib.sha256(looks.encode()).hexdigest()

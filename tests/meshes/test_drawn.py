@@ -144,6 +144,18 @@ def test_a_stored_run_keeps_its_surfaces_and_the_hash_of_its_world(tmp_path):
         load_run(tmp_path / "run")
 
 
+@pytest.mark.parametrize("error", [OSError("no process"), MemoryError(), ValueError("odd")])
+def test_a_run_is_saved_although_its_surfaces_cannot_be_read(tmp_path, monkeypatch, error):
+    def fail(world):
+        raise error
+
+    monkeypatch.setattr("simspec.runner.store.looks_of", fail)
+    world = painted(tmp_path)
+    run(world).save(tmp_path / "run")
+    assert not (tmp_path / "run" / "looks.json").exists()
+    assert sha256(load_run(tmp_path / "run").world) == sha256(world)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("colours", [[None, 3]]), ("triangles", "AAAAAAAA"), ("vertices", "AA=="), ("colours", [[[2, 0, 0, 1], 12]])],
