@@ -31,6 +31,10 @@ _HARDNESS: Final = {
     "common": "rigid; the law that all core engines can follow",
     "native": "the default hardness of each engine: depth and bounce are not comparable",
 }
+_INTEGRATOR: Final = {
+    "common": "semi-implicit Euler: engines are compared step by step",
+    "engine": "the usual method of each engine: engines are compared with the exact motion, and differ by their methods",
+}
 _INTERPOLATION: Final = {
     "hold": "each value remains until the next point",
     "linear": "straight lines between points",
@@ -74,6 +78,7 @@ MEANINGS: Final[Mapping[str, Mapping[str, str]]] = {
         "linear": "equal differences of neighbours",
         "logarithmic": "equal ratios of neighbours",
     },
+    "Physics.integrator": _INTEGRATOR,
     "Record.channels": {
         "pose": "position and orientation of each body",
         "velocity": "linear and angular velocity of each body",

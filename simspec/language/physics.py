@@ -11,7 +11,7 @@ from simspec.language.contact import WHOLE
 from simspec.language.quantities import Number, Vector
 from simspec.language.shapes import LinearVelocity
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import CHANNELS
+from simspec.language.vocabulary import CHANNELS, INTEGRATORS
 from simspec.language.words import Name, Word
 
 MOST_STEPS = 10**9
@@ -55,8 +55,8 @@ class Fluid(Strict):
 
 
 class Physics(Strict):
-    """Gravity, time and the fluid around the bodies. The integrator of all engines is semi-implicit Euler: v ← v + dt
-    a, then q ← q ⊕ dt v.
+    """Gravity, time and the fluid around the bodies. The common integrator is semi-implicit Euler: v ← v + dt a, then
+    q ← q ⊕ dt v.
     """
 
     gravity: Annotated[tuple[float, float, float], Vector(Number("acceleration"))] = Field(
@@ -67,6 +67,10 @@ class Physics(Strict):
         0.0, description="Simulated time of a run; a whole number of steps"
     )
     fluid: Maybe[Fluid] = Field(ABSENT, description="The fluid around the bodies; none: a vacuum")
+    integrator: Annotated[str, Word(INTEGRATORS)] = Field(
+        "common",
+        description="The method of integration: semi-implicit Euler in all engines, or the usual one of each engine",
+    )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

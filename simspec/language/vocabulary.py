@@ -34,6 +34,9 @@ ENGINE_RULES = ("max", "min", "product", "mean", "harmonic", "cross", "table", "
 """How an engine makes one number from two shapes'. harmonic: 2 μ₁ μ₂ / (μ₁ + μ₂); cross: s₁ μ₂ + s₂ μ₁ with the sliding
 friction μ; table: the engine combines nothing and holds the law of every two materials; none: the engine lacks it."""
 
+INTEGRATORS = ("common", "engine")
+"""Semi-implicit Euler in all engines, or the usual method of each engine."""
+
 CONTROL_LAWS = ("pd", "computed-torque", "native")
 DISCRETISATIONS = ("explicit", "implicit")
 ACTUATORS = ("position", "velocity", "effort")

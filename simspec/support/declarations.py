@@ -121,7 +121,8 @@ _ABSENCES = list(Absence)
 class Refinement:
     """The support for a feature in one world. ``level`` and ``how`` (None: as declared) take the declaration's place; ``short``
     is one line on what is lost or done outside; ``note`` is added to ``how``, whatever the level. ``requested``: a setting of
-    the spec selects the computation outside the engine, so that it needs no name under ``outside``.
+    the spec selects the approximation, or the computation outside the engine, so that it needs no name under ``accept`` or
+    ``outside``.
     """
 
     level: Level | None = None
@@ -156,7 +157,7 @@ class Support:
     absence  of an unsupported feature: never, or not yet; then ``attempt`` says how the shared tests try it
     since    the first release of the engine that has it ("" for any); ``until`` the first that no longer has it
     before   the support of releases before ``since`` in a world (None there: as declared); without it they do not support it
-    requested  in one world: a setting of the spec selects the computation outside the engine
+    requested  in one world: a setting of the spec selects the approximation, or the computation outside the engine
     """
 
     level: Level

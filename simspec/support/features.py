@@ -87,6 +87,7 @@ class Feature(StrEnum):
     CONTROL_NATIVE = "control.native"
     GRAVITY = "physics.gravity"
     TIMESTEP = "physics.timestep"
+    INTEGRATOR = "physics.integrator"
     FLUID = "physics.fluid"
 
 
@@ -169,6 +170,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONTROL_NATIVE: "the engine's position or velocity controllers: a declared difference",
     Feature.GRAVITY: "gravity, any direction",
     Feature.TIMESTEP: "the length of one step",
+    Feature.INTEGRATOR: "integration by semi-implicit Euler, v before q",
     Feature.FLUID: "drag and viscous resistance of a fluid, on the inertia box of each body",
 }
 
@@ -195,7 +197,7 @@ CONSTRAINTS = (Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING)
 SUMS = (Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION)
 PASSIVE_FORCES = (Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID)
 CONTROLS = (Feature.CONTROL, Feature.CONTROL_NATIVE)
-PHYSICS = (Feature.GRAVITY, Feature.TIMESTEP)
+PHYSICS = (Feature.GRAVITY, Feature.TIMESTEP, Feature.INTEGRATOR)
 COUPLED_CONTACT = (Feature.CARRIED_FRICTION, Feature.SELF_LOCKING, Feature.EVEN_PRESSURE, Feature.MASS_RATIO)
 """Further needs of contact of several bodies, compared to contact of two: coupled probes of level L5 measure them."""
 CONTACT_LAWS = (*FRICTIONS, *RESTITUTIONS, Feature.IMPACT_FRICTION, *COUPLED_CONTACT, *CONES)

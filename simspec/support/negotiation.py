@@ -80,7 +80,8 @@ def needs(world: World, laws: Iterable[PairContact] | None = None) -> list[Need]
     ``laws``: those of the pairs of materials that count; without them those of the pairs that can meet in this world (a file
     for other worlds keeps all of them).
     """
-    found: dict[Feature, list[str]] = {Feature.GRAVITY: ["physics.gravity"], Feature.TIMESTEP: ["physics.timestep"]}
+    always = (Feature.GRAVITY, Feature.TIMESTEP, Feature.INTEGRATOR)
+    found: dict[Feature, list[str]] = {feature: [feature.value] for feature in always}
 
     def note(feature: Feature, path: str) -> None:
         found.setdefault(feature, []).append(path)
@@ -278,7 +279,7 @@ def _refusal(feature: Feature, support: Support, options: EngineOptions, title: 
             f"leave it out of the spec, or run without --engine {target}",
             "",
         )
-    if support.level is Level.APPROXIMATE and name not in options.accept:
+    if support.level is Level.APPROXIMATE and not support.requested and name not in options.accept:
         return (
             f"{title} supports {name} only approximately: {support.how}",
             acceptance(target, name),

@@ -302,12 +302,14 @@ class Contact:
 @dataclass(frozen=True, slots=True)
 class Physics:
     """Gravity (m/s², world axes), timestep (s) and duration (s, a whole number of steps: ``steps``); the fluid around all
-    bodies that have a box, None: a vacuum."""
+    bodies that have a box, None: a vacuum. ``integrator``: ``common``, semi-implicit Euler, or ``engine``, the usual method of
+    each engine."""
 
     gravity: Vector3 = (0.0, 0.0, -9.81)
     timestep: float = 0.001
     steps: int = 0
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
+    integrator: str = field(default="common", metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

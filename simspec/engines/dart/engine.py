@@ -34,10 +34,12 @@ from simspec.engines.dart.readback import FOREIGN, FOREIGN_ADDITIONS, SHAPE_KIND
 from simspec.engines.dart.simulation import DartSimulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.capabilities import (
+    FIXED_TIMESTEP,
     HOPS,
     PREDICTED,
     PYRAMID,
     THRESHOLD,
+    Capability,
     Deviation,
     NativeLaw,
     Recovery,
@@ -158,6 +160,7 @@ class Dart(SteppedEngine[DartSimulation]):
     DISTRIBUTION: ClassVar[str] = "dartpy"
     EXTRA: ClassVar[str] = "dart"
     # a shape's restitution above 1 DART replaces by 0, with a warning, when it touches something (6.20)
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.TIMESTEP: FIXED_TIMESTEP}
     RULES: ClassVar[Rules] = Rules("min", "product", most_restitution=1.0)
     LAYERS: ClassVar[bool] = True
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN

@@ -29,7 +29,15 @@ from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import FOREIGN, FOREIGN_ADDITIONS, SIZES, load, parser_parts, read_back
 from simspec.engines.drake.simulation import NATIVE, DrakeJointServos, DrakeSimulation, pd_controllers_hold
-from simspec.engines.kit.capabilities import COMMON, Capability, Deviation, NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import (
+    COMMON,
+    FIXED_TIMESTEP,
+    Capability,
+    Deviation,
+    NativeLaw,
+    Recovery,
+    ServoLaw,
+)
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting, SettingGroup, under_weight
 from simspec.engines.kit.simulated import outside_constraints
@@ -134,7 +142,10 @@ class Drake(WorldEngine[DrakeSimulation]):
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
-    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION}
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION,
+        Capability.TIMESTEP: FIXED_TIMESTEP,
+    }
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)

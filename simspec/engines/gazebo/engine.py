@@ -19,6 +19,7 @@ from simspec.engines.gazebo.simulation import GazeboSimulation
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import (
     DEEP,
+    FIXED_TIMESTEP,
     HOPS,
     NEAR_LIMIT,
     PREDICTED,
@@ -174,6 +175,7 @@ class Gazebo(WorldEngine[GazeboSimulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.NATIVE_CONTROLLERS: _NO_POSITIONS,
         Capability.FOREIGN_FILES: "simspec does not load users' SDF files through gz-physics yet",
     }

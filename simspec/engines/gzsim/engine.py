@@ -20,7 +20,7 @@ from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.bindings import NAME
 from simspec.engines.gzsim.simulation import GzSimSimulation, Server
-from simspec.engines.kit.capabilities import Capability, Deviation
+from simspec.engines.kit.capabilities import FIXED_TIMESTEP, Capability, Deviation
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.settings import Setting
 from simspec.engines.kit.simulated import GivenEngine
@@ -203,6 +203,7 @@ class GzSim(GivenEngine[GzSimSimulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.MASS_MATRIX: _NO_DYNAMICS,
         Capability.BIAS_FORCE: _NO_DYNAMICS,
         Capability.ENERGY: _NO_DYNAMICS,

@@ -37,6 +37,7 @@ class Capability(StrEnum):
     DRY_FRICTION_OFF = "dry_friction_off"
     NATIVE_CONTROLLERS = "native_controllers"
     FOREIGN_FILES = "foreign_files"
+    TIMESTEP = "timestep"
 
 
 MEANING: Mapping[Capability, str] = {
@@ -50,6 +51,7 @@ MEANING: Mapping[Capability, str] = {
     Capability.DRY_FRICTION_OFF: "steps without the dry friction of selected joints",
     Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
     Capability.FOREIGN_FILES: ("loads files of other languages as its users do, and reports the model that it stores"),
+    Capability.TIMESTEP: "steps a loaded model by another timestep than that of its files",
 }
 
 METHODS: Mapping[Capability, tuple[str, ...]] = {
@@ -63,8 +65,13 @@ METHODS: Mapping[Capability, tuple[str, ...]] = {
     Capability.DRY_FRICTION_OFF: ("disable_dry_friction",),
     Capability.NATIVE_CONTROLLERS: ("track",),
     Capability.FOREIGN_FILES: ("load_foreign",),
+    Capability.TIMESTEP: ("set_timestep",),
 }
 """The methods of :class:`simspec.engines.kit.contract.Engine` that an engine with the capability defines."""
+
+
+FIXED_TIMESTEP = "it integrates every world by semi-implicit Euler, which is proven at the timestep of its files"
+"""Why an engine does not step by another timestep."""
 
 
 class Lacking:

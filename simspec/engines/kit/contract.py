@@ -30,6 +30,7 @@ from simspec.engines.kit.capabilities import (
 )
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.foreign import EngineAddition, Reads
+from simspec.engines.kit.methods import IntegrationMethod
 from simspec.engines.kit.settings import Setting, Value
 from simspec.errors import EngineError
 from simspec.plugins import installed_version
@@ -153,6 +154,10 @@ class ProvenEngine(RunnableEngine):
         until loading, for motion probes against laws that have none."""
         raise NotImplementedError
 
+    def set_timestep(self, timestep: float) -> None:
+        """Step by ``timestep`` (s) from now on, until loading; the model stays the same. For motion without contact."""
+        raise NotImplementedError
+
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
@@ -270,6 +275,12 @@ class Engine(ProvenEngine):
     def distributions(cls) -> tuple[str, ...]:
         """The packages of Python that bring it, the one that counts first."""
         return tuple(name for name in (cls.DISTRIBUTION, *cls.OTHER_DISTRIBUTIONS) if name)
+
+    @classmethod
+    def method(cls, world: World) -> IntegrationMethod | None:
+        """The method by which it integrates ``world``; None: semi-implicit Euler. The declaration of ``physics.integrator``
+        follows from the same function (:func:`simspec.engines.kit.methods.integration`)."""
+        return None
 
     @classmethod
     def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:

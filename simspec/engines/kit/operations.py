@@ -110,9 +110,31 @@ def _motion(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     return {"steps": done}, {name: np.array(values) for name, values in rows.items()}
 
 
+def _limit(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """The contact-free motion of :func:`_motion` by each of ``timesteps`` (s): from the same state for the same time, of which
+    the first is passed in ``steps`` steps, seen every ``every`` of these -> pose (timesteps × rows, bodies, 7), the initial
+    ones first; NaN after a motion that is no longer finite."""
+    session.disable_contact()
+    session.disable_dry_friction(arrays["rubbing"])
+    times, every = operation["timesteps"], operation["every"]
+    poses = []
+    for timestep in times:
+        finer = round(times[0] / timestep)
+        session.set_timestep(timestep)
+        session.set_state(arrays["q"], arrays["v"])
+        poses.append(session.body_states()[0])
+        for _ in range(0, operation["steps"], every):
+            if np.isfinite(poses[-1]).all():
+                session.step(every * finer, arrays["effort"])
+                poses.append(session.body_states()[0])
+            else:
+                poses.append(np.full_like(poses[-1], np.nan))
+    return {}, {"pose": np.array(poses)}
+
+
 def _trials(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """Short contact-free motions, each from q (k, nq), v (k, nv) under a constant effort (k, nv), for ``steps``
-    (k) -> v (k, nv). ``stopped``: without dry friction at the places ``rubbing`` (n,) of v."""
+    (k) -> v (k, nv). ``stopped``, ``accelerations``: without dry friction at the places ``rubbing`` (n,) of v."""
     session.disable_contact()
     if "rubbing" in arrays:
         session.disable_dry_friction(arrays["rubbing"])
@@ -227,6 +249,8 @@ OPERATIONS: Mapping[str, Named] = {
     "prescribed": Named(_motion),
     "trials": Named(_trials),
     "stopped": Named(_trials),
+    "accelerations": Named(_trials),
+    "limit": Named(_limit),
     "drive": Named(_drive),
     "respond": Named(_respond),
     "windows": Named(_windows),

@@ -76,6 +76,8 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "prescribed": STATE,
     "trials": {"v": STATE["v"]},
     "stopped": {"v": STATE["v"]},
+    "accelerations": {"v": STATE["v"]},
+    "limit": {"pose": STATE["pose"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
     "touching": {"touching": Form(("pairs", 3), "i8"), "units": Form(("unit_pairs", 3), "i8")},
@@ -133,8 +135,10 @@ def _rows_of(steps: int, every: int) -> int:
 def planned_rows(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
     parameters = operation.parameters
-    if operation.op in ("kinematics", "dynamics", "trials", "stopped", "windows"):
+    if operation.op in ("kinematics", "dynamics", "trials", "stopped", "accelerations", "windows"):
         return len(operation.arrays["q"])
+    if operation.op == "limit":
+        return len(parameters["timesteps"]) * (1 + _rows_of(parameters["steps"], parameters["every"]))
     if operation.op in ("motion", "pushed", "prescribed", "respond", "run"):
         return 1 + _rows_of(parameters["steps"], parameters["every"])
     if operation.op == "drive":

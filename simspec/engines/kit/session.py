@@ -197,6 +197,10 @@ class Session:
         """Let the engine's own controllers drive some hinges and slides, until ``reset``."""
         return self._at(Condition.CHANGED).track(q, v, stiffness, damping, limit)
 
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep (s), until ``reset``."""
+        self._at(Condition.CHANGED).set_timestep(timestep)
+
     def disable_contact(self) -> None:
         """Switch all contact off, until ``reset``."""
         self._at(Condition.CHANGED).disable_contact()

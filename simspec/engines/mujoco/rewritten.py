@@ -16,7 +16,7 @@ import numpy as np
 from simspec.contact import Rules
 from simspec.dialects.mujoco.sidecar import NATIVE
 from simspec.engines.kit.arrays import sorted_pairs
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import FIXED_TIMESTEP, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.contact import NATIVE_FRICTION
@@ -82,6 +82,7 @@ def lacks(title: str) -> Mapping[Capability, str]:
     return {
         Capability.NATIVE_CONTROLLERS: f"simspec drives {title} by efforts only",
         Capability.FOREIGN_FILES: f"{title} reads no files: MuJoCo loads the model",
+        Capability.TIMESTEP: FIXED_TIMESTEP,
     }
 
 

@@ -80,15 +80,22 @@ class MujocoSimulation(Engine, abstract=True):
         # an unused servo would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self._make_states()
-        coulomb = self._sidecar.settings["friction"] == COULOMB
-        equalities = Equalities(mujoco, self.model, self.data) if self.model.neq else None
-        self._coulomb = Coulomb(mujoco, self.model, self.data, equalities) if coulomb else None
-        self._stepper = self._coulomb or equalities
+        self._make_steppers()
         self._index(self._sidecar.bodies)
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
         if key < 0:
             raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
         mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+
+    def _make_steppers(self) -> None:
+        coulomb = self._sidecar.settings["friction"] == COULOMB
+        equalities = Equalities(self._mujoco, self.model, self.data) if self.model.neq else None
+        self._coulomb = Coulomb(self._mujoco, self.model, self.data, equalities) if coulomb else None
+        self._stepper = self._coulomb or equalities
+
+    def set_timestep(self, timestep: float) -> None:
+        self.model.opt.timestep = timestep
+        self._make_steppers()  # their references follow from it
 
     def _make_states(self) -> None:
         try:

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.contact import Rules
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import (
+    FIXED_TIMESTEP,
     UNKNOWN,
     Capability,
     Deviation,
@@ -219,6 +220,7 @@ class Ode(WorldEngine[OdeSimulation]):
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.NATIVE_CONTROLLERS: _MOTORS,
         Capability.FOREIGN_FILES: "ODE reads no files",
     }

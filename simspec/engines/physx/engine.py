@@ -15,6 +15,7 @@ import numpy as np
 
 from simspec.contact import Rules, contact_plan
 from simspec.engines.kit.capabilities import (
+    FIXED_TIMESTEP,
     JAMMED,
     SINGLE,
     SWEEPS,
@@ -237,6 +238,7 @@ class PhysX(WorldEngine[PhysxSimulation]):
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.DRY_FRICTION_OFF: _NO_JOINTS,
         Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",

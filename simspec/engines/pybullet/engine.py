@@ -23,7 +23,7 @@ from simspec.control.reference import Servos
 from simspec.dialects.pybullet.dialect import COPIES, NO_BELTS, STIFFNESS_ONLY
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
-from simspec.engines.kit.capabilities import Deviation, NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import FIXED_TIMESTEP, Capability, Deviation, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
@@ -119,6 +119,7 @@ class PyBullet(SimulatedEngine[PybulletSimulation]):
     DIALECT: ClassVar[str] = "pybullet"
     DISTRIBUTION: ClassVar[str] = "pybullet"
     EXTRA: ClassVar[str] = "pybullet"
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.TIMESTEP: FIXED_TIMESTEP}
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True

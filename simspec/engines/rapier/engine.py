@@ -17,6 +17,7 @@ import numpy as np
 from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
     BOUNCES,
+    FIXED_TIMESTEP,
     JAMMED,
     SINGLE,
     SWEEPS,
@@ -315,6 +316,7 @@ class Rapier(WorldEngine[RapierSimulation]):
     LAYERS: ClassVar[bool] = False
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.DRY_FRICTION_OFF: _NO_JOINTS,
         Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",

@@ -16,7 +16,7 @@ import numpy as np
 
 from simspec.contact import Rules
 from simspec.dialects.webots.dialect import JOINTED, LACKING, NO_MOTORS
-from simspec.engines.kit.capabilities import Capability, Deviation
+from simspec.engines.kit.capabilities import FIXED_TIMESTEP, Capability, Deviation
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.refinements import no_friction, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility
@@ -167,6 +167,7 @@ class Webots(GivenEngine[WebotsSimulation]):
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.MASS_MATRIX: "Webots solves in maximal coordinates and has no mass matrix",
         Capability.BIAS_FORCE: "Webots reports no bias forces",
         Capability.ENERGY: "Webots reports no energies",

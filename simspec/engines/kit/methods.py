@@ -1,0 +1,57 @@
+"""Methods of integration other than semi-implicit Euler, as engines declare them (``Engine.method``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simspec.support.declarations import Level, Refinement, Support, exact
+from simspec.world.types import World
+
+
+@dataclass(frozen=True, slots=True)
+class IntegrationMethod:
+    """The method by which an engine integrates a world.
+
+    name       as in a sentence: ``"implicitfast"``
+    order      p: the deviation from the exact motion decreases as dtᵖ; at least 1
+    how        what differs from semi-implicit Euler, as a sentence
+    requested  whether a setting of the spec selects it
+    """
+
+    name: str
+    order: int
+    how: str
+    requested: bool = False
+
+    def __post_init__(self) -> None:
+        if self.order < 1:
+            raise ValueError(f"{self.name}: a method of order {self.order} does not converge")
+
+    @property
+    def ordinal(self) -> str:
+        """The order in words: ``first``."""
+        return ORDINALS.get(self.order, f"{self.order}th")
+
+
+ORDINALS = {1: "first", 2: "second", 3: "third", 4: "fourth"}
+MethodOf = Callable[[World], IntegrationMethod | None]
+"""The method in a world; None: semi-implicit Euler."""
+
+
+def integration(method_of: MethodOf, *known: IntegrationMethod) -> Support:
+    """Of ``physics.integrator``: exact, or in worlds with another method approximate; accepted by name, unless the spec selects
+    the method by a setting, or the usual method of each engine. ``known``: the methods that occur, for tables."""
+
+    def refine(world: World) -> Refinement | None:
+        method = method_of(world)
+        if method is None:
+            return None
+        return _refinement(method, method.requested or world.physics.integrator != "common")
+
+    return exact(refine=refine, cases=tuple(_refinement(method) for method in known))
+
+
+def _refinement(method: IntegrationMethod, requested: bool = False) -> Refinement:
+    short = f"{method.name}, a method of {method.ordinal} order, replaces semi-implicit Euler"
+    return Refinement(Level.APPROXIMATE, method.how, short, requested=requested)
