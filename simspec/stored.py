@@ -55,6 +55,7 @@ class StoredProof(Stored):
     contact: list[dict[str, Any]]
     precision: str = "double"
     contact_scope: dict[str, str] = {}
+    convergence: dict[str, Any] | None = None
 
 
 class StoredCertificate(Stored):

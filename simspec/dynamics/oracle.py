@@ -337,10 +337,12 @@ class Oracle:
         steps: int,
         every: int,
         rounded: Callable[[np.ndarray], np.ndarray] | None = None,
+        timestep: float | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
-        ``every``-th and the last. ``rounded``: a function of q and v after every step; None: no change."""
-        parts = list(self.motion_by_blocks(q, v, effort, steps, every, rounded))
+        ``every``-th and the last. ``rounded``: a function of q and v after every step; None: no change. ``timestep`` (s): None:
+        the world's."""
+        parts = list(self.motion_by_blocks(q, v, effort, steps, every, rounded, timestep))
         return np.concatenate([states for states, _ in parts]), np.concatenate([speeds for _, speeds in parts])
 
     def motion_by_blocks(
@@ -351,6 +353,7 @@ class Oracle:
         steps: int,
         every: int,
         rounded: Callable[[np.ndarray], np.ndarray] | None = None,
+        timestep: float | None = None,
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same, one block of rows after the other."""
         constant = np.zeros(self.nv) if effort is None else np.asarray(effort)
@@ -363,7 +366,7 @@ class Oracle:
             for tree, _, at_q, at_v in self._parts:
                 if not len(at_v):
                     continue
-                tree.timestep = self.timestep
+                tree.timestep = self.timestep if timestep is None else timestep
                 part_q, part_v = q[at_q], v[at_v]
                 for row, done in enumerate(range(begin, end, every)):
                     ahead = min(every, end - done)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from simspec.engines.kit.capabilities import DOUBLE
+from simspec.engines.kit.methods import ORDINALS
 from simspec.errors import Problem, SpecError, html_table
 from simspec.plugins import simspec_version
 from simspec.proof.checks import TOO_CHAOTIC, Check
@@ -23,6 +24,45 @@ SCHEMA = 5
 """4: the version of simspec, and a hash of the content. 5: directions of figures as numbers, and a verdict in words."""
 HASH_LINE = re.compile(r'^  "sha256": "([0-9a-f]{64})",\n', re.MULTILINE)
 """Where the hash of all the other lines stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """The figures of a motion in the limit, as a certificate keeps them.
+
+    order          the declared one
+    timesteps      (s), from the coarsest
+    deviations     the largest of each from the exact motion: m relative to the larger of 1 m and the distance from the origin,
+                   plus rad
+    ratios         of each deviation to the next, in the sense of least squares; 0: below the round-off
+    extrapolated   the deviation of the extrapolated motion
+    away           the largest deviation from semi-implicit Euler by the coarsest timestep: (m, rad)
+    seconds        the time of the motion
+    """
+
+    order: int
+    timesteps: tuple[float, ...]
+    deviations: tuple[float, ...]
+    ratios: tuple[float, ...]
+    extrapolated: float
+    away: tuple[float, float]
+    seconds: float
+
+    @property
+    def text(self) -> str:
+        """The figures in a line."""
+        pairs = zip(self.timesteps, self.deviations, strict=True)
+        shown = ", ".join(f"{size:.1e} at {1e3 * timestep:g} ms" for timestep, size in pairs)
+        return f"from the exact motion {shown}; extrapolated {self.extrapolated:.1e}; {self.difference}"
+
+    @property
+    def difference(self) -> str:
+        """The deviation from semi-implicit Euler in words."""
+        metres, radians = self.away
+        return (
+            f"{1e3 * metres:.2g} mm and {radians:.1e} rad from semi-implicit Euler after {self.seconds:g} s at "
+            f"{1e3 * self.timesteps[0]:g} ms"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +88,8 @@ class EngineProof:
     """The numbers of the engine, by which its tolerances are (``proof/checks.py``)."""
     contact_scope: dict[str, str] = field(default_factory=dict)
     """By kind of contact whether level L5 measured it for this world, or why not (``proof/contact/scope.py``)."""
+    convergence: Convergence | None = None
+    """The figures of the motion in the limit (level L6), of an engine with another method than semi-implicit Euler."""
 
     def __repr__(self) -> str:
         return f"<EngineProof {self.version}: {len(self.checks)} checks, {'valid' if self.valid else 'not valid'}>"
@@ -93,6 +135,9 @@ class EngineProof:
         valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
         chaos = {name: why for name, why in self.not_compared.items() if why.startswith(TOO_CHAOTIC)}
         said = [valid]
+        if self.convergence is not None:
+            ordinal = ORDINALS.get(self.convergence.order, f"{self.convergence.order}th")
+            said.append(f"same model by another method, of {ordinal} order: {self.convergence.difference}")
         for words, without in (("not compared", chaos), ("not checked", self.unchecked)):
             parts = ", ".join(f"{name} ({why})" for name, why in without.items())
             said += [f"{words}: {parts}"] if parts else []
@@ -208,6 +253,7 @@ class Certificate:
             head |= {"verdict": proof.verdict, "approximations": proof.approximations, "not_checked": proof.not_checked}
             head |= {"not_compared": proof.not_compared}
             head |= {"contact_scope": proof.contact_scope} if proof.contact_scope else {}
+            head |= {"convergence": to_plain(proof.convergence)} if proof.convergence is not None else {}
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
             ]
@@ -254,6 +300,7 @@ class Certificate:
                     block.not_compared,
                     block.precision,
                     block.contact_scope,
+                    None if block.convergence is None else from_plain(Convergence, block.convergence),
                 )
                 for name, block in data.engines.items()
             }

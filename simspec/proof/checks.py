@@ -126,6 +126,9 @@ class MotionPlan(Protocol):
         that dry friction holds (``Engine.DRY_FRICTION_CREEP``)."""
 
 
+OTHERS = 10.0
+"""Times a deviation of the oracle's method from the exact motion that another method's may be: methods of first order with
+an implicit Coriolis force deviated 1 to 4 times as much (measured in two engines)."""
 LEEWAY = 4.0
 """How much larger than planned a round-off floor may be when a stored proof is judged: the floor is the worst of four disturbed
 runs, and another machine's last bits give another worst."""
@@ -157,7 +160,8 @@ class Precision:
     """``name`` as engines declare it. ``model``: tolerance of levels L1 to L4, relative to each quantity's own scale.
     ``motion``: the least tolerance of L6 and L7; ``factor``: of the floor, where that is larger; ``loosest``: up to which
     tolerance motion is compared. ``perturbation``: relative change of a beginning (0: none, and every step is disturbed).
-    ``sliding``: the least tolerance of what dry friction makes of a speed."""
+    ``sliding``: the least tolerance of what dry friction makes of a speed. ``order``: of the engine's method of integration; 0:
+    semi-implicit Euler, as the oracle's."""
 
     name: str
     model: float
@@ -166,10 +170,15 @@ class Precision:
     loosest: float
     perturbation: float
     sliding: float
+    order: int = 0
 
     def tolerance(self, floor: float) -> float:
         """Of a motion with a round-off floor."""
         return max(self.motion, self.factor * floor)
+
+    def of_order(self, order: int) -> Precision:
+        """The same numbers by a method of another order."""
+        return replace(self, order=order)
 
     def of_loops(self) -> Precision:
         """For motion (L6) of a world in which constraints close loops: in doubles the least tolerance is larger."""

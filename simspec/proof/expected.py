@@ -21,7 +21,7 @@ from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import UnsupportedError
-from simspec.proof import motion
+from simspec.proof import accelerations, motion
 from simspec.proof.checks import INVENTORY, INVENTORY_LEVEL, NOTHING, PRECISIONS, TOO_CHAOTIC, Check, Part, failed
 from simspec.proof.contact.size import NAME as SIZE
 from simspec.proof.contact.size import size_trial
@@ -123,6 +123,8 @@ class PartRule:
     needs: tuple[Capability, ...] = ()
     frictionless: bool = False
     mentioned: bool = True
+    by_steps: bool = False
+    """Whether accelerations of a step stand for what an engine lacks (``proof/accelerations.py``)."""
 
 
 def _moves(world: World) -> str:
@@ -149,9 +151,9 @@ PARTS: Mapping[Part, PartRule] = {
     ("L2", ""): _ALWAYS,
     ("L2", "pose, position"): _ALWAYS,
     ("L3", ""): PartRule(_moves),
-    ("L3", "mass matrix"): PartRule(_moves, (Capability.MASS_MATRIX,)),
-    ("L3", "bias force"): PartRule(_moves, (Capability.BIAS_FORCE,)),
-    ("L3", "gravity force"): PartRule(_moves, (Capability.BIAS_FORCE,)),
+    ("L3", "mass matrix"): PartRule(_moves, (Capability.MASS_MATRIX,), by_steps=True),
+    ("L3", "bias force"): PartRule(_moves, (Capability.BIAS_FORCE,), by_steps=True),
+    ("L3", "gravity force"): PartRule(_moves, (Capability.BIAS_FORCE,), by_steps=True),
     ("L4", ""): _ALWAYS,
     (INVENTORY_LEVEL, INVENTORY): PartRule(None, (Capability.INVENTORY,)),
     ("L4", MATRIX): PartRule(nothing_to_try, (Capability.PAIR_DETECTION,)),
@@ -271,11 +273,34 @@ def unchecked(world: World, engine: type[Engine]) -> dict[Part, str]:
     off = (Capability.DRY_FRICTION_OFF,) if len(frictional_coordinates(world)) else ()
     parts = {}
     for part, rule in PARTS.items():
-        taken = (*rule.needs, *(off if rule.frictionless else ()))
+        finer = (Capability.TIMESTEP,) if part == MOTION and engine.method(world) is not None else ()
+        taken = (*rule.needs, *(off if rule.frictionless else ()), *finer)
         reasons = [engine.LACKS[capability] for capability in taken if capability in engine.LACKS]
+        if reasons and rule.by_steps:
+            reasons = reasons if _no_steps(part, world, engine) else []
         if reasons:
             parts[part] = "; ".join(dict.fromkeys(reasons))
     return parts
+
+
+def _no_steps(part: Part, world: World, engine: type[Engine]) -> str:
+    """Why accelerations of a step do not stand for a part that an engine lacks; "" where they do."""
+    if part == ("L3", accelerations.BIAS) and engine.method(world) is not None:
+        return "another method of integration adds terms of the order of the timestep; its motion in the limit contains them"
+    return accelerations.uncomparable(world, engine)
+
+
+def by_steps(world: World, engine: type[Engine]) -> tuple[str, ...]:
+    """The checks of L3 that are made by accelerations of one step."""
+    return tuple(
+        name
+        for (level, name), rule in PARTS.items()
+        if rule.by_steps
+        and any(capability in engine.LACKS for capability in rule.needs)
+        and rule.missing is not None
+        and not rule.missing(world)
+        and not _no_steps((level, name), world, engine)
+    )
 
 
 def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[str, str]) -> dict[str, str]:

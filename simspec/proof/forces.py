@@ -16,7 +16,7 @@ from simspec.control.request import brought_forward, curve, forces_to_request, i
 from simspec.dynamics.oracle import STATES_SEED, Oracle, random_states
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Precision, Rounded, Tally
+from simspec.proof.checks import LEEWAY, OTHERS, PRECISIONS, Check, Demand, Demands, Precision, Rounded, Tally
 from simspec.proof.limits import MIDDLE, Stops, inside
 from simspec.proof.motion import DISTURBED, NEAR, couple, deviation, pose_check
 from simspec.world.actions import Force
@@ -50,11 +50,13 @@ class Pushed:
     ends: str = ""
     """Why nothing can be compared."""
     precision: Precision = PRECISIONS[DOUBLE]
+    spread: float = 0.0
+    """How far another method of integration may deviate; 0: none is declared."""
 
     @property
     def tolerance(self) -> float:
         """That of L6."""
-        return self.precision.tolerance(self.floor)
+        return max(self.precision.tolerance(self.floor), self.spread)
 
     def operation(self, world: World) -> Operation:
         """The operation for an engine (see ``engines/kit/worker.py``)."""
@@ -64,7 +66,8 @@ class Pushed:
     def demands(self) -> Demands:
         """One comparison for each body at each instant."""
         count = int(np.prod(self.poses.shape[:2]))
-        return {("L7", FORCES_CHECK): Demand(count, count, self.precision.tolerance(LEEWAY * self.floor))}
+        tolerance = max(self.precision.tolerance(LEEWAY * self.floor), self.spread)
+        return {("L7", FORCES_CHECK): Demand(count, count, tolerance)}
 
     def checks(self, world: World, answer: Mapping[str, Floats], creep: float = 0.0) -> list[Check]:
         """One check: the worst deviation of any body at any instant."""
@@ -100,7 +103,12 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
         off, rounded = precision.beginning(q, generator), precision.rounding(run, generator)
         other = np.array([oracle.body_poses(row) for row in _motion(weaker, oracle, off, v, effort, rounded)])
         floor = max(floor, float(deviation(poses, other).max(initial=0.0)))
-    return Pushed(weaker, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends, precision)
+    spread = 0.0
+    if precision.order:
+        finer = np.array([oracle.body_poses(row) for row in _motion(weaker, oracle, q, v, effort, halves=2)])
+        spread = OTHERS * float(deviation(finer, poses).max(initial=0.0))
+    numbers = (floor if np.isfinite(floor) else 0.0, halved, ends, precision, spread)
+    return Pushed(weaker, q, v, effort, poses, *numbers)
 
 
 def _times(factor: float, force: Force) -> Force:
@@ -109,11 +117,17 @@ def _times(factor: float, force: Force) -> Force:
 
 
 def _motion(
-    world: World, oracle: Oracle, q: Floats, v: Floats, effort: Floats, rounded: Rounded | None = None
+    world: World,
+    oracle: Oracle,
+    q: Floats,
+    v: Floats,
+    effort: Floats,
+    rounded: Rounded | None = None,
+    halves: int = 1,
 ) -> Floats:
-    """The oracle's positions (n, nq) at every ``EVERY``-th step, the beginning first."""
-    rows, dt = [q], world.physics.timestep
-    for step in range(STEPS):
+    """The oracle's positions (n, nq) at every ``EVERY``-th step, the beginning first; by ``halves`` as many shorter steps."""
+    rows, dt = [q], world.physics.timestep / halves
+    for step in range(halves * STEPS):
         total = effort.copy()
         for force in world.forces:
             first = in_steps(force.start, dt)
@@ -121,10 +135,10 @@ def _motion(
             share = min(last, step + 1.0) - max(first, float(step))
             if share > 0.0:
                 total += min(share, 1.0) * oracle.effort_of(q, force)
-        q, v = oracle.step(q, v, total)
+        (_, q), (_, v) = oracle.motion(q, v, total, 1, 1, timestep=dt)
         if rounded is not None:
             q, v = rounded(q), rounded(v)
-        if (step + 1) % EVERY == 0:
+        if (step + 1) % (halves * EVERY) == 0:
             rows.append(q)
     return np.array(rows)
 
@@ -320,9 +334,13 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
         gain, side = np.abs(slides), np.sign(slides)
     rubbed = _Friction(friction, tuple(along))
     trials = tuple(_trials(oracle, q, rubbed, gain, room, side))
+    spread = 0.0
+    if precision.order:
+        spread = max(_spread(trial, oracle, rubbed, strength, rough) for trial in trials if trial.slides)
+        trials = tuple(replace(t, tolerance=max(t.tolerance, spread)) if t.slides else t for t in trials)
     if precision.name != DOUBLE:
         floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
-        tolerance = max(precision.sliding, precision.factor * floor)
+        tolerance = max(precision.sliding, precision.factor * floor, spread)
         floored = tolerance > precision.sliding
         trials = tuple(replace(t, tolerance=tolerance, floored=floored) if t.slides else t for t in trials)
     return DryFriction(trials, rough, strength[rough])
@@ -348,6 +366,19 @@ def _floor(
     ]
     shares = np.abs(speeds[0] - speeds[1])[rough] / (strength[rough] * trial.steps * oracle.timestep)
     return float(shares.max(initial=0.0))
+
+
+def _spread(trial: ForceTrial, oracle: Oracle, friction: _Friction, strength: np.ndarray, rough: np.ndarray) -> float:
+    """How far another method of integration may deviate in a trial, in its own units."""
+    effort = trial.effort - friction.against(trial.along)
+    speeds = [
+        oracle.motion(trial.q, trial.v, effort, halves * trial.steps, trial.steps, timestep=oracle.timestep / halves)[
+            1
+        ][-1]
+        for halves in (1, 2)
+    ]
+    shares = np.abs(speeds[0] - speeds[1])[rough] / (strength[rough] * trial.steps * oracle.timestep)
+    return OTHERS * float(shares.max(initial=0.0))
 
 
 @dataclass(frozen=True)

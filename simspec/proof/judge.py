@@ -20,6 +20,7 @@ from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import contact_checks, figure_faults
 from simspec.proof.contact.scope import scope
+from simspec.proof.convergence import ORDER
 from simspec.proof.expected import (
     NO_FRAMES,
     NOT_REQUESTED,
@@ -32,6 +33,7 @@ from simspec.proof.expected import (
 )
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.limits import TOLERANCE as STOPS_TOLERANCE
+from simspec.proof.motion import MOTION
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.proof.verify import prepare
 from simspec.world.canonical import derived, sha256
@@ -45,9 +47,10 @@ from simspec.world.types import World
 
 
 @derived
-def demanded(world: World, precision: str) -> Demands:
-    """By level and name the checks of L6 and L7 that a proof of ``world`` has, in numbers of ``precision``."""
-    demands = (plan.demands() for plan in prepare(world, ("L6", "L7"), precision).plans.values())
+def demanded(world: World, precision: str, order: int = 0) -> Demands:
+    """By level and name the checks of L6 and L7 that a proof of ``world`` has, in numbers of ``precision``, by a method of
+    integration of ``order`` (0: semi-implicit Euler)."""
+    demands = (plan.demands() for plan in prepare(world, ("L6", "L7"), precision, order).plans.values())
     return dict(ChainMap(*demands))
 
 
@@ -119,7 +122,7 @@ def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = 
         faults += _declarations(engine, known, proof, world)
     faults += _contact(engine, known, proof, world, lacking)
     if thorough and not proof.files_alone:
-        faults += _motions(proof, world)
+        faults += _motions(proof, world, known)
     return faults
 
 
@@ -147,9 +150,13 @@ def _compared(what: str, given: Mapping[str, str], wanted: Mapping[str, str]) ->
             yield f"{what} {name!r}: {given[name]!r}, should be {wanted[name]!r}"
 
 
-def _motions(proof: EngineProof, world: World) -> Iterator[str]:
+def _motions(proof: EngineProof, world: World, known: type[Engine] | None) -> Iterator[str]:
     """Checks of L6 and L7 that are fewer or coarser than the world demands, or that it does not have."""
-    demands = demanded(world, proof.precision)
+    method = None if known is None else known.method(world)
+    demands = demanded(world, proof.precision, method.order if method else 0)
+    made = {(check.level, check.name) for check in proof.checks}
+    if ORDER in demands and MOTION in made and ORDER not in made:
+        yield f"{title(*ORDER)}: no comparison was made, of a method of another order"
     for check in proof.checks:
         if check.level not in ("L6", "L7") or not check.passed:
             continue

@@ -22,7 +22,7 @@ from simspec.engines.kit.registry import engine_name, find_engine
 from simspec.errors import EngineError
 from simspec.files import scratch_folder
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Precision, Rounded, Tally
+from simspec.proof.checks import LEEWAY, OTHERS, PRECISIONS, Check, Demand, Demands, Precision, Rounded, Tally
 from simspec.proof.limits import Stops, inside
 from simspec.proof.motion import NEAR
 from simspec.world import frames
@@ -263,6 +263,8 @@ class Response:
     clipped: bool
     steps: int = RESPONSE_STEPS
     precision: Precision = PRECISIONS[DOUBLE]
+    spread: float = 0.0
+    """How far another method of integration may deviate; 0: none is declared."""
 
     def operation(self, world: World) -> Operation:
         """The operation for an engine (see ``engines/kit/worker.py``)."""
@@ -273,7 +275,7 @@ class Response:
     @property
     def tolerance(self) -> float:
         """That of L6."""
-        return self.precision.tolerance(self.floor)
+        return max(self.precision.tolerance(self.floor), self.spread)
 
     @property
     def _parts(self) -> Mapping[str, np.ndarray]:
@@ -283,7 +285,7 @@ class Response:
 
     def demands(self) -> Demands:
         """One comparison for each joint at each instant at which it has an expected position."""
-        tolerance = self.precision.tolerance(LEEWAY * self.floor)
+        tolerance = max(self.precision.tolerance(LEEWAY * self.floor), self.spread)
         counts = {("L7", name): int((~np.isnan(expected)).sum()) for name, expected in self._parts.items()}
         return {part: Demand(count, count, tolerance) for part, count in counts.items()}
 
@@ -362,13 +364,25 @@ def plan(world: World, oracle: Oracle | None = None, precision: Precision = PREC
     rounded = precision.rounding(0, np.random.default_rng(0))  # one disturbed run is enough: a law holds what it drives
     disturbed = _response(requested, q * (1.0 + precision.perturbation), v, rounded)[1]
     floor = float(np.abs(positions - disturbed)[:rows].max())
+    spread = _spread(requested, q, v, positions[:rows]) if precision.order else 0.0
     closed = _closed_form(requested, joints, q[places], amount, bool(control.clipped.any()))
     positions[rows:] = closed[rows:] = np.nan
-    return Response(requested, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision)
+    return Response(
+        requested, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision, spread
+    )
+
+
+def _spread(world: World, q: np.ndarray, v: np.ndarray, positions: np.ndarray) -> float:
+    """How far another method of integration may deviate from the oracle's positions: a multiple of the effect of half the
+    timestep, by laws that act as often."""
+    laws = tuple(dataclasses.replace(law, every_steps=2 * law.hold) for law in world.controllers)
+    physics = dataclasses.replace(world.physics, timestep=0.5 * world.physics.timestep)
+    finer = _response(dataclasses.replace(world, controllers=laws, physics=physics), q, v, halves=2)[1]
+    return OTHERS * float(np.abs(finer[: len(positions)] - positions).max(initial=0.0))
 
 
 def _response(
-    world: World, q: np.ndarray, v: np.ndarray, rounded: Rounded | None = None
+    world: World, q: np.ndarray, v: np.ndarray, rounded: Rounded | None = None, halves: int = 1
 ) -> tuple[Control, np.ndarray, int]:
     """The oracle's positions (n, joints) under the world's laws, joints in the world's order, and how many steps are done
     before a joint comes near a limit."""
@@ -384,7 +398,7 @@ def _response(
     world = within(world, (body for body in world.bodies if body.name in names))
     control = Control(world, reference(world))
     joints = _OracleJoints(world, control, q[keep_q], v[keep_v], rounded)
-    positions = control.follow(joints, RESPONSE_STEPS, EVERY)
+    positions = control.follow(joints, halves * RESPONSE_STEPS, halves * EVERY)
     return control, positions, joints.steps
 
 

@@ -24,17 +24,21 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
-from simspec.proof import forces, limits, motion
+from simspec.proof import convergence, forces, limits, motion
 from simspec.proof import probes as control
-from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.accelerations import Accelerations
+from simspec.proof.accelerations import plan as plan_accelerations
+from simspec.proof.certificate import Certificate, Convergence, EngineProof
 from simspec.proof.checks import PRECISIONS, Check, MotionPlan, Part, Precision, failed, inventory_checks
 from simspec.proof.comparator import compare
 from simspec.proof.contact.probe import ProbeFigure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
+from simspec.proof.convergence import LimitMotion
 from simspec.proof.expected import (
     MATRIX,
     approximations,
+    by_steps,
     left_out,
     motionless,
     not_checked,
@@ -78,11 +82,19 @@ class Experiment:
     level: str
     parts: tuple[Part, ...]
     plan: Callable[[World, Oracle, Precision], MotionPlan | None]
+    limit: bool | None = None
+    """Whether it is of engines with another method of integration than semi-implicit Euler, or of the others; None: of all."""
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
     "motion": Experiment(
-        "L6", (MOTION,), lambda world, *given: None if motionless(world) else motion.plan(world, *given)
+        "L6", (MOTION,), lambda world, *given: None if motionless(world) else motion.plan(world, *given), limit=False
+    ),
+    "limit": Experiment(
+        "L6",
+        (MOTION,),
+        lambda world, *given: None if motionless(world) else convergence.plan(world, *given),
+        limit=True,
     ),
     "trials": Experiment("L6", (("L6", SLIDING_CHECK),), forces.plan_friction),
     "stopped": Experiment("L6", (("L6", STOPS_CHECK), ("L6", BALLS_CHECK)), limits.plan),
@@ -103,23 +115,29 @@ class Probes:
     meetings: Meetings
     plans: Mapping[str, MotionPlan]
     precision: Precision = PRECISIONS[DOUBLE]
-    _others: dict[str, Probes] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+    levels: frozenset[str] = frozenset(LEVELS)
+    _others: dict[Precision, Probes] = dataclasses.field(default_factory=dict, compare=False, repr=False)
 
     def of(self, engine: type[Engine]) -> Probes:
-        """These probes, or the same with the tolerances of the numbers of ``engine``: made once."""
-        if self.precision.name == engine.PRECISION:
+        """These probes, or the same for the numbers and the method of ``engine``: made once."""
+        precision = precision_of(engine, self.oracle.world)
+        if precision == self.precision:
             return self
-        if engine.PRECISION not in self._others:
-            precision = PRECISIONS[engine.PRECISION]
-            plans = _plans(self.oracle, precision, self.plans)
-            self._others[engine.PRECISION] = dataclasses.replace(self, plans=plans, precision=precision, _others={})
-        return self._others[engine.PRECISION]
+        if precision not in self._others:
+            plans = _plans(self.oracle, precision, self.levels)
+            self._others[precision] = dataclasses.replace(self, plans=plans, precision=precision, _others={})
+        return self._others[precision]
+
+    def steps(self, engine: type[Engine]) -> Accelerations | None:
+        """The accelerations that stand for what ``engine`` does not return; None where it returns all."""
+        kinds = by_steps(self.oracle.world, engine)
+        return plan_accelerations(self.oracle, self.q, self.v, self.of(engine).precision, kinds) if kinds else None
 
     @property
     def chaos(self) -> str:
         """Why the motion cannot be compared in any engine; "" where it can, or there is none."""
-        planned = self.plans.get("motion")
-        return planned.chaos if isinstance(planned, OracleMotion) else ""
+        planned = self.plans.get("motion") or self.plans.get("limit")
+        return planned.chaos if isinstance(planned, (OracleMotion, LimitMotion)) else ""
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """The operations for ``engine``, by its capabilities; :func:`engine_checks` reads the answers."""
@@ -132,6 +150,8 @@ class Probes:
         quantities = [name for name in QUANTITIES if name not in engine.LACKS]
         if quantities:
             operations.append(dynamics_operation(self.oracle, self.q, self.v, quantities))
+        if steps := self.steps(engine):
+            operations.append(steps.operation(world))
         if ("L4", MATRIX) not in lacking:
             velocity = np.zeros((1, self.oracle.nv))
             operations.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
@@ -141,19 +161,29 @@ class Probes:
         return operations
 
 
-def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE) -> Probes:
-    """Choose the probes for ``world`` and run the oracle. ``precision``: of the first engine; others get
-    theirs from :meth:`Probes.of`."""
-    levels, numbers = set(levels), PRECISIONS[precision]
+def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE, order: int = 0) -> Probes:
+    """Choose the probes for ``world`` and run the oracle. ``precision``, and ``order`` of the method: of the first engine;
+    others get theirs from :meth:`Probes.of`."""
+    levels, numbers = set(levels), PRECISIONS[precision].of_order(order)
     oracle = touch.oracle_of(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     meetings = touch.meetings_of(world) if "L4" in levels else touch.nothing(oracle)
-    names = [name for name, experiment in EXPERIMENTS.items() if experiment.level in levels]
-    return Probes(oracle, q, v, meetings, _plans(oracle, numbers, names), numbers)
+    return Probes(oracle, q, v, meetings, _plans(oracle, numbers, levels), numbers, frozenset(levels))
 
 
-def _plans(oracle: Oracle, precision: Precision, names: Iterable[str]) -> dict[str, MotionPlan]:
-    planned = {name: EXPERIMENTS[name].plan(oracle.world, oracle, precision) for name in names}
+def precision_of(engine: type[Engine], world: World) -> Precision:
+    """The numbers by which an engine computes, with the order of its method in ``world``."""
+    method = engine.method(world)
+    return PRECISIONS[engine.PRECISION].of_order(method.order if method else 0)
+
+
+def _plans(oracle: Oracle, precision: Precision, levels: Iterable[str]) -> dict[str, MotionPlan]:
+    """The plans of the experiments of ``levels``, by the operation."""
+    planned = {
+        name: experiment.plan(oracle.world, oracle, precision)
+        for name, experiment in EXPERIMENTS.items()
+        if experiment.level in levels and experiment.limit in (None, precision.order > 0)
+    }
     return {name: plan for name, plan in planned.items() if plan is not None}
 
 
@@ -293,7 +323,17 @@ def _engine_proof(
         checks = [*checks, *shortfalls(world, checks, {**not_compared, **lacking})]
         unreadable = {**lacking, **unreadable}
     proof = _proof(compiled, folder, checks, unreadable, reply)
-    return dataclasses.replace(proof, not_compared=dict(not_compared))
+    convergence = None if reply is None else _convergence(engine, reply.answers, probes)
+    return dataclasses.replace(proof, not_compared=dict(not_compared), convergence=convergence)
+
+
+def _convergence(engine: type[Engine], answers: Sequence[Answer], probes: Probes) -> Convergence | None:
+    """The figures of a motion in the limit; None where none was finite, or requested."""
+    for operation, answer in zip(probes.operations(engine), answers, strict=True):
+        plan = probes.of(engine).plans.get(operation.op)
+        if isinstance(plan, LimitMotion) and np.isfinite(answer.arrays["pose"]).all():
+            return plan.figures(answer.arrays["pose"])
+    return None
 
 
 def _contact(
@@ -383,6 +423,8 @@ def engine_checks(
     checks += kinematics_checks(world, oracle, q, v, arrays["kinematics"], numbers, framed)
     if "dynamics" in arrays:
         checks += dynamics_checks(world, oracle, q, v, arrays["dynamics"], numbers)
+    if "accelerations" in arrays and (steps := probes.steps(engine)):
+        checks += steps.checks(world, arrays["accelerations"], numbers)
     if "touching" in arrays:
         units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
         rounding = {(body.name, shape.name): shape.rounding for body in read_back.bodies for shape in body.shapes}
@@ -391,6 +433,8 @@ def engine_checks(
     for name, plan in probes.plans.items():
         if name in arrays:
             checks += plan.checks(world, arrays[name], engine.DRY_FRICTION_CREEP)
+        elif isinstance(plan, LimitMotion) and plan.unseen:
+            checks += plan.unmeasured()
     return checks, not_checked(world, read_back)
 
 

@@ -359,7 +359,7 @@ def short_reason(engine: str, feature: str, said: str) -> str:
     engine = engine_name(engine)
     if engine not in engines() or feature not in list(Feature) or level not in list(Level):
         return said
-    return support(engines()[engine])[Feature(feature)].brief(Level(level)) or how
+    return support(engines()[engine])[Feature(feature)].brief(Level(level), how) or how
 
 
 # Tables of engines on terminals.

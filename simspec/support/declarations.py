@@ -187,10 +187,11 @@ class Support:
         if self.since and self.until and release(self.since) >= release(self.until):
             raise ValueError(f"no release is from {self.since} on and before {self.until}")
 
-    def brief(self, level: Level) -> str:
-        """The deviation, or the computation outside the engine, in one line; the whole text where there is no shorter one."""
+    def brief(self, level: Level, how: str = "") -> str:
+        """The deviation, or the computation outside the engine, in one line; the whole text where there is no shorter one.
+        ``how``: the whole text of one of several cases of this level."""
         if level is not self.level:
-            for case in self.cases:
+            for case in sorted(self.cases, key=lambda case: case.how != how):
                 if case.level is level:
                     return case.short or case.how or self.how
         return self.short or self.how

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle, random_states
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import DOUBLE, SINGLE, Capability
 from simspec.engines.kit.process import Operation
 from simspec.engines.kit.registry import find_engine
+from simspec.proof.accelerations import BIAS, BY_STEPS, GRAVITY, MASS
+from simspec.proof.accelerations import plan as plan_accelerations
+from simspec.proof.checks import PRECISIONS
 from simspec.proof.expected import left_out, not_checked_parts, shortfalls, unchecked
 from simspec.proof.judge import judge_proof
 from simspec.proof.probes import dynamics_checks
@@ -31,14 +34,48 @@ def lacking(monkeypatch):
     return kind
 
 
-def test_missing_capabilities_are_not_requested_and_are_in_the_certificate(lacking):
+def test_missing_capabilities_are_not_requested_and_are_in_the_certificate(lacking, monkeypatch):
     operations = {operation.op: operation for operation in prepare(WORLD).operations(lacking)}
     assert operations["dynamics"].parameters["quantities"] == ["bias_force"]
+    monkeypatch.setattr(lacking, "STEPS_UNMEASURED", "its steps were not measured")
     proof = verify(WORLD, [NAME]).engines[NAME]
     assert proof.valid
     assert proof.verdict == f"valid; not checked: L3 mass matrix ({WHY})"
     assert "mass matrix" not in {check.name for check in proof.level("L3")}
     assert judge_proof(NAME, proof, WORLD) == []
+
+
+def test_accelerations_of_a_step_stand_for_missing_capabilities(lacking, monkeypatch):
+    monkeypatch.setattr(lacking, "LACKS", {**lacking.LACKS, Capability.BIAS_FORCE: WHY})
+    operations = {operation.op: operation for operation in prepare(WORLD).operations(lacking)}
+    assert "dynamics" not in operations
+    assert operations["accelerations"].arrays["q"].shape[0] > len(operations["kinematics"].arrays["q"])
+    proof = verify(WORLD, [NAME]).engines[NAME]
+    assert proof.verdict == "valid"
+    assert {check.name: check.detail for check in proof.level("L3")} == dict.fromkeys(
+        ("mass matrix", "bias force", "gravity force"), BY_STEPS
+    )
+    assert judge_proof(NAME, proof, WORLD) == []
+
+
+@pytest.mark.parametrize("share", [1e-3, -1e-4])
+def test_accelerations_of_a_step_show_a_moment_of_inertia(share):
+    """Each principal moment of each moving body, in single precision 0.1 %."""
+    oracle, numbers = Oracle(WORLD), PRECISIONS[SINGLE if share > 0.0 else DOUBLE]
+    q, v = random_states(WORLD, 2)
+    steps = plan_accelerations(oracle, q, v, numbers, (MASS, GRAVITY, BIAS))
+    for number, body in enumerate(WORLD.bodies):
+        if body.joint.kind == "fixed":
+            continue
+        for axis in range(3):
+            inertia = list(body.inertial.inertia)
+            inertia[axis] *= 1.0 + share
+            other = dataclasses.replace(body, inertial=dataclasses.replace(body.inertial, inertia=tuple(inertia)))
+            world = dataclasses.replace(WORLD, bodies=(*WORLD.bodies[:number], other, *WORLD.bodies[number + 1 :]))
+            moved = Oracle(world)
+            answer = [moved.step(*state)[1] for state in zip(steps.q, steps.v, steps.effort, strict=True)]
+            checks = {check.name: check for check in steps.checks(WORLD, {"v": np.array(answer)}, numbers)}
+            assert not checks[MASS].passed or not checks[BIAS].passed, (body.name, axis, checks[MASS].worst)
 
 
 def test_a_certificate_that_omits_a_present_capability_is_not_valid():

@@ -28,6 +28,7 @@ from simspec.dialects.mujoco.sidecar import (
     COMPILER,
     FLAGS,
     GEOM_DEFAULTS,
+    INTEGRATORS,
     JOINT_DEFAULTS,
     KEYFRAME,
     MATERIAL_CLASS,
@@ -328,7 +329,7 @@ class MujocoDialect(Dialect):
             world.name,
             COMPILER,
             _option(world, target),
-            (*FLAGS, *_flag_settings(target)),
+            (*({**dict(FLAGS), "eulerdamp": _integrator(target) == "euler"}.items()), *_flag_settings(target)),
             _size(world, target),
             MjcfDefault(
                 elements=(
@@ -419,7 +420,7 @@ def _option(world: World, target: Target) -> Attributes:
         *((name, float(settings[name])) for name in ("tolerance", "ls_tolerance")),
         ("impratio", friction_hardness(world, target)),
         *((("sleep_tolerance", float(settings["sleep_tolerance"])),) if _sleeping(target) else ()),
-        *({**dict(OPTION), **dict(fluid_options(world))}.items()),
+        *({**dict(OPTION), "integrator": INTEGRATORS[_integrator(target)], **dict(fluid_options(world))}.items()),
         ("ccd_tolerance", float(settings["ccd_tolerance"])),
     )
 
@@ -443,6 +444,10 @@ def _in_force(world: World, target: Target) -> dict[str, bool | int | float | st
     if _sleeping(target):
         settings["island"] = True
     return settings
+
+
+def _integrator(target: Target) -> str:
+    return str(target.settings.get("integrator", "common"))  # not there where it is the common one
 
 
 def _sleeping(target: Target) -> bool:

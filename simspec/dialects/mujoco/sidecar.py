@@ -28,6 +28,16 @@ COULOMB: Final = "coulomb"
 """Values of the setting ``friction``. Under coulomb, friction takes back slip at once, and its effect on the normal direction
 is corrected outside, at every step (``engines/mujoco/stepping.py``): no cushion, and no pairs for friction's sake."""
 
+RK4: Final = "RK4"
+INTEGRATORS: Final[Mapping[str, str]] = {
+    "common": "Euler",
+    "euler": "Euler",
+    "implicit": "implicit",
+    "implicitfast": "implicitfast",
+    RK4: "RK4",
+}
+"""MuJoCo's words for the values of the setting ``integrator``; ``euler`` has the flag eulerdamp."""
+
 # Choices of how simspec writes a world for MuJoCo, which are not the world's: each row with its reason.
 #
 # Nothing is left to MuJoCo's defaults: the common attributes of all joints, shapes or explicit pairs stand once in the file's
@@ -61,7 +71,7 @@ FLAGS: Final[tuple[tuple[str, bool], ...]] = (
     ("refsafe", True),
     ("sensor", True),
     ("midphase", True),
-    ("eulerdamp", False),  # damping is explicit in time: −d v with the velocity before the step
+    ("eulerdamp", False),  # damping is explicit in time, unless a setting selects MuJoCo's own Euler
     ("autoreset", False),  # a state that is not finite is a result, not a reason to begin again
     ("nativeccd", True),
     ("override", False),
@@ -72,7 +82,7 @@ FLAGS: Final[tuple[tuple[str, bool], ...]] = (
 """Flags that every supported version knows; ``warmstart``, ``island`` and ``multiccd`` are settings. Newer versions have
 further flags, all off by default (``sleep``, by ``sleeping``); the engine's module checks them after loading."""
 OPTION: Final[Attributes] = (
-    ("integrator", "Euler"),  # semi-implicit, as in all engines
+    ("integrator", "Euler"),  # semi-implicit, as in all engines, unless a setting selects another
     ("jacobian", "auto"),
     ("density", 0.0),
     ("viscosity", 0.0),
@@ -130,11 +140,12 @@ SETTINGS: Final[Mapping[str, NeededSetting]] = {
     **dict.fromkeys(("contact_error_reduction", "contact_impedance"), NeededSetting(float, by_pair=True)),
     **dict.fromkeys(("friction_rate", "friction_share", "friction_cushion"), NeededSetting(float, by_pair=True)),
     **dict.fromkeys(("limit_error_reduction", "limit_impedance", "dry_friction_impedance"), NeededSetting(float)),
+    "integrator": NeededSetting(str, tuple(INTEGRATORS), optional=True),
     "arena": NeededSetting(int, optional=True),
     "sleeping": NeededSetting(bool, optional=True),
     "sleep_tolerance": NeededSetting(float, optional=True),
 }
-"""Settings that an engine of this dialect must have; the last three are absent where they are off."""
+"""Settings that an engine of this dialect must have; the last four are absent where they are off."""
 
 UNIT = 1e-9
 """By how much the length of a quaternion may miss 1: far more than round-off, far less than an error."""

@@ -202,6 +202,7 @@ class GzSim(GivenEngine[GzSimSimulation]):
     )
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
+    STEPS_UNMEASURED: ClassVar[str] = "accelerations of single steps were not measured in gz sim"
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.MASS_MATRIX: _NO_DYNAMICS,

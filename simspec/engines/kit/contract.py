@@ -233,6 +233,9 @@ class Engine(ProvenEngine):
     """Fields that cannot be read back from it, with the reason."""
     LACKS: ClassVar[Mapping[Capability, str]] = {}
     """The capabilities that it does not have, with the reason: their operations are not requested. Empty: it has all."""
+    STEPS_UNMEASURED: ClassVar[str] = ""
+    """Of an engine that lacks a mass matrix or a bias force: why accelerations of its steps are not compared in their place;
+    "": they are."""
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     """The law of its built-in controllers; None where it lacks them."""
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}

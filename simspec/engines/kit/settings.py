@@ -74,6 +74,8 @@ def under_weight(world: World) -> SettingLimit | None:
 
 ROUND_OFF = 1e-9
 """Share of a bound of a world by which a setting may be beyond it."""
+COMMON_METHOD = "common"
+"""The value of a setting of the method of integration that is semi-implicit Euler: it is not written to files."""
 Value = bool | int | float | str
 """Types of the value of a setting."""
 
@@ -95,6 +97,7 @@ class SettingGroup(StrEnum):
     RESTITUTION = "restitution"
     JOINTS = "joint limits and dry friction"
     ROTATION = "integration of rotations"
+    INTEGRATION = "method of integration"
     SLEEPING = "sleeping"
     ORDER = "order of the equations"
     BOUNDS = "bounds of the computation"
@@ -150,6 +153,8 @@ class Setting:
     light: Value | None = None
     """The default in worlds with constraints or dry friction in joints, which may be of bodies much lighter than all else;
     None: the same."""
+    usual: Value | None = None
+    """The default where a spec selects the usual method of integration of each engine; None: the same."""
     at_most: Bound | None = None
     """The largest value that means something in a world, where that follows from its sizes and masses."""
     depth: bool = False
@@ -182,6 +187,8 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     known = engine.SETTINGS.items()
     if world.constraints or len(frictional_coordinates(world)):
         defaults |= {name: setting.light for name, setting in known if setting.light is not None}
+    if world.physics.integrator != COMMON_METHOD:
+        defaults |= {name: setting.usual for name, setting in known if setting.usual is not None}
     if world.motions:
         defaults |= {name: setting.kinematic for name, setting in known if setting.kinematic is not None}
     return defaults | stated
@@ -213,7 +220,12 @@ def written_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     Settings that the engine does not have stay, for it to refuse.
     """
     found = dict(engine.chosen_settings(world, resolve_settings(engine, world)))
-    off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
+    switched_off = (False, 0, COMMON_METHOD)
+    off = {
+        name
+        for name, setting in engine.SETTINGS.items()
+        if setting.only_with and found[setting.only_with] in switched_off
+    }
     return {name: value for name, value in found.items() if name not in off}
 
 

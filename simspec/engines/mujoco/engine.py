@@ -10,7 +10,9 @@ from simspec.contact import Rules
 from simspec.dialects.mujoco.sidecar import COULOMB, NATIVE
 from simspec.engines.kit.capabilities import Deviation, NativeLaw, ServoLaw
 from simspec.engines.kit.foreign import EngineAddition, Reads
+from simspec.engines.kit.methods import IntegrationMethod
 from simspec.engines.kit.settings import COARSE, SHARE, ByPair, Setting, SettingGroup, of_thinnest, resolve_settings
+from simspec.engines.mujoco import integrators
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT, HEIGHT_FIELDS
 from simspec.engines.mujoco.expectation import MujocoExpectation
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_ADDITIONS, load
@@ -33,6 +35,7 @@ _SLIDING_ON_SPRINGS_TOO = ByPair(("common", "time-constant", "stiffness"), ("ell
 _CUSHIONED = ByPair(("common",), ("elliptic",), friction=True, inelastic=True)
 
 SETTINGS: Mapping[str, Setting] = {
+    "integrator": integrators.SETTING,
     "solver": Setting(
         "newton",
         "The constraint solver. newton solves MuJoCo's convex problem to round-off in a few iterations; cg and "
@@ -314,6 +317,7 @@ class MuJoCo(MujocoSimulation):
         Feature.TREE_DEPTH: never(
             "MuJoCo's XML reader accepts at most 500 nested elements, which are 496 bodies in a chain"
         ),
+        Feature.INTEGRATOR: integrators.SUPPORT,
         Feature.GRAVITY_SCALE: exact(GRAVCOMP),
         Feature.FLUID: exact(
             "MuJoCo computes fluid forces from density, viscosity and wind, on boxes of equal inertia"
@@ -338,6 +342,10 @@ class MuJoCo(MujocoSimulation):
     DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
     # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)
     UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
+
+    @classmethod
+    def method(cls, world: World) -> IntegrationMethod | None:
+        return integrators.method(world)
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:

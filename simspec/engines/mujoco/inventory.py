@@ -52,13 +52,14 @@ SLEEP = {3: "never", 4: "allowed", 5: "init"}
 """MuJoCo's mjtSleepPolicy where the file sets it; the rest is MuJoCo's choice, "auto"."""
 NEWER = ("tree_sleep_policy", "actuator_ctrlspec")
 """Fields that are compared where a version has them."""
-EULER, AUTO = 0, 2
+INTEGRATOR_NUMBERS = {"common": 0, "euler": 0, "RK4": 1, "implicit": 2, "implicitfast": 3}
+AUTO = 2
 """MuJoCo's numbers of the integrator and of the choice of Jacobian."""
 SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}
 CONES = {"pyramid-inscribed": 0, "elliptic": 1}
 BY_POSITION, BY_VELOCITY = 1, 2
 """MuJoCo's numbers of an actuator's input."""
-SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
+SET_FLAGS = {"disable_filterparent", "disable_autoreset"}
 """Flags that are always set. Others are never, but for those that settings switch."""
 
 
@@ -104,7 +105,7 @@ OPTIONS = Items[Any, MujocoExpectation].named(
         "cone": lambda e: CONES[e.world.contact.friction_cone],
         "solver": lambda e: SOLVERS[e.settings["solver"]],
         "impratio": lambda e: e.impratio,
-        "integrator": EULER,
+        "integrator": lambda e: INTEGRATOR_NUMBERS[e.settings["integrator"]],
         "jacobian": AUTO,
         "density": lambda e: 0.0 if e.fluid is None else e.fluid.density,
         "viscosity": lambda e: 0.0 if e.fluid is None else e.fluid.viscosity,
@@ -428,6 +429,7 @@ def expected_inventory(e: MujocoExpectation) -> dict[str, Any]:
 def _expected_flags(e: MujocoExpectation) -> dict[str, bool]:
     on = SET_FLAGS | (set() if e.settings["warmstart"] else {"disable_warmstart"})
     on |= {"enable_sleep"} if e.sleeping else set()
+    on |= set() if e.settings["integrator"] == "euler" else {"disable_eulerdamp"}
     # since MuJoCo 4 these two are on unless they are disabled, before they were off unless enabled
     for name, wanted in (("island", e.settings["island"] or e.sleeping), ("multiccd", e.settings["multiccd"])):
         by_default = f"flags.disable_{name}" in e.neutral

@@ -57,9 +57,13 @@ def support(title: str, pyramid: str) -> dict[Feature, Support]:
     }
 
 
+NOT_REWRITTEN = ("integrator", "sleeping", "sleep_tolerance")
+"""Settings of MuJoCo that its rewritten engines do not have."""
+
+
 def settings(title: str, island: str, solver: str) -> dict[str, Setting]:
     """MuJoCo's settings. ``island``, ``solver``: their meanings."""
-    given = {name: value for name, value in MuJoCo.SETTINGS.items() if name not in ("sleeping", "sleep_tolerance")}
+    given = {name: value for name, value in MuJoCo.SETTINGS.items() if name not in NOT_REWRITTEN}
     return given | {
         "solver": dataclasses.replace(
             given["solver"], meaning=solver, choices=("newton",), frictionless=None, frictionless_unless=None

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.mujoco.integrators import last_stage
+
 # Equalities in MuJoCo to round-off: a few solves of a step, each with the reference that the last one missed by.
 #
 # MuJoCo's constraints are soft: with the largest impedance, 0.9999, a solve misses the reference acceleration by 1e-4 of it
@@ -36,6 +38,7 @@ class Equalities:
 
     def __init__(self, mujoco: Any, model: Any, data: Any):
         self._mujoco, self._model, self._data = mujoco, model, data
+        self._end = last_stage(mujoco, model)
         self._dt = float(model.opt.timestep)
         self._wanted = np.zeros(0)
 
@@ -49,7 +52,7 @@ class Equalities:
             mujoco.mj_fwdAcceleration(model, data)
             self.solve()
             mujoco.mj_checkAcc(model, data)
-            mujoco.mj_Euler(model, data)
+            self._end(model, data)
 
     def begin(self) -> None:
         """Take the reference of a step's equalities, whose rows come first, from the law."""
@@ -99,6 +102,7 @@ class Coulomb:
 
     def __init__(self, mujoco: Any, model: Any, data: Any, equalities: Equalities | None = None):
         self._mujoco, self._model, self._data = mujoco, model, data
+        self._end = last_stage(mujoco, model)
         self._equalities = equalities
         self._dt = float(model.opt.timestep)
         self._near = FALL * self._dt * (float(np.linalg.norm(model.opt.gravity)) or NO_GRAVITY)
@@ -143,7 +147,7 @@ class Coulomb:
         else:
             self._constrain()
         mujoco.mj_checkAcc(model, data)
-        mujoco.mj_Euler(model, data)
+        self._end(model, data)
 
     def _constrain(self) -> None:
         """One solve of the step."""

@@ -166,6 +166,7 @@ class Webots(GivenEngine[WebotsSimulation]):
     FILES_ALONE: ClassVar[str] = "no Webots is installed: files only (.wbt, R2023b)"
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
+    STEPS_UNMEASURED: ClassVar[str] = "accelerations of single steps were not measured in Webots"
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.MASS_MATRIX: "Webots solves in maximal coordinates and has no mass matrix",

@@ -170,6 +170,7 @@ def test_an_unknown_engine_and_missing_artifacts_are_reported(folder):
 
 def test_every_operation_has_its_requirements():
     stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "stopped", "windows", "run"}
+    stepping |= {"limit", "accelerations"}
     other = {"foreign"}  # it loads a file of its own
     assert {name for name, operation in OPERATIONS.items() if operation.needs is Condition.FRESH} == stepping | other
     assert OPERATIONS["read_back"].needs is Condition.QUERIED, "it reads the initial state, too"
