@@ -9,7 +9,8 @@ motion  the deviation of its extrapolated motion, from which the terms dtᵖ and
 
 The exact motion is that of the oracle, by five timesteps down to dt/16, with the terms of first to fourth order eliminated
 (Romberg's scheme). Poses are extrapolated as deviations from the finest: a vector, and the logarithm of a rotation. The
-tolerance contains what the same elimination leaves of the method of the oracle of first order, and the round-off of the motions.
+tolerance contains what the same elimination leaves of the oracle, whose method is of first order, and the round-off of the
+motions.
 Where dt is too coarse for that, the motions are those of dt/2, dt/4 or dt/8 and below.
 """
 

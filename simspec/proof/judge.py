@@ -20,7 +20,7 @@ from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Demands
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import contact_checks, figure_faults
 from simspec.proof.contact.scope import scope
-from simspec.proof.convergence import ORDER
+from simspec.proof.convergence import ORDER, WITHIN
 from simspec.proof.expected import (
     NO_FRAMES,
     NOT_REQUESTED,
@@ -111,6 +111,8 @@ def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = 
             coarsest = max(coarsest, known.HULL_PRECISION)
         if coarsest is not None and (check.level, check.name) == ("L4", FIELD):
             coarsest = max(coarsest, SINGLE)
+        if (check.level, check.name) == ORDER:
+            coarsest = WITHIN
         if coarsest is None:
             faults.append(f"unknown level {check.level!r}")
         elif check.tolerance > coarsest:

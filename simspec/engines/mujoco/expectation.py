@@ -122,6 +122,11 @@ class MujocoExpectation:
         return float(self.settings[name])
 
     @property
+    def integrator(self) -> str:
+        """The method of integration; MuJoCo's rewritten engines have one alone."""
+        return str(self.settings.get("integrator", "common"))
+
+    @property
     def sleeping(self) -> bool:
         return "sleeping" in self.settings and bool(self.settings["sleeping"])
 
@@ -275,6 +280,8 @@ class MujocoExpectation:
         else:
             for name in ("sleeping", "sleep_tolerance"):  # means nothing without its switch, and is not written
                 settings.pop(name, None)
+        if self.integrator == "common":
+            settings.pop("integrator", None)
         if not settings.get("arena"):
             settings.pop("arena", None)
         bodies = self.world.bodies

@@ -105,7 +105,7 @@ OPTIONS = Items[Any, MujocoExpectation].named(
         "cone": lambda e: CONES[e.world.contact.friction_cone],
         "solver": lambda e: SOLVERS[e.settings["solver"]],
         "impratio": lambda e: e.impratio,
-        "integrator": lambda e: INTEGRATOR_NUMBERS[e.settings["integrator"]],
+        "integrator": lambda e: INTEGRATOR_NUMBERS[e.integrator],
         "jacobian": AUTO,
         "density": lambda e: 0.0 if e.fluid is None else e.fluid.density,
         "viscosity": lambda e: 0.0 if e.fluid is None else e.fluid.viscosity,
@@ -429,7 +429,7 @@ def expected_inventory(e: MujocoExpectation) -> dict[str, Any]:
 def _expected_flags(e: MujocoExpectation) -> dict[str, bool]:
     on = SET_FLAGS | (set() if e.settings["warmstart"] else {"disable_warmstart"})
     on |= {"enable_sleep"} if e.sleeping else set()
-    on |= set() if e.settings["integrator"] == "euler" else {"disable_eulerdamp"}
+    on |= set() if e.integrator == "euler" else {"disable_eulerdamp"}
     # since MuJoCo 4 these two are on unless they are disabled, before they were off unless enabled
     for name, wanted in (("island", e.settings["island"] or e.sleeping), ("multiccd", e.settings["multiccd"])):
         by_default = f"flags.disable_{name}" in e.neutral

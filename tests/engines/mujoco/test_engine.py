@@ -551,8 +551,8 @@ def test_every_setting_reaches_the_engine(load):
         "explicit_pairs_limit": 4,
         "arena": 33,
     }
-    # these exclude some of the others: see test_mujoco_coulomb.py, and below
-    assert set(settings) == set(MuJoCo.SETTINGS) - {"friction", "island"}
+    # these exclude some of the others: see test_coulomb.py and test_integrators.py, and below
+    assert set(settings) == set(MuJoCo.SETTINGS) - {"friction", "island", "integrator"}
     world = worlds.with_options(block(0.5, 0.0, 0.001), "mujoco", settings=tuple(settings.items()))
     arm = worlds.with_options(
         slider(0.001, 0.0, position_limits=(0.0, 1.0)), "mujoco", settings=tuple(settings.items())
