@@ -27,7 +27,7 @@ HASH_LINE = re.compile(r'^  "sha256": "([0-9a-f]{64})",\n', re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
-class Convergence:
+class MotionLimit:
     """The figures of a motion in the limit, as a certificate keeps them.
 
     order          the declared one
@@ -88,7 +88,7 @@ class EngineProof:
     """The numbers of the engine, by which its tolerances are (``proof/checks.py``)."""
     contact_scope: dict[str, str] = field(default_factory=dict)
     """By kind of contact whether level L5 measured it for this world, or why not (``proof/contact/scope.py``)."""
-    convergence: Convergence | None = None
+    convergence: MotionLimit | None = None
     """The figures of the motion in the limit (level L6), of an engine with another method than semi-implicit Euler."""
 
     def __repr__(self) -> str:
@@ -300,7 +300,7 @@ class Certificate:
                     block.not_compared,
                     block.precision,
                     block.contact_scope,
-                    None if block.convergence is None else from_plain(Convergence, block.convergence),
+                    None if block.convergence is None else from_plain(MotionLimit, block.convergence),
                 )
                 for name, block in data.engines.items()
             }

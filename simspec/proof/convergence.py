@@ -28,7 +28,7 @@ from simspec.dynamics.stability import unstable
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof import motion
-from simspec.proof.certificate import Convergence
+from simspec.proof.certificate import MotionLimit
 from simspec.proof.checks import LEEWAY, Check, Demand, Demands, MotionPlan, Part, Precision
 from simspec.proof.motion import DISTURBED, FEWEST, MOTION, OracleMotion
 from simspec.world.rotations import exponential, logarithm, multiply, relative
@@ -117,7 +117,7 @@ class LimitMotion:
         """The failed check of a motion that shows no order."""
         return [Check(*ORDER, 0, WITHIN, None, "", self.unseen)] if self.unseen else []
 
-    def figures(self, poses: np.ndarray) -> Convergence:
+    def figures(self, poses: np.ndarray) -> MotionLimit:
         """The figures of a certificate, of finite poses (timesteps × rows, bodies, 7)."""
         parts = poses.reshape(len(self.timesteps), *self.exact.shape)
         errors = [pose_errors(self.exact, part) for part in parts]
@@ -128,7 +128,7 @@ class LimitMotion:
         )
         between = pose_errors(self.common, parts[0])
         metres, radians = (float(np.linalg.norm(part, axis=-1).max()) for part in (between[..., :3], between[..., 3:]))
-        return Convergence(
+        return MotionLimit(
             self.precision.order,
             self.timesteps,
             deviations,
@@ -142,7 +142,7 @@ class LimitMotion:
         """The deviation from which on a motion shows an order."""
         return max(VISIBLE * float(self.noise[index]), ROUND_OFF * self.precision.motion)
 
-    def _order(self, figures: Convergence) -> Check:
+    def _order(self, figures: MotionLimit) -> Check:
         wanted, found = 2.0**figures.order, figures.ratios[-1]
         if not found:
             detail = f"the deviation, {figures.deviations[-1]:.1e}, is below what shows an order; {figures.text}"

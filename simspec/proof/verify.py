@@ -28,7 +28,7 @@ from simspec.proof import convergence, forces, limits, motion
 from simspec.proof import probes as control
 from simspec.proof.accelerations import Accelerations
 from simspec.proof.accelerations import plan as plan_accelerations
-from simspec.proof.certificate import Certificate, Convergence, EngineProof
+from simspec.proof.certificate import Certificate, EngineProof, MotionLimit
 from simspec.proof.checks import PRECISIONS, Check, MotionPlan, Part, Precision, failed, inventory_checks
 from simspec.proof.comparator import compare
 from simspec.proof.contact.probe import ProbeFigure
@@ -327,7 +327,7 @@ def _engine_proof(
     return dataclasses.replace(proof, not_compared=dict(not_compared), convergence=convergence)
 
 
-def _convergence(engine: type[Engine], answers: Sequence[Answer], probes: Probes) -> Convergence | None:
+def _convergence(engine: type[Engine], answers: Sequence[Answer], probes: Probes) -> MotionLimit | None:
     """The figures of a motion in the limit; None where none was finite, or requested."""
     for operation, answer in zip(probes.operations(engine), answers, strict=True):
         plan = probes.of(engine).plans.get(operation.op)

@@ -1,4 +1,4 @@
-"""MuJoCo's own integrators: what the setting writes, what it is declared as, and its proof in the limit."""
+"""MuJoCo's integrators: the text of the setting in files, its declaration, and its proof in the limit."""
 
 from __future__ import annotations
 
