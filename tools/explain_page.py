@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import simspec  # noqa: E402
-from simspec.attribution.explanation import percent, ranged  # noqa: E402
+from simspec.attribution.sentences import percent, ranged  # noqa: E402
 from simspec.report.explain import explanation_data  # noqa: E402
 from tests.attribution.planted import CASES  # noqa: E402
 

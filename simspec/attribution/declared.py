@@ -31,6 +31,8 @@ from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, PairContact, World
 
+TIMESTEP = ("timestep",)
+"""The changed quantities of the candidate that halves the timestep."""
 ACTS: Mapping[str, str] = {
     **dict.fromkeys(("push", "push-oblong", "stop", "stop-oblong", "stick", "carry", "oblique"), "friction"),
     **dict.fromkeys(("rolling", "spin", "torsion"), "friction"),
@@ -217,6 +219,40 @@ def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterato
             interval = dict(removed[acts].interval)
             name = "" if best is None else best.name
             yield DeclaredDeviation(side.kind.TITLE, what, acts, False, closing, interval, name, closed)
+
+
+def by_method(pair: Pair, tried: Tried, left: Mapping[str, float]) -> list[DeclaredDeviation]:
+    """The part of a gap that methods of integration account for, where a side declares another than semi-implicit Euler: of a
+    method of order p, what half the timestep closes over 1 − 2⁻ᵖ. ``left``: the part of the whole gap, by class, of which the
+    swaps that were ``tried`` close shares."""
+    methods = [method for side in pair if (method := side.kind.method(side.world)) is not None]
+    halved = next((swap for candidate, swap in tried if candidate.about == TIMESTEP and swap.failed is None), None)
+    if not methods or halved is None:
+        return []
+    # semi-implicit Euler, which is the other side's method, is of first order
+    order = min(method.order for method in methods) if len(methods) == len(pair) else 1
+    whole = 1.0 - 0.5**order
+    share = {name: left.get(name, 1.0) * min(1.0, part / whole) for name, part in halved.share.items() if part > 0.0}
+    if not share:
+        return []
+    interval = {
+        name: (least, most)
+        for name in share
+        if name in halved.interval
+        for least, most in [[left.get(name, 1.0) * min(1.0, end / whole) for end in halved.interval[name]]]
+    }
+    names = " and ".join(dict.fromkeys(method.name for method in methods))
+    what = f"integrates by {names}: this part of the difference vanishes with the timestep"
+    titles = " and ".join(dict.fromkeys(side.kind.TITLE for side in pair if side.kind.method(side.world) is not None))
+    return [DeclaredDeviation(titles, what, "method of integration", True, share, interval)]
+
+
+def without_methods(methods: Sequence[DeclaredDeviation], unexplained: Mapping[str, float]) -> dict[str, float]:
+    """The unexplained shares of a gap, at most what methods of integration leave of it."""
+    return {
+        name: min([share, *(max(0.0, 1.0 - method.share[name]) for method in methods if name in method.share)])
+        for name, share in unexplained.items()
+    }
 
 
 def _with_swaps(

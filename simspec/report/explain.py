@@ -10,9 +10,10 @@ from typing import Any
 
 from simspec.attribution.candidates import CandidateKind
 from simspec.attribution.configuration import model_lines
-from simspec.attribution.explanation import WORDS as CLASS_WORDS
-from simspec.attribution.explanation import Explanation, percent, ranged, verdict
+from simspec.attribution.explanation import Explanation
 from simspec.attribution.measure import RUN, Swap, acting, useful
+from simspec.attribution.sentences import WORDS as CLASS_WORDS
+from simspec.attribution.sentences import percent, ranged, verdict
 from simspec.attribution.windows import ALL, CLASSES
 from simspec.compiler import Compiled, write_folder
 from simspec.contact import ContactPlan, Rules, contact_plan

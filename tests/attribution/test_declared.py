@@ -14,8 +14,9 @@ import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.declared import DeclaredDeviation, _carry, _overlaps, located
-from simspec.attribution.explanation import Explanation, explain_sides, verdict
+from simspec.attribution.explanation import Explanation, explain_sides
 from simspec.attribution.measure import CombinedSwap, Swap
+from simspec.attribution.sentences import verdict
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.capabilities import COMMON, Recovery
 from tests.attribution.planted import world

@@ -10,8 +10,8 @@ import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution import measure as measuring
 from simspec.attribution.configuration import Asking, Configuration, proof_of
-from simspec.attribution.explanation import verdict
 from simspec.attribution.measure import SMALLEST_SHARE, acting
+from simspec.attribution.sentences import verdict
 from tests.attribution.planted import CASES, FALL, STANDING, world
 
 pytestmark = pytest.mark.usefixtures("warm_engines")

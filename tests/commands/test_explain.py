@@ -10,7 +10,7 @@ import pytest
 import simspec
 from simspec import cli
 from simspec.attribution.configuration import proof_of
-from simspec.attribution.explanation import verdict
+from simspec.attribution.sentences import verdict
 from simspec.attribution.sides import side_of_run
 from simspec.errors import EXIT_OK, EXIT_WRONG, EngineError, SpecError
 from simspec.runner.execution import failed_run, run

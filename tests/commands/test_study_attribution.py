@@ -7,7 +7,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from simspec.attribution.explanation import WORDS
+from simspec.attribution.sentences import WORDS
 from simspec.attribution.windows import ALL
 from simspec.cli import app
 from simspec.engines.kit.registry import find_engine
