@@ -106,6 +106,10 @@ class Outside:
         self._nv = layout_of(world).nv
         self._parts = [_part(world, bodies, local) for bodies, local in constrained_parts(world)]
 
+    def set_timestep(self, timestep: float) -> None:
+        """Compute for steps of another length (s)."""
+        self._timestep = timestep
+
     def completed(self, back: ReadBack) -> ReadBack:
         """The engine's model, with the efforts that are applied here."""
         return dataclasses.replace(back, constraints=self._constraints, sums=self._along.sums)
@@ -282,6 +286,11 @@ class BeforeSteps:
             total = self.outside.effort(total)
         # the bias force that constraints are computed from has the weights as they are: the difference comes after them
         return total if given is None else total + given.weight()
+
+    def set_timestep(self, timestep: float) -> None:
+        """Compute for steps of another length (s)."""
+        if self.outside is not None:
+            self.outside.set_timestep(timestep)
 
     def bias_force(self, values: Array) -> Array:
         """h (nv,) in M v̇ + h = τ, from the engine's ``own``."""

@@ -15,7 +15,6 @@ import numpy as np
 from simspec.contact import Rules
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import (
-    FIXED_TIMESTEP,
     UNKNOWN,
     Capability,
     Deviation,
@@ -25,8 +24,9 @@ from simspec.engines.kit.capabilities import (
     unconverged,
 )
 from simspec.engines.kit.compiled import Needs
+from simspec.engines.kit.methods import IntegrationMethod, integration
 from simspec.engines.kit.refinements import coupled, leans, static_planes
-from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility
+from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, of_mobility
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import simulation
@@ -145,26 +145,24 @@ def capsules(world: World) -> Refinement | None:
 CASES = (_refinement(APPROXIMATE),)
 """Of cylinders, where all of these pairs may meet, for tables."""
 
-# Motion by ODE's own steps, where a spec sets ``engines.ode.settings.native_motion``.
+# Motion by the steps of ODE, where a spec sets ``engines.ode.settings.native_motion``.
 
 SWITCH = "native_motion"
-FIRST_ORDER = Refinement(
-    Level.APPROXIMATE,
-    "With `native_motion`, ODE integrates in maximal coordinates to first order, in which joints drift; see "
-    "docs/engines/ode.md",
-    short="ODE's native integration is of first order: joints drift, which L6 measures",
+NATIVE_STEPS = IntegrationMethod(
+    "ODE's steps in maximal coordinates",
+    1,
+    "With `native_motion`, ODE integrates in maximal coordinates to first order, and corrects a fifth of the error of a "
+    "joint in each step; see docs/engines/ode.md",
+    requested=True,
 )
 
 
-def _by_native_steps(world: World) -> Refinement | None:
-    return FIRST_ORDER if dict(world.options("ode").settings).get(SWITCH) is True else None
+def _method(world: World) -> IntegrationMethod | None:
+    """Without the setting simspec moves bodies onto their joints before every step, which makes it semi-implicit Euler."""
+    stated = dict(world.options("ode").settings).get(SWITCH)
+    native = world.physics.integrator != COMMON_METHOD if stated is None else stated
+    return NATIVE_STEPS if native else None
 
-
-JOINTS = for_each(
-    exact("simspec moves bodies onto their joints before every step", refine=_by_native_steps, cases=(FIRST_ORDER,)),
-    *(Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-)
-"""Joints: exact, or approximate where a spec selects ODE's own motion."""
 
 _PASSES = exact(
     "simspec solves each step several times, with friction bounded by the normal forces of the previous pass; see "
@@ -220,14 +218,17 @@ class Ode(WorldEngine[OdeSimulation]):
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.NATIVE_CONTROLLERS: _MOTORS,
         Capability.FOREIGN_FILES: "ODE reads no files",
     }
     SUPPORT: ClassVar[Table] = {
         **classes.driven("ODE"),
         **exactly(*features.RESTITUTIONS, Feature.HARDNESS_COMMON, *features.FILTERS),
-        **JOINTS,
+        **for_each(
+            exact("simspec moves bodies onto their joints before every step"),
+            *(Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        ),
+        Feature.INTEGRATOR: integration(_method, NATIVE_STEPS),
         Feature.INERTIA: exact(
             f"ODE is exact for trees whose masses, and moments, differ by a factor below {LARGEST_MASS_RATIO:g}",
             refine=_light_links,
@@ -289,11 +290,11 @@ class Ode(WorldEngine[OdeSimulation]):
         SWITCH: Setting(
             False,
             "Integrate as other programs with ODE do: ODE's gyroscopic torques, rotations and error reduction (0.2), "
-            "in place of simspec's projection of the bodies onto their joints before every step. The spec must then "
-            "accept the joints by name; L6 reports the deviation from the exact motion, and certificates are not "
-            "valid.",
+            "in place of simspec's projection of the bodies onto their joints before every step. It is a method of first "
+            "order, proven in the limit of small timesteps.",
             only_with=SWITCH,
-            group=SettingGroup.ROTATION,
+            usual=True,
+            group=SettingGroup.INTEGRATION,
         ),
         "softness": Setting(
             1e-10,
@@ -311,6 +312,15 @@ class Ode(WorldEngine[OdeSimulation]):
     }
 
     PARTS: ClassVar[Parts[OdeSimulation]] = Parts(OdeSimulation, read_back, inventory, neutral, expected)
+
+    @classmethod
+    def method(cls, world: World) -> IntegrationMethod | None:
+        return _method(world)
+
+    def set_timestep(self, timestep: float) -> None:
+        self._simulation.set_timestep(timestep)
+        if self._before is not None:
+            self._before.set_timestep(timestep)
 
     @classmethod
     def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:

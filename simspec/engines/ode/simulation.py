@@ -94,6 +94,7 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_contact": (None, (Pointer, Integer)),
     "sim_no_dry_friction": (None, (Pointer, Integer)),
     "sim_timestep": (Number, (Pointer,)),
+    "sim_set_timestep": (None, (Pointer, Number)),
     "sim_cone": (Integer, (Pointer,)),
     "sim_quick": (Integer, (Pointer,)),
     "sim_native": (Integer, (Pointer,)),
@@ -416,6 +417,10 @@ class OdeSimulation(WorldSimulation[LawSidecar]):
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
         return growing_pairs(lambda pairs, room: int(self.library.sim_touching(self.sim, pairs, room)))
+
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep."""
+        self.library.sim_set_timestep(self.sim, timestep)
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""

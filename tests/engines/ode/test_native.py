@@ -1,4 +1,4 @@
-"""ODE's native motion, which a spec requests by a setting and accepts by name."""
+"""ODE's native motion, which a spec selects by a setting: its proof in the limit."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.ode.engine import Ode
-from simspec.errors import UnsupportedError
 from simspec.proof.checks import inventory_checks
+from simspec.proof.judge import judge_proof
 from simspec.proof.verify import verify
-from tests import worlds
+from simspec.testing import worlds
 from tests.engines.drake.scenes import boxes
 
 pytestmark = [
     pytest.mark.skipif(Ode.version() is None, reason="ODE or a C compiler is not installed"),
     pytest.mark.usefixtures("warm_engines"),
 ]
-JOINTS = ("joint.hinge", "joint.slide", "joint.ball", "joint.free")
 
 
-def natively(world, accept=JOINTS):
-    return worlds.with_options(world, "ode", settings=(("native_motion", True),), accept=accept)
+def natively(world, native=True):
+    return worlds.with_options(world, "ode", settings=(("native_motion", native),))
 
 
 def loaded(world, load_files):
@@ -35,21 +34,29 @@ def tree(dt, *kinds):
     return worlds.world(worlds.tree(["fixed", *kinds], 3), physics=physics)
 
 
-def test_it_is_accepted_by_name():
+def test_files_that_do_not_ask_for_it_say_nothing():
+    plain = compile_world(tree(1e-3, "hinge"), ["ode"])["ode"].files
+    assert not any("native_motion" in text for text in plain.values())
+
+
+@pytest.mark.parametrize("kinds", [("hinge", "hinge"), ("slide", "hinge", "ball")])
+def test_it_is_valid_in_the_limit_and_says_by_how_much_it_deviates(kinds):
+    world = natively(tree(1e-3, *kinds))
+    proof = verify(world, ["ode"]).engines["ode"]
+    assert proof.valid, [check for check in proof.checks if not check.passed]
+    assert proof.convergence is not None
+    assert proof.convergence.ratios[-1] == pytest.approx(2.0, rel=0.1)
+    assert max(proof.convergence.away) > 1e-6
+    assert set(proof.approximations) == {"physics.integrator"}
+    assert judge_proof("ode", proof, world, thorough=True) == []
+
+
+def test_it_is_the_usual_method_of_ode():
     world = tree(1e-3, "hinge")
-    with pytest.raises(UnsupportedError, match=r"joint\.hinge only approximately: .*to first order"):
-        compile_world(natively(world, ()), ["ode"])
-    plain = compile_world(world, ["ode"])["ode"].files
-    assert not any("native_motion" in text for text in plain.values())  # files that do not ask for it say nothing
-
-
-def test_the_certificate_is_not_valid_and_says_by_how_much():
-    found = verify(natively(tree(1e-3, "hinge", "hinge")), ["ode"])
-    assert [(check.level, check.name) for _, check in found.failures()] == [("L6", "motion")]
-    ((_, check),) = found.failures()
-    assert check.worst is not None
-    assert 1e-4 < check.worst < 0.1
-    assert set(found.engines["ode"].approximations) == {"joint.hinge"}
+    usual = dataclasses.replace(world, physics=dataclasses.replace(world.physics, integrator="engine"))
+    assert Ode.method(usual) is not None
+    assert Ode.method(natively(usual, False)) is None
+    assert Ode.method(world) is None
 
 
 def test_all_other_values_are_stored_as_the_world_requires(load_files):

@@ -271,6 +271,7 @@ void sim_no_dry_friction(Sim *s, int body) {
 }
 
 double sim_timestep(const Sim *s) { return s->timestep; }
+void sim_set_timestep(Sim *s, double timestep) { s->timestep = timestep; }
 int sim_cone(const Sim *s) { return s->cone; }
 int sim_quick(const Sim *s) { return s->quick; }
 int sim_native(const Sim *s) { return s->native; }
