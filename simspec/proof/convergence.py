@@ -29,7 +29,7 @@ from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof import motion
 from simspec.proof.certificate import MotionLimit
-from simspec.proof.checks import LEEWAY, Check, Demand, Demands, MotionPlan, Part, Precision
+from simspec.proof.checks import LEEWAY, OTHERS, Check, Demand, Demands, MotionPlan, Part, Precision
 from simspec.proof.motion import DISTURBED, FEWEST, MOTION, OracleMotion
 from simspec.world.rotations import exponential, logarithm, multiply, relative
 from simspec.world.types import World
@@ -49,10 +49,11 @@ EULER_WITHIN = 0.05
 """The same of the motion of the oracle, from which on the order counts as visible."""
 VISIBLE = 30.0
 """Times the round-off above which a deviation shows an order: its ratio is then known to 7 %, half of ``WITHIN``."""
-REMAINDERS = 500.0
-"""Times what remains of the method of the oracle that may remain of another. Terms of semi-implicit Euler cancel in part: of
-explicit Euler 35 times as much remains (with the oracle), of an engine in maximal coordinates, whose joints are corrected by a
-fifth of their error in each step, 75 to 280 times (measured, pendulums of two and three joints)."""
+REMAINDER = 5e-4
+"""Share of the deviation of semi-implicit Euler at the coarsest timestep that an extrapolated motion may have left: of explicit
+Euler 6e-6 are left, of an engine in maximal coordinates, whose joints are corrected by a fifth of their error in each step,
+1e-4 (measured, pendulums at 1 ms). Planted defects leave a hundred times as much
+(docs/records/limit-proof.md)."""
 ROUND_OFF = 1e-3
 """Share of the least tolerance of motion below which no deviation shows an order: in doubles 1e-12, ten times what the rounding
 of an engine's 500 steps makes (1.9e-13 measured, of a free body)."""
@@ -249,10 +250,11 @@ class _Limit:
         errors = [pose_errors(exact, poses) for poses in euler[: len(HALVES)]]
         noise = np.array([self._noise(euler[index], finer) for index, finer in enumerate(HALVES)])
         best: tuple[float, int, int, float] | None = None
+        coarsest = _growing(sizes(errors[0]))
         for terms in (1, 2):
-            remainder = _growing(sizes(eliminated(errors, 1, terms)))
+            remainder = REMAINDER * coarsest + OTHERS * _growing(sizes(eliminated(errors, 1, terms)))
             round_off = self.precision.factor * amplified(noise, self.precision.order, terms)
-            tolerances = np.maximum(self.precision.motion, REMAINDERS * remainder + round_off)
+            tolerances = np.maximum(self.precision.motion, remainder + round_off)
             for row in range(least, rows):
                 power, tolerance = row * row / float(tolerances[row]), float(tolerances[row])
                 usable = tolerance <= LOOSEST.get(self.precision.name, self.precision.loosest)

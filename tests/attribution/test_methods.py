@@ -21,7 +21,7 @@ def side(integrator):
 
 
 def halved(pair, share):
-    """What halving the timestep came to."""
+    """The result of halving the timestep."""
     candidate = next(entry for entry in probes(pair) if entry.about == ("timestep",))
     shares = {"free": share}
     interval = {"free": (share - 0.01, share + 0.01)}
