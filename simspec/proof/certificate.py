@@ -49,6 +49,11 @@ class MotionLimit:
     seconds: float
 
     @property
+    def ordinal(self) -> str:
+        """The order in words."""
+        return ORDINALS.get(self.order, f"{self.order}th")
+
+    @property
     def text(self) -> str:
         """The figures in a line."""
         pairs = zip(self.timesteps, self.deviations, strict=True)
@@ -59,8 +64,9 @@ class MotionLimit:
     def difference(self) -> str:
         """The deviation from semi-implicit Euler in words."""
         metres, radians = self.away
+        turned = f" and {radians:.2g} rad" if radians else ""
         return (
-            f"{1e3 * metres:.2g} mm and {radians:.1e} rad from semi-implicit Euler after {self.seconds:g} s at "
+            f"{1e3 * metres:.2g} mm{turned} from semi-implicit Euler after {self.seconds:g} s at "
             f"{1e3 * self.timesteps[0]:g} ms"
         )
 
@@ -136,8 +142,8 @@ class EngineProof:
         chaos = {name: why for name, why in self.not_compared.items() if why.startswith(TOO_CHAOTIC)}
         said = [valid]
         if self.convergence is not None:
-            ordinal = ORDINALS.get(self.convergence.order, f"{self.convergence.order}th")
-            said.append(f"same model by another method, of {ordinal} order: {self.convergence.difference}")
+            limit = self.convergence
+            said.append(f"same model by another method, of {limit.ordinal} order: {limit.difference}")
         for words, without in (("not compared", chaos), ("not checked", self.unchecked)):
             parts = ", ".join(f"{name} ({why})" for name, why in without.items())
             said += [f"{words}: {parts}"] if parts else []

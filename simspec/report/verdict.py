@@ -22,6 +22,7 @@ from simspec.report.console import STYLES
 from simspec.report.table import BAD, DIM, GOOD, WARNING, length, listed, number
 from simspec.runner.unphysical import together
 from simspec.selection import NotTaken
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
 
 if TYPE_CHECKING:
@@ -165,14 +166,23 @@ def _model(study: Study) -> list[VerdictPart]:
     if without := [name for name, run in study.runs.items() if name not in proofs and run.failed is None]:
         text = f"not proven in {listed(without)}: the certificate does not contain it"
         parts.append(VerdictPart("" if parts else "model", text, WARNING))
+    methods = {name: proof.convergence for name, proof in valid.items() if proof.convergence is not None}
+    if methods:
+        text = "; ".join(f"{name} of {limit.ordinal} order, {limit.difference}" for name, limit in methods.items())
+        parts.append(VerdictPart("method", text, WARNING))
     accepted: dict[str, list[str]] = {}
     for name, proof in proofs.items():
-        if proof.accepted:
-            accepted.setdefault(_few(proof.accepted), []).append(name)
+        # a method that was measured has a line with its figures
+        features = [feature for feature in proof.accepted if not (proof.convergence and feature == METHOD)]
+        if features:
+            accepted.setdefault(_few(features), []).append(name)
     if accepted:
         text = "; ".join(f"{', '.join(names)}: {features}" for features, names in accepted.items())
         parts.append(VerdictPart("accepted", text, WARNING))
     return parts
+
+
+METHOD = Feature.INTEGRATOR.value
 
 
 def _not_valid(name: str, proof: EngineProof) -> str:

@@ -15,7 +15,7 @@ from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
 from simspec.errors import EngineError, EngineRefusal
-from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.certificate import Certificate, EngineProof, MotionLimit
 from simspec.proof.checks import Check
 from simspec.report.console import Screen
 from simspec.report.verdict import LABEL, MOST_LINES, VerdictPart, fitted, show_verdict, verdict, verdict_data
@@ -146,6 +146,18 @@ def test_the_model_line_counts_valid_proofs_and_names_the_worst_check_of_others(
     )
     assert texts["accepted"] == "c: shape.box"
     assert by_label(study_of({"a": 0.0}))["model"] == "not proven to be the same: the proof was skipped"
+
+
+def test_another_method_of_integration_has_a_line_with_its_deviation():
+    limit = MotionLimit(1, (1e-3, 5e-4, 2.5e-4), (1e-3, 5e-4, 2.5e-4), (2.0, 2.0), 1e-9, (2e-4, 0.0), 0.5)
+    how = {"physics.integrator": "approximate: another", "shape.box": "approximate: boxes"}
+    proofs = {
+        "a": proof(check("masses", 0.0)),
+        "b": dataclasses.replace(proof(check("masses", 0.0), approximations=how), convergence=limit),
+    }
+    texts = by_label(study_of(dict.fromkeys(proofs, 0.0), Certificate("quad", "0" * 64, "pinocchio", proofs)))
+    assert texts["method"] == "b of first order, 0.2 mm from semi-implicit Euler after 0.5 s at 1 ms"
+    assert texts["accepted"] == "b: shape.box"
 
 
 def test_a_run_without_a_proof_is_named_and_not_counted_as_the_same_model():
