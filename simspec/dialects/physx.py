@@ -21,6 +21,7 @@ from simspec.dialects.kit.mutations import (
 from simspec.dialects.kit.sidecar import Sidecar, Target
 from simspec.dialects.kit.world import WorldDialect, WorldSidecar
 from simspec.formats.world import JsonWorld
+from simspec.support import classes
 from simspec.support.declarations import Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
@@ -72,6 +73,7 @@ class PhysxDialect(WorldDialect):
     NAME: ClassVar[str] = "physx"
     SUPPORT: ClassVar[Table] = {
         **WorldDialect.SUPPORT,
+        Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
         Feature.RESTITUTION_THRESHOLD: Support(
             WorldDialect.SUPPORT[Feature.RESTITUTION_THRESHOLD].level,
             "PhysX has one bounce threshold for each scene",

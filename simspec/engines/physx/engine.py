@@ -25,14 +25,19 @@ from simspec.engines.kit.capabilities import (
     coarse,
     read_deviations,
 )
-from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, static_or_massless, static_planes
+from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
+from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.physx.building import exclusions, imported, kinds
-from simspec.engines.physx.readback import expected, inventory, neutral, read_back
+from simspec.engines.physx.filter import exclusions, kinds
+from simspec.engines.physx.inventory import expected, inventory, neutral
+from simspec.engines.physx.links import MOST_LINKS
+from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.simulation import PhysxSimulation
+from simspec.engines.physx.units import imported
 from simspec.support import classes, features
 from simspec.support.declarations import (
+    Attempt,
     Level,
     Refinement,
     Table,
@@ -195,8 +200,6 @@ def meshes(world: World) -> Refinement | None:
 BOXES, MESHES = (_refinement(_of(kind)) for kind in ("box", "mesh"))
 """Where all of these pairs may meet, for tables."""
 
-_DRIFT = "PhysX integrates articulations by a different method, and they have no ball joints; see docs/engines/physx.md"
-_NO_JOINTS = "simspec passes no joints to PhysX"
 _THRESHOLD = (
     "simspec raises PhysX's bounce threshold, one for each scene, to 2 / (1 − e) times the speed that gravity adds in "
     "a step, so that resting bodies do not hop; slower contacts do not bounce"
@@ -239,13 +242,21 @@ class PhysX(WorldEngine[PhysxSimulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.TIMESTEP: FIXED_TIMESTEP,
-        Capability.DRY_FRICTION_OFF: _NO_JOINTS,
-        Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
+        Capability.NATIVE_CONTROLLERS: "simspec does not pass controllers to PhysX's drives",
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
-        **classes.free_bodies_only("PhysX", _DRIFT),
-        **exactly(Feature.FRICTION, Feature.TOUCHING_PAIRS),
+        **classes.driven("PhysX"),
+        **classes.NOT_IN_WORLD_JSON,
+        **exactly(Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, Feature.ARMATURE, Feature.FRICTION),
+        **exactly(Feature.TOUCHING_PAIRS, Feature.EVEN_PRESSURE),
+        **for_each(classes.explicit("PhysX"), *features.DAMPERS_AND_SPRINGS),
+        Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
+        Feature.CONTROL_NATIVE: classes.unwritten("PhysX", Attempt.BUILT_IN_CONTROLLER),
+        Feature.HARDNESS_NATIVE: classes.unwritten("PhysX", Attempt.READ_BACK),
+        Feature.TREE_DEPTH: never(f"PhysX has at most {MOST_LINKS} links in an articulation"),
+        **outside_constraints("PhysX"),
+        **for_each(never("PhysX's contacts transmit no torque"), *features.MOMENTS),
         **shape_kinds("PhysX", ("sphere", "box", "capsule")),
         Feature.SHAPE_CYLINDER: never(
             "PhysX has no cylinder; SAPIEN approximates it by a prism (see docs/engines/physx.md)"
@@ -254,10 +265,6 @@ class PhysX(WorldEngine[PhysxSimulation]):
             "PhysX's contact of boxes with boxes is approximate. Accept `shape.box` where boxes may touch each other",
             refine=boxes,
             cases=(BOXES,),
-        ),
-        Feature.JOINT_FIXED: static_or_massless(
-            "PhysX integrates the common centre of mass of {name} and the body that it is fixed to, and simspec's coordinates "
-            "are those of one of the two"
         ),
         Feature.SHAPE_PLANE: static_planes("PhysX's planes are static, and {name} moves"),
         Feature.SHAPE_MESH: exact(
@@ -319,3 +326,6 @@ class PhysX(WorldEngine[PhysxSimulation]):
     @classmethod
     def prepare(cls) -> None:
         imported()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(v)

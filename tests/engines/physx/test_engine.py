@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.physx.building import exclusions, kinds, touches
+from simspec.engines.physx.filter import exclusions, kinds, touches
 from simspec.engines.physx.engine import PhysX
-from simspec.engines.physx.simulation import turns
+from simspec.engines.physx.turning import turns
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import PRECISIONS, inventory_checks
 from tests.engines.free_bodies import (
@@ -52,7 +52,7 @@ def test_the_inventory_equals_the_expectation_of_the_world(name, load):
 def test_the_inventory_has_every_field_of_the_installed_version():
     from sapien import physx
 
-    from simspec.engines.physx import readback as inventory
+    from simspec.engines.physx import inventory
 
     def fields(of):
         methods = ("get_", "set_", "add_", "compute_")

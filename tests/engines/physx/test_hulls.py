@@ -39,7 +39,7 @@ def test_corners_are_stored_and_a_changed_corner_is_found(load):
 @installed
 def test_vertices_that_physx_leaves_out_are_predicted():
     """Of 120 hulls of all forms PhysX keeps every corner of those that are not refused, and few others."""
-    from simspec.engines.physx.building import SCALE, imported
+    from simspec.engines.physx.units import SCALE, imported
 
     physx = imported().physx
     material = physx.PhysxMaterial(0.0, 0.0, 0.0)

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simspec.engines.physx.building import SCALE, PackedActors
+from simspec.engines.physx.measures import PackedActors
 from simspec.engines.physx.engine import PhysX
-from simspec.engines.physx.simulation import depths, pressed
+from simspec.engines.physx.contacts import depths, pressed
+from simspec.engines.physx.units import SCALE
 from simspec.errors import EngineError
 from tests.engines.free_bodies import ball, loader, scene
 
