@@ -105,7 +105,7 @@ def weightless(engine: str) -> World:
     )
     excluded = (("arm", "root"), ("arm", "tip"), ("bob", "load"), ("load", "root"))
     contact = single_material("rubber", 0.5, excluded_bodies=excluded)
-    options = EngineOptions(engine, accept=CONTACT)
+    options = EngineOptions(engine, accept=(*CONTACT, "shape.box"))
     return World("self-test-weightless", bodies, contact, PHYSICS, engines=(options,))
 
 

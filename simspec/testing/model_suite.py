@@ -68,6 +68,9 @@ STEPS = 300
 """Of the motion of each world."""
 MOVED = 1e-4
 """Tolerance for engines in single precision after it (rad, m, m/s): ten times the effect of rounding on hinges there."""
+CLOSED = 2e-3
+"""The same of velocities in loops, where each step removes the gaps of places in single precision: 1e-7 m in 1 ms, on levers of
+0.1 m."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +210,8 @@ class ModelSuite(Suite):
         )
         moved = known.answers["motion"].arrays
         assert state_error(known.world, moved["q"][-1], expected_q) < bench.near(1e-10, MOVED)
-        np.testing.assert_allclose(moved["v"][-1], expected_v, rtol=0, atol=bench.near(1e-9, MOVED))
+        near = bench.near(1e-9, CLOSED if known.world.constraints else MOVED)
+        np.testing.assert_allclose(moved["v"][-1], expected_v, rtol=0, atol=near)
 
     def test_steps_in_a_single_call_and_in_many_are_the_same(self, bench: Bench, known: Known | None) -> None:
         if known is None or bench.lacks("contact_off"):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.kit.arrays import ContactRow, contact_arrays
-from simspec.engines.physx.building import LEAST, SCALE
+from simspec.engines.physx.units import LEAST, SCALE
 
 # Contacts as PhysX reports them, in its unit of length: of the beginning of its last step, with that step's impulses.
 

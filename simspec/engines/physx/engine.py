@@ -31,8 +31,8 @@ from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.inventory import expected, inventory, neutral
-from simspec.engines.physx.links import MOST_LINKS
 from simspec.engines.physx.readback import read_back
+from simspec.engines.physx.roles import MOST_LINKS, inertia_supported
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import imported
 from simspec.support import classes, features
@@ -64,11 +64,21 @@ _ANCHORS = (
     "piled bodies do not slip near their threshold, and spinning bodies are braked at an angle to "
     "their slip (accepted by name: contact.cone.elliptic)"
 )
+_PRESSED = (
+    "PhysX applies restitution to the speed that a force gives a body in one step, where that exceeds the threshold: bodies "
+    "bounce between fingers that press them, and lose friction"
+)
 _FEW = coarse("rest on crossing edges")
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("cross*", _FEW), Reason("*", _ANCHORS)),
+    (
+        Reason("squeeze*", _PRESSED),
+        Reason("stack*", SWEEPS),
+        Reason("jam*", JAMMED),
+        Reason("cross*", _FEW),
+        Reason("*", _ANCHORS),
+    ),
 )
 COUPLED: Table = coupled(
     "physx",
@@ -76,6 +86,7 @@ COUPLED: Table = coupled(
     {
         Feature.MASS_RATIO: classes.HEAVY_ON_LIGHT,
         Feature.SELF_LOCKING: classes.JAMMED,
+        Feature.EVEN_PRESSURE: (_PRESSED, "bodies with restitution bounce between fingers that press them"),
     },
 )
 
@@ -249,11 +260,15 @@ class PhysX(WorldEngine[PhysxSimulation]):
         **classes.driven("PhysX"),
         **classes.NOT_IN_WORLD_JSON,
         **exactly(Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, Feature.ARMATURE, Feature.FRICTION),
-        **exactly(Feature.TOUCHING_PAIRS, Feature.EVEN_PRESSURE),
+        **exactly(Feature.TOUCHING_PAIRS),
         **for_each(classes.explicit("PhysX"), *features.DAMPERS_AND_SPRINGS),
         Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
         Feature.CONTROL_NATIVE: classes.unwritten("PhysX", Attempt.BUILT_IN_CONTROLLER),
         Feature.HARDNESS_NATIVE: classes.unwritten("PhysX", Attempt.READ_BACK),
+        Feature.INERTIA: exact(
+            f"PhysX has at most {MOST_LINKS} links in an articulation, and stores inverses of inertias",
+            refine=inertia_supported,
+        ),
         Feature.TREE_DEPTH: never(f"PhysX has at most {MOST_LINKS} links in an articulation"),
         **outside_constraints("PhysX"),
         **for_each(never("PhysX's contacts transmit no torque"), *features.MOMENTS),

@@ -23,7 +23,7 @@ from simspec.engines.kit.inventory import (
 )
 from simspec.engines.physx.filter import touches
 from simspec.engines.physx.readback import kind_of
-from simspec.engines.physx.roles import ExpectedLink, links_of, roles
+from simspec.engines.physx.roles import PhysxLinkRole, links_of, roles
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import SCALE
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
@@ -251,7 +251,7 @@ def expected(
     return found | expected_separate(world, plan, carriers)
 
 
-def _expected_link(world: World, link: ExpectedLink, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
+def _expected_link(world: World, link: PhysxLinkRole, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     """The values of a link and of the joint above it."""
     found: dict[str, EngineValue] = {}
     if not link.body:

@@ -18,6 +18,7 @@ import numpy as np
 
 from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import STATIC
+from simspec.engines.physx.roles import MOST_LINKS
 from simspec.engines.physx.units import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, Joint
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 SHARE = 1e-10
 """Mass and moments of inertia of a link that stands for a massless body, as a share of those of the next body with mass that it
 carries. From 1e-8 on motion is the same to round-off (measured: 20 chains of 2 to 8 joints)."""
-MOST_LINKS = 255
-"""Of an articulation, the first included: PhysX counts links in eight bits, without a message (measured)."""
 STIFF = 1e12
 """Damping (N m s/rad, N s/m) of the drive that stands for dry friction: a joint at rest below its friction creeps at less than
 1e-10 of the speed that the friction would give it (measured from 1e8 on)."""
@@ -68,22 +67,17 @@ class PhysxLinks:
     def build(self, shapes: Mapping[int, Sequence[Any]]) -> None:
         """Make all articulations, with the shapes of each row."""
         for rows in self.built.homes.trees:
-            if (count := self._count(rows)) > MOST_LINKS:
-                raise EngineError(NAME, f"has {MOST_LINKS} links in an articulation, and {count} are needed here")
             anchor = self._link(None, 1.0, (1.0, 1.0, 1.0), Pose(), "anchor")
             anchor.joint.type = "fixed"
             self._added[0].pose = self.built.pose(self._base(rows[0]), "anchor")
             for row in rows:
                 self._body(row, anchor, shapes.get(row, ()))
+            if len(self._added) > MOST_LINKS:
+                raise EngineError(NAME, f"has {MOST_LINKS} links in an articulation, not {len(self._added)}")
             for entity in self._added:
                 self.built.scene.add_entity(entity)
             self._added.clear()
             self._finish(anchor.articulation)
-
-    def _count(self, rows: Sequence[int]) -> int:
-        """Links of an articulation, but for spacers."""
-        kinds = {"free": 6, "ball": 3}
-        return 1 + sum(kinds.get(self.built.walk.bodies[row].body.joint.kind, 1) for row in rows)
 
     def _base(self, row: int) -> Pose:
         """The pose of the first link of an articulation: the frame of the joint of ``row``, its first body. PhysX turns the

@@ -1,4 +1,4 @@
-"""What each body of a world is in PhysX, from the world alone: for support, and for the expected inventory."""
+"""The role of each body of a world in PhysX, from the world alone: for support, and for the expected inventory."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import excluded_pairs, solid_shapes
 from simspec.world.frames import sorted_pair
-from simspec.world.inertia import lumped_inertial, principal_axes
+from simspec.world.inertia import least_moment, lumped_inertial, principal_axes
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, World
 
@@ -51,7 +52,7 @@ def _more(world: World, bodies: Iterable[Body]) -> bool:
     return any(body.joint.kind != "fixed" or lumped_inertial(world, body).mass for body in bodies)
 
 
-class ExpectedLink(NamedTuple):
+class PhysxLinkRole(NamedTuple):
     """A link of an articulation. ``body``: the name of its body, "" of the link that is fixed to the world; ``place``: the
     number of its joint among those of the body, or ``spacer``; ``slides``: None of a fixed joint; ``mass``: where it stands for
     a massless body, the mass and largest moment of the next body that it carries."""
@@ -63,11 +64,11 @@ class ExpectedLink(NamedTuple):
 
 
 @derived
-def links_of(world: World) -> Mapping[str, tuple[ExpectedLink, ...]]:
+def links_of(world: World) -> Mapping[str, tuple[PhysxLinkRole, ...]]:
     """The links of each articulation, by the name of its first body."""
     role = roles(world)
     top: dict[str, str] = {}
-    found: dict[str, list[ExpectedLink]] = {}
+    found: dict[str, list[PhysxLinkRole]] = {}
     touching = _touching_joined(world)
     for body in world.bodies:
         kind, name = role[body.name]
@@ -77,14 +78,14 @@ def links_of(world: World) -> Mapping[str, tuple[ExpectedLink, ...]]:
         top[body.name] = body.name if parent is None or parent not in top else top[parent]
         if kind == "part":
             continue
-        links = found.setdefault(top[body.name], [ExpectedLink("", 0, None, None)])
+        links = found.setdefault(top[body.name], [PhysxLinkRole("", 0, None, None)])
         carried = _carried(world, body.name)
         if body.name in touching:
-            links.append(ExpectedLink(body.name, "spacer", None, carried))
+            links.append(PhysxLinkRole(body.name, "spacer", None, carried))
         slides = SLIDES.get(body.joint.kind, (None,))
         for place, slide in enumerate(slides):
             heavy = place == len(slides) - 1 and lumped_inertial(world, body).mass > 0.0
-            links.append(ExpectedLink(body.name, place, slide, None if heavy else carried))
+            links.append(PhysxLinkRole(body.name, place, slide, None if heavy else carried))
     return MappingProxyType({name: tuple(links) for name, links in found.items()})
 
 
@@ -116,3 +117,21 @@ def _touching_joined(world: World) -> frozenset[str]:
         if any(sorted_pair(*pair) not in excluded for pair in pairs):
             found.add(body.name)
     return frozenset(found)
+
+
+MOST_LINKS = 255
+"""Of an articulation: PhysX counts links in eight bits, without a message (measured)."""
+
+
+def inertia_supported(world: World) -> Refinement | None:
+    """Not a tree that needs more links than an articulation has, nor a body that moves whose inertia has no inverse."""
+    for body in world.bodies:
+        inertial = lumped_inertial(world, body)
+        if roles(world)[body.name][0] in ("actor", "link") and inertial.mass and not least_moment(inertial) > 0.0:
+            return unsupported_if(f"PhysX stores the inverse of an inertia, which that of {body.name!r} does not have")
+    for name, links in links_of(world).items():
+        if len(links) > MOST_LINKS:
+            return unsupported_if(
+                f"PhysX has at most {MOST_LINKS} links in an articulation, and the tree of {name!r} needs {len(links)}"
+            )
+    return None

@@ -196,7 +196,7 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
             total = total - self.damping * v - self.stiffness * (stretch - self.rest)
         if self.trees.turns.size or not np.array_equal(total, self._effort):
             self.trees.give(total)
-            self._effort = total
+            self._effort = np.array(total)
         self.trees.begin(self._touched)
 
     def _settle(self, turning: Any) -> None:
@@ -329,19 +329,11 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
         return [*self.singles.mass_parts(built), *trees.mass_parts(q)]
 
     def bias(self) -> np.ndarray:
-        """Coriolis, centrifugal and gravity forces (nv,): −M a, with the accelerations of a step without efforts."""
+        """Coriolis, centrifugal and gravity forces (nv,): PhysX's inverse dynamics of articulations."""
         q, v = self.get_state()
         found = np.zeros(self.nv)
         self.singles.bias(v, self.gravity, found)
-        built, trees = self._measured()
-        if not trees.trees:
-            return found
-        parts = trees.mass_parts(q)
-        built.system.timestep = LONG
-        trees.write(q, v)
-        trees.give(np.zeros(self.nv))
-        built.system.step()
-        acceleration = trees.accelerations(LONG)
-        for place, mass in parts:
-            found[place] = -mass @ acceleration[place]
+        if self.trees.trees:
+            turning = self.trees.turns.size and v.any()
+            self.trees.bias(found, self._measured()[1].mass_parts(q) if turning else ())
         return found

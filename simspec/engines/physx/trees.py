@@ -92,13 +92,18 @@ class PhysxTrees:
         self._timestep = timestep
         self.trees = [PhysxTree(found, built.links, q_places, v_places) for found in built.links.articulations]
         turning: list[tuple[Any, int, int]] = []
+        roots: list[int] = []
         for tree, rows in zip(self.trees, built.homes.trees, strict=True):
             numbers = []
             for row in rows:
+                if built.walk.bodies[row].body.joint.kind == "free":
+                    roots.append(q_places[row].start)
                 if built.walk.bodies[row].body.joint.kind in ("ball", "free"):
                     numbers.append(len(turning))
                     turning.append((built.links.joints[row][-1], q_places[row].stop - 4, v_places[row].stop - 3))
             tree.balls = np.array(numbers, dtype=np.intp)
+        self._roots = np.array(roots, dtype=np.intp).reshape(-1, 1) + np.arange(3)
+        """Where the positions of free roots are in q."""
         self._hinges = [joint for joint, _, _ in turning]
         self._ball_q = np.array([at for _, at, _ in turning], dtype=np.intp).reshape(-1, 1) + np.arange(4)
         self._ball_v = np.array([at for _, _, at in turning], dtype=np.intp).reshape(-1, 1) + np.arange(3)
@@ -185,6 +190,8 @@ class PhysxTrees:
     def mass_parts(self, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """The mass matrix of each articulation at q (nq,), with its places in v: that of PhysX's kinetic energy, from the
         masses and inertias of its links, their velocities with a unit of each coordinate, and the armatures."""
+        q = q.copy()
+        q[self._roots] = 0.0  # M does not depend on it, and lever arms of PhysX are differences of places in the world
         speeds = [np.zeros((len(tree.v), len(tree.links), 6)) for tree in self.trees]
         for column in range(max((len(tree.v) for tree in self.trees), default=0)):
             v = np.zeros(self._nv)
@@ -201,9 +208,23 @@ class PhysxTrees:
             parts.append((tree.places, mass))
         return parts
 
+    def bias(self, found: np.ndarray, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Write the bias force of the present state into h (nv,). ``parts``: the mass matrices of the articulations, where
+        balls turn: that of a ball is h − M c of its hinges."""
+        for tree in self.trees:
+            force = np.array(tree.articulation.compute_passive_force(True, True), dtype=float)
+            found[tree.v] = force / (tree.inertia * tree.length)
+        if not len(self.turns):
+            return
+        change = np.zeros(self._nv)
+        change[self._ball_v] = rotate(conjugate(self.turns), quadratic(self._rates))
+        found[self._ball_v] = rotate(conjugate(self.turns), found[self._ball_v])
+        for places, mass in parts:
+            found[places] -= mass @ change[places]
+
 
 def quadratic(rates: np.ndarray) -> np.ndarray:
-    """c (n, 3) of rates (n, 3): what ω̇ of three hinges about x, y and z at zero has in addition to their own accelerations."""
+    """c (n, 3) of rates (n, 3): ω̇ − u̇ of three hinges about x, y and z at zero."""
     first, second, third = rates.T
     found: np.ndarray = np.stack([second * third, -first * third, first * second], axis=1)
     return found
