@@ -1,13 +1,14 @@
 """A world in Rapier, built by calls of its API from ``world.json`` and its sidecar.
 
-Static bodies are Rapier's fixed bodies; a free root with all bodies that are fixed to it is one dynamic body. Colliders have no
-density: masses are those of the bodies. Facts marked *measured*: rapier3d 0.36.1.
+Static bodies are Rapier's fixed bodies; a free body with all massless bodies that are fixed to it is one dynamic body; other
+trees are multibodies. The shapes of a rigid group belong to the body whose joint moves it. Colliders have no density: masses
+are those of the bodies.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,22 +16,14 @@ import numpy as np
 from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
 from simspec.engines.kit.world_simulation import only_common, positive_definite
+from simspec.engines.rapier.multibodies import ERROR_REDUCTION, Multibodies
+from simspec.engines.rapier.units import NAME, SCALE, isometry, lengths, mass_properties
 from simspec.errors import EngineError
-from simspec.formats.world import JsonBody, JsonShape
+from simspec.formats.world import JsonShape
 from simspec.world import frames
 from simspec.world.hull import HullError, hull_of, mesh_vertices
-from simspec.world.inertia import principal_axes
-from simspec.world.types import PairContact, Pose, Quaternion, Vector3
+from simspec.world.types import PairContact, Pose
 
-NAME = "rapier"
-SCALE = 1024.0
-"""Rapier's unit of length is 1/1024 m. Its search for nearest points ends by thresholds in its unit: with the metre it
-misses 12 % of the overlaps of a ball and a hull of 100 vertices, and stacks of boxes as hulls fall (measured;
-docs/records/engine-costs.md). A power of two changes no digit of a number."""
-SQUARE = SCALE * SCALE
-"""Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
-ERROR_REDUCTION = 0.01
-"""β of the common law (:class:`simspec.world.types.Hardness`)."""
 RIGID = 1000.0
 """ω dt of contacts. With the damping ratio that :func:`configure` derives from it, a step takes back the share β of an overlap
 (measured: the contact law to three digits from 0.5 to 8 ms)."""
@@ -42,11 +35,6 @@ FASTEST = 1e6
 """Bound (m/s) of all speeds, by default 400 m/s, and of those that take back overlaps, by default 3 m/s."""
 SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 Settings = Mapping[str, Any]
-
-
-def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
-    """Lengths (m, m/s, m/s²) in Rapier's unit."""
-    return checked_singles(NAME, (SCALE * value for value in values), name)
 
 
 class Laws:
@@ -81,6 +69,8 @@ class Laws:
         friction, restitution, threshold = next(iter(rows)) if len(rows) == 1 else (0.0, 1.0, 0.0)
         self.uniform = None if restitution or threshold else (friction, restitution, threshold)
         """The law of all pairs, where there is only one, without restitution and threshold."""
+        self.bounces = any(restitution for _, restitution, _ in rows)
+        """Whether any two shapes bounce, so that the hook reads velocities of bodies."""
 
     def install(self, world: Any) -> None:
         """Let Rapier call the hook for the colliders for which its answer matters."""
@@ -152,19 +142,31 @@ class Laws:
 
 
 class RapierBuild:
-    """``world``: Rapier's. ``bodies``: the handle of the rigid body of each body of the document; ``colliders``: the handle of
-    the collider of each shape of ``walk``."""
+    """``world``: Rapier's. ``bodies``: the handle of the rigid body that has the mass of each body of the document;
+    ``multibodies``: the trees with joints; ``colliders``: the handle of the collider of each shape of ``walk``.
+    ``gravity_scales``: by the names of bodies whose weight is not mass × gravity."""
 
-    def __init__(self, rapier: Any, walk: Walk, settings: Settings, laws: Sequence[PairContact]):
-        kinds = ("fixed", "free")
-        refuse(walk, NAME, cones=("elliptic",), joints=kinds, shapes=SHAPES, moving_planes=False, carried_mass=False)
+    def __init__(
+        self,
+        rapier: Any,
+        walk: Walk,
+        settings: Settings,
+        laws: Sequence[PairContact],
+        gravity_scales: Mapping[str, float],
+    ):
+        refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, moving_planes=False)
         self.rapier, self.walk = rapier, walk
         self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*lengths(walk.document.gravity, "gravity")))
         self.world.set_num_threads(1)
-        configure(rapier, self.world, checked_singles(NAME, (walk.document.timestep,), "timestep")[0], settings)
+        timestep = checked_singles(NAME, (walk.document.timestep,), "timestep")[0]
+        configure(rapier, self.world, timestep, settings)
+        self.multibodies = Multibodies(rapier, self.world, walk, timestep)
         self.bodies: list[Any] = []
         for placed in walk.bodies:
             self.bodies.append(self._body(placed))
+            if (scale := gravity_scales.get(placed.body.name, 1.0)) != 1.0:
+                scale = checked_singles(NAME, (scale,), f"gravity scale of {placed.body.name}")[0]
+                self.world.rigid_bodies[self.bodies[-1]].gravity_scale = scale
         self.colliders = [self._collider(solid) for solid in walk.shapes]
         self.laws = Laws(rapier, walk, laws, self.colliders)
         self.laws.install(self.world)
@@ -172,12 +174,13 @@ class RapierBuild:
         self.turned_by_contact = touching - self._only_pushed()
         """Rows of the bodies that contact may turn."""
         self._set_masses()
+        self.multibodies.connect(self.world)
 
     def _set_masses(self) -> None:
         """Give the bodies their masses to the last bit. Rapier adds those of colliders, which are zero, and where a collider is
         turned or displaced computes the principal axes of the sum, with half of the digits (0.42 of a tilted capsule's inertia
         lost at most, measured); with no colliders to add it keeps the masses, once it has detected the colliders."""
-        handles = list(dict.fromkeys(self.bodies))
+        handles = list(dict.fromkeys([*self.bodies, *self.multibodies.wheel_bodies]))
         for number, handle in enumerate(handles):
             # far from each other: Rapier would take bodies that touch here for touching in the next state, too, with the
             # normal of here, as long as they neither turn nor slide (measured)
@@ -200,39 +203,36 @@ class RapierBuild:
 
     def _body(self, placed: PlacedBody) -> Any:
         body = placed.body
+        if placed.row in self.multibodies.number:
+            return self.multibodies.bodies[self.multibodies.number[placed.row]]
         if placed.carrier == placed.row:
             if not body.mass > 0.0:
                 raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
             if not positive_definite(body.inertia):  # Rapier would make a body that never turns
                 raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
-            builder = self.rapier.RigidBody.dynamic().additional_mass_properties(self._mass(body))
+            builder = self.rapier.RigidBody.dynamic().additional_mass_properties(mass_properties(self.rapier, body))
             # the gyroscopic torque is applied before every step: Rapier's is implicit, and 4e-4 off after 2 s (measured)
             return self.world.add_body(builder.can_sleep(False).gyroscopic_forces(False).allow_fast_rotation(True))
         if placed.moves:
             return self.bodies[placed.carrier]
         builder = self.rapier.RigidBody.fixed().position(isometry(self.rapier, placed.pose, f"pose of {body.name}"))
         if body.mass:
-            builder = builder.additional_mass_properties(self._mass(body))
+            builder = builder.additional_mass_properties(mass_properties(self.rapier, body))
         return self.world.add_body(builder)
-
-    def _mass(self, body: JsonBody) -> Any:
-        moments, axes = principal(body.inertia)
-        mass = checked_singles(NAME, (body.mass,), f"mass of {body.name}")[0]
-        centre = lengths(body.centre_of_mass, f"centre of {body.name}")
-        scaled = checked_singles(NAME, (SQUARE * moment for moment in moments), f"inertia of {body.name}")
-        vector = self.rapier.Vec3
-        return self.rapier.MassProperties(vector(*centre), mass, vector(*scaled), self.rapier.Rotation3(*axes))
 
     def _collider(self, solid: PlacedShape) -> Any:
         kind = solid.shape.kind
         pose = frames.compose(solid.pose, AXES[kind]) if kind in AXES else solid.pose
         place = isometry(self.rapier, pose, f"pose of {solid.shape.name}")
         builder = collider_of(self.rapier, solid.shape).density(0.0).user_data(solid.number).position(place)
-        return self.world.add_collider(builder, self.bodies[solid.owner.row])
+        return self.world.add_collider(builder, self.carrier_of(solid))
+
+    def carrier_of(self, solid: PlacedShape) -> Any:
+        """The handle of the rigid body that has a shape."""
+        owner = solid.owner
+        return self.bodies[owner.carrier if owner.moves else owner.row]
 
 
-NOTHING_ACROSS = 2.0**-27
-"""Products of inertia below this share of the largest moment count as zero: an eighth of the last bit of single precision."""
 _HALF = math.sqrt(0.5)
 AXES: Mapping[str, Pose] = {
     "cylinder": Pose(quaternion=(_HALF, _HALF, 0.0, 0.0)),
@@ -292,16 +292,3 @@ def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> N
     parameters.normalized_max_linear_velocity = SCALE * FASTEST
     parameters.contact_recycling = parameters.contact_clustering = False
     parameters.warmstart_coefficient = 1.0
-
-
-def isometry(rapier: Any, pose: Pose, name: str) -> Any:
-    place = rapier.Vec3(*lengths(pose.position, name))
-    return rapier.Isometry3(place, rapier.Rotation3(*pose.quaternion))
-
-
-def principal(inertia: Sequence[float]) -> tuple[Vector3, Quaternion]:
-    """Principal moments and the axes that they are about: the body's own where the tensor is diagonal but for round-off."""
-    x, y, z, *across = inertia
-    if max(map(abs, across)) <= NOTHING_ACROSS * max(x, y, z):
-        across = [0.0, 0.0, 0.0]
-    return principal_axes((x, y, z, *across))

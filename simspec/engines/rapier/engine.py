@@ -17,7 +17,6 @@ import numpy as np
 from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
     BOUNCES,
-    FIXED_TIMESTEP,
     JAMMED,
     SINGLE,
     SWEEPS,
@@ -27,13 +26,15 @@ from simspec.engines.kit.capabilities import (
     coarse,
     read_deviations,
 )
-from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, static_or_massless, static_planes
+from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.rapier.readback import expected, inventory, neutral, read_back
+from simspec.engines.rapier.inventory import expected, inventory, neutral
+from simspec.engines.rapier.readback import read_back
 from simspec.engines.rapier.simulation import RapierSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
+    Attempt,
     Level,
     Refinement,
     Table,
@@ -79,6 +80,10 @@ _ASIDE = (
     "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: the feet of a body "
     "are braked at an angle to their slip (accepted by name: contact.cone.elliptic)"
 )
+_UNEVEN = (
+    "Rapier's solver does not spread the pressure of a face that a joint presses on a body evenly; see "
+    "docs/engines/rapier.md"
+)
 _FEW = coarse("slip or clamp")
 
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
@@ -87,6 +92,7 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("stack*", SWEEPS),
         Reason("rod* clamp* jam* pile*", BOUNCES, bounces=True),
         Reason("jam*", JAMMED),
+        Reason("squeeze*", _UNEVEN),
         Reason("slide-spin", _ASIDE),
         Reason("*", _FEW),
     ),
@@ -97,6 +103,7 @@ COUPLED: Table = coupled(
     {
         Feature.MASS_RATIO: classes.HEAVY_ON_LIGHT,
         Feature.SELF_LOCKING: classes.JAMMED,
+        Feature.EVEN_PRESSURE: (_UNEVEN, "boxes that slip between fingers may turn"),
     },
 )
 
@@ -291,8 +298,19 @@ def _directions(hull: Hull) -> np.ndarray:
     return unit
 
 
-_DRIFT = "Rapier integrates articulated bodies by a different first-order method; see docs/engines/rapier.md"
-_NO_JOINTS = "simspec passes no joints to Rapier"
+_TITLE = "Rapier"
+_NATIVE = "simspec does not use Rapier's motors as controllers"
+_CONSTRAINTS = (
+    "Rapier's Python package has no constraints between coordinates of a multibody, and does not report the mass matrix that "
+    "efforts of constraints need; see docs/engines/rapier.md"
+)
+_JOINTS = exact(
+    "simspec builds Rapier's multibodies, each with a flywheel that makes Rapier solve for accelerations with the mass matrix "
+    "alone; see docs/engines/rapier.md"
+)
+_STOPS = exact(
+    "simspec sets the limit of a joint close to a stop before each step, so that the joint stops within the step"
+)
 _OBLONG_ASIDE = (
     "Rapier's friction acts along K⁻¹ v, with the mobility K of the contact: oblong bodies are "
     "braked at an angle to their slip"
@@ -307,7 +325,7 @@ class Rapier(WorldEngine[RapierSimulation]):
     """Rapier's rigid bodies, by its pipeline with one iteration a step and many sweeps in it."""
 
     NAME: ClassVar[str] = "rapier"
-    TITLE: ClassVar[str] = "Rapier"
+    TITLE: ClassVar[str] = _TITLE
     DIALECT: ClassVar[str] = "rapier"
     DISTRIBUTION: ClassVar[str] = "rapier3d"
     EXTRA: ClassVar[str] = "rapier"
@@ -316,14 +334,22 @@ class Rapier(WorldEngine[RapierSimulation]):
     LAYERS: ClassVar[bool] = False
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.TIMESTEP: FIXED_TIMESTEP,
-        Capability.DRY_FRICTION_OFF: _NO_JOINTS,
-        Capability.NATIVE_CONTROLLERS: _NO_JOINTS,
+        Capability.NATIVE_CONTROLLERS: _NATIVE,
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
-        **classes.free_bodies_only("Rapier", _DRIFT),
-        **exactly(Feature.HARDNESS_COMMON, *features.FILTERS),
+        **classes.driven(_TITLE),
+        **exactly(Feature.HARDNESS_COMMON, Feature.ARMATURE, Feature.GRAVITY_SCALE, *features.FILTERS),
+        **for_each(_JOINTS, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL),
+        Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
+        Feature.LIMIT_POSITION: _STOPS,
+        **for_each(classes.explicit(_TITLE), *features.DAMPERS_AND_SPRINGS),
+        Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
+        **for_each(never(_CONSTRAINTS), *features.CONSTRAINTS),
+        **for_each(never(f"{_TITLE}'s contacts transmit no torque"), *features.MOMENTS),
+        **classes.NOT_IN_WORLD_JSON,
+        Feature.CONTROL_NATIVE: never(_NATIVE),
+        Feature.HARDNESS_NATIVE: classes.unwritten(_TITLE, Attempt.READ_BACK),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
         Feature.SHAPE_SPHERE: exact(
             "Rapier is exact for spheres with a radius of at least 0.1 mm", refine=balls, cases=(SMALL,)
@@ -332,10 +358,6 @@ class Rapier(WorldEngine[RapierSimulation]):
             "Rapier's cylinders are exact on planes and spheres. Accept `shape.cylinder` where they may touch other shapes",
             refine=cylinders,
             cases=(CYLINDERS,),
-        ),
-        Feature.JOINT_FIXED: static_or_massless(
-            "Rapier integrates the common centre of mass of {name} and the body that it is fixed to, and simspec's coordinates "
-            "are those of one of the two; see docs/engines/rapier.md"
         ),
         Feature.SHAPE_PLANE: static_planes("simspec passes only static planes to Rapier, and {name} moves"),
         Feature.SHAPE_MESH: exact(
@@ -386,3 +408,9 @@ class Rapier(WorldEngine[RapierSimulation]):
     @classmethod
     def prepare(cls) -> None:
         import rapier3d  # noqa: F401
+
+    def set_timestep(self, timestep: float) -> None:
+        self._simulation.set_timestep(timestep)
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(v)

@@ -1,119 +1,76 @@
-"""A world in Rapier: stepping, efforts, contact.
-
-A free body's frame is at its centre of mass, so that its coordinates are those of Rapier's body. Rapier steps by simspec's
-law of motion, v before x, except for rotations: its gyroscopic torque is off, and −ω × Iω is applied before every step;
-bodies that turn fast are turned by the rest of the rotation after it.
-"""
+"""A world in Rapier: its state, steps, efforts and contact."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simspec.dialects.kit.world import LawSidecar
-from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_singles, empty_contacts
-from simspec.engines.kit.world_simulation import FreeBodySimulation
-from simspec.engines.rapier.building import NAME, SCALE, SQUARE, RapierBuild
+from simspec.engines.kit.arrays import ContactRow, checked_singles, contact_arrays, demand_singles, empty_contacts
+from simspec.engines.kit.building import Walk
+from simspec.engines.kit.world_simulation import WorldSimulation, unit_responses
+from simspec.engines.rapier.building import RapierBuild, configure
+from simspec.engines.rapier.coordinates import JointLosses, LinkPlaces, LinkWrenches, LiveMultibodies
+from simspec.engines.rapier.free_bodies import LiveFreeBodies, spinning
+from simspec.engines.rapier.multibodies import AXIS_OF
+from simspec.engines.rapier.stops import JointStops
+from simspec.engines.rapier.units import NAME, SCALE, SQUARE, quaternion_of, states_of
 from simspec.errors import EngineError
 from simspec.formats.world import initial_coordinates
 from simspec.world import frames
-from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate
-from simspec.world.types import Pose, Quaternion, Vector3
-
-# Rotation. Rapier's gyroscopic torque is implicit; simspec's law of motion has −ω × Iω at the beginning of the step. Rapier's
-# rotation is the unit quaternion along q + ½ ω q dt, which lags by (|ω| dt)³ / 12. Both are computed per body with Python
-# floats, which for three numbers take a tenth of numpy's time.
-
-SLOW = 1e-3
-"""|ω| dt (rad) up to which Rapier's rotation stays uncorrected: it lags by at most 8e-11 rad, a thousandth of a rounding."""
-
-
-def quaternion_of(rotation: Any) -> Quaternion:
-    """w x y z of one of Rapier's rotations, of unit length in double precision."""
-    x, y, z, w = rotation.to_tuple()
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    return (w / length, x / length, y / length, z / length)
-
-
-def turn_of(rotation: Any) -> np.ndarray:
-    """The matrix (3, 3) of one of Rapier's rotations."""
-    return matrices(np.array(quaternion_of(rotation)))
-
-
-def pose_of(pose: Any) -> Pose:
-    """One of Rapier's poses in m, its quaternion of unit length."""
-    x, y, z = (value / SCALE for value in pose.translation)
-    return Pose((x, y, z), quaternion_of(pose.rotation))
-
-
-def inertia_of(body: Any) -> np.ndarray:
-    """The inertia (3, 3, kg m²) of a body about its centre of mass, in its own axes."""
-    mass = body.mass_properties
-    turn = turn_of(mass.principal_inertia_local_frame)
-    inertia: np.ndarray = turn @ np.diag(tuple(mass.principal_inertia)) @ turn.T
-    return inertia / SQUARE
-
-
-def unequal_tensor(inertia: np.ndarray) -> frames.Matrix3 | None:
-    """A tensor as Python floats; None where it is the same about every axis, without a gyroscopic torque."""
-    if np.array_equal(inertia, inertia[0, 0] * np.eye(3)):
-        return None
-    entry, two, three = inertia.tolist()
-    return (tuple(entry), tuple(two), tuple(three))
-
-
-def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
-    """−ω × Iω of a body in world axes; None where it does not turn."""
-    x, y, z = body.angvel.to_tuple()
-    if not (x or y or z):
-        return None
-    across, along, up = frames.matrix(quaternion_of(body.rotation))
-    local = (
-        across[0] * x + along[0] * y + up[0] * z,
-        across[1] * x + along[1] * y + up[1] * z,
-        across[2] * x + along[2] * y + up[2] * z,
-    )
-    momentum = (frames.dot(inertia[0], local), frames.dot(inertia[1], local), frames.dot(inertia[2], local))
-    torque = frames.cross(momentum, local)
-    return (frames.dot(across, torque), frames.dot(along, torque), frames.dot(up, torque))
-
-
-def turned_on(rotation: Any, spin: Any, timestep: float) -> Quaternion:
-    """The rotation of a body after a step with the velocity ``spin``, from that of Rapier: the rest is about the same axis."""
-    angle = timestep * spin.norm()
-    share = (angle - 2.0 * math.atan(0.5 * angle)) / angle * timestep
-    rest = exponential_of((share * spin.x, share * spin.y, share * spin.z))
-    return multiply_of(rest, (rotation.w, rotation.i, rotation.j, rotation.k))
-
+from simspec.world.rotations import cross, exponential_of, multiply_of, rotate
+from simspec.world.types import Quaternion, Vector3
 
 LONG = 1.0
-"""The step (s) that measures mass matrix and bias force: the change of a velocity in 1 ms has few digits."""
+"""The step (s) that measures accelerations: the change of a velocity in 1 ms has few digits."""
+REFINEMENTS = 3
+"""Steps by which the effort that holds everything is found, each nearer by the errors of mass matrix and acceleration."""
 
 
-class RapierSimulation(FreeBodySimulation[LawSidecar]):
-    """A loaded world."""
+class RapierSimulation(WorldSimulation[LawSidecar]):
+    """A loaded world. ``free``: the rows of the bodies that are Rapier's free bodies; all others that move are links."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         import rapier3d
 
         super().__init__(NAME, LawSidecar, folder, sidecar)
+        if self.constraints:
+            raise EngineError(NAME, "does not support constraints between bodies")
         self.rapier = rapier3d
+        scales: dict[str, float] = {}
+        if self.passive is not None:  # Rapier's own weights, in place of efforts
+            scales = {entry.body: entry.scale for entry in self.passive.gravity_scales}
+            self.passive = dataclasses.replace(self.passive, gravity_scales=())
+        self.walk = Walk.of(self.document)
         try:
-            self.built = RapierBuild(rapier3d, self.walk, self.settings, self.typed.laws)
+            self.built = RapierBuild(rapier3d, self.walk, self.settings, self.typed.laws, scales)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
-        self._pushed: set[int] = set()
-        """The bodies, by their numbers, that have forces or torques in Rapier."""
+        built, links = self.built, self.built.multibodies
+        self.free = [body.row for body in self.walk.bodies if body.carrier == body.row and body.row not in links.number]
+        self.number = {row: index for index, row in enumerate(self.free)}
+        self._free_q = _places([self.q_places[row].start for row in self.free], 7)
+        self._free_v = _places([self.v_places[row].start for row in self.free], 6)
+        self._places = LinkPlaces(links, self.q_places, self.v_places)
+        self.losses = JointLosses(links, self.q_places, self.v_places, self.nv)
+        self._stops = JointStops(links)
+        rigid = built.world.rigid_bodies
+        self._spins = spinning([rigid[built.bodies[row]] for row in self.free])
+        self._touched = [number for number, row in enumerate(self.free) if row in built.turned_by_contact]
+        self._solid_links = any(solid.owner.carrier in links.number for solid in self.walk.shapes)
         self._stepped = False
-        self._pristine = self.built.world.snapshot()
-        self._take(self.built.world)
-        tensors = [(number, unequal_tensor(inertia_of(body))) for number, body in enumerate(self.bodies)]
-        self._spins = [(number, inertia) for number, inertia in tensors if inertia is not None]
+        self._pushed_links: list[Any] = []
+        """The links' bodies that have forces or torques in Rapier."""
+        self._before: dict[Any, tuple[Vector3, Quaternion]] = {}
+        """Where the links' bodies were, and how they were turned, before the last step, by handle (1/1024 m)."""
+        self._pristine = built.world.snapshot()
+        self._take(built.world)
+        self._wrenches = LinkWrenches(links, self.v_places, self.links.centres())
         self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _take(self, world: Any) -> None:
@@ -121,13 +78,10 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
         self.world = world
         world.set_num_threads(1)
         world.physics_hooks = self.built.laws
-        self.bodies = [world.rigid_bodies[self.built.bodies[row]] for row in self.free]
-        self._watch(range(len(self.bodies)))
-
-    def _watch(self, turning: Iterable[int]) -> None:
-        """Correct the rotations of these bodies (numbers) alone after every step."""
-        self._turning = frozenset(turning)
-        self._watched = [self.bodies[number] for number in sorted(self._turning)]
+        handles = [self.built.bodies[row] for row in self.free]
+        self.bodies = LiveFreeBodies(self.rapier, world, handles, self._touched, self._spins)
+        self.links = LiveMultibodies(self.built.multibodies, self._places, world)
+        self._pushed_links = []
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -138,135 +92,195 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
-        rapier = self.rapier
         demand_singles(NAME, SCALE * np.concatenate([q, v]), "state")
-        poses, velocities = self.in_world(q, v)
-        places, speeds, spins = SCALE * poses[:, :3], SCALE * velocities[:, :3], velocities[:, 3:]
-        rows = zip(self.bodies, places.tolist(), poses[:, 3:].tolist(), speeds.tolist(), spins.tolist(), strict=True)
-        for body, place, turn, speed, spin in rows:
-            body.position = rapier.Isometry3(rapier.Vec3(*place), rapier.Rotation3(*turn))
-            body.linvel, body.angvel = rapier.Vec3(*speed), rapier.Vec3(*spin)
+        q, v = self.normalised(q), np.asarray(v, dtype=float)
+        poses, velocities = q[self._free_q], v[self._free_v]
+        velocities[:, 3:] = rotate(poses[:, 3:], velocities[:, 3:])
+        self.bodies.place(poses, velocities)
+        self.links.place(q, v)
         self._stepped = False
-        touched = {number for number, row in enumerate(self.free) if row in self.built.turned_by_contact}
-        self._watch(touched.union((number for number, _ in self._spins), np.flatnonzero(spins.any(axis=1)).tolist()))
 
-    def moving(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
-        rows = [
-            (*body.translation.to_tuple(), *body.rotation.to_tuple(), *body.linvel.to_tuple(), *body.angvel.to_tuple())
-            for body in self.bodies
-        ]
-        table = np.array(rows, dtype=float).reshape(-1, 13)
-        poses, speeds = table[:, (0, 1, 2, 6, 3, 4, 5)], table[:, 7:]
-        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-        poses[:, :3] /= SCALE
-        speeds[:, :3] /= SCALE
-        return poses, speeds
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        if self.free:
+            poses, velocities = self.bodies.states()
+            velocities[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), velocities[:, 3:])
+            q[self._free_q], v[self._free_v] = poses, velocities
+        if self.links.bodies:
+            self.links.read(q, v)
+        return q, v
 
-    def static_pose(self, row: int) -> Pose:
-        return pose_of(self.world.rigid_bodies[self.built.bodies[row]].position)
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
+        poses[self.free], velocities[self.free] = self.bodies.states()
+        rows = [link.placed.row for link in self.built.multibodies.links]
+        poses[rows] = self.links.poses()
+        velocities[rows] = self.links.velocities(poses[rows])
+        placed_rows = {*self.free, *rows}
+        for body in self.walk.bodies:
+            row = body.row
+            if row in placed_rows:
+                continue
+            if not body.moves:
+                poses[row] = states_of([self.world.rigid_bodies[self.built.bodies[row]]])[0]
+                continue
+            at, speed = poses[body.carrier], velocities[body.carrier]
+            lever = rotate(at[3:], np.array(body.pose.position))
+            poses[row, :3] = at[:3] + lever
+            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), body.pose.quaternion)
+            velocities[row, :3], velocities[row, 3:] = speed[:3] + cross(speed[3:], lever), speed[3:]
+        return poses, velocities
+
+    def is_separate(self, row: int) -> bool:
+        """Whether a body is one of Rapier's, not a part of another."""
+        placed = self.walk.bodies[row]
+        return not placed.moves or placed.carrier == row or row in self.built.multibodies.number
 
     # --- steps ------------------------------------------------------------------------------------------------
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
-        """Step ``count`` times under a constant effort (nv,), None = zero."""
-        world, step = self.world, self.world.step
-        for _ in range(count):
-            if effort is not None or self._spins or self._pushed:
-                self._push(effort)
-            step()
-            if self._watched:
-                self._turn_on()
-        self._stepped = self._stepped or count > 0
-        if count and len(world.islands) < len(self.bodies):  # Rapier silently removes bodies whose state is not finite
-            wrong = [self.names[row] for row, body in zip(self.free, self.bodies, strict=True) if not body.is_enabled]
-            raise EngineError(NAME, f"the state of {', '.join(wrong[:3]) or 'a shape'} is no longer finite")
-
-    def _turn_on(self) -> None:
-        """Turn fast bodies by the rest of their rotation; their frames are at the centres of mass, which stay."""
-        timestep = float(self.world.integration_parameters.dt)
-        fast = (SLOW / timestep) ** 2
-        for body in self._watched:
-            spin = body.angvel
-            if spin.norm_squared() > fast:
-                body.rotation = self.rapier.Rotation3(*turned_on(body.rotation, spin, timestep))
-
-    def _push(self, effort: np.ndarray | None) -> None:
-        """The forces and torques of the next step, in world axes."""
-        vector = self.rapier.Vec3
-        for number in self._pushed:
-            self.bodies[number].reset_forces()
-            self.bodies[number].reset_torques()
-        self._pushed = set()
-        torques: dict[int, Vector3] = {}
-        for number, inertia in self._spins:
-            if (local := gyroscopic(self.bodies[number], inertia)) is not None:
-                torques[number] = local
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
         if effort is not None:
             demand_singles(NAME, SQUARE * np.asarray(effort, dtype=float), "effort")
-            given = np.asarray(effort, dtype=float).reshape(-1, 6)
-            for number in np.flatnonzero(given.any(axis=1)).tolist():
-                body, (force, torque) = self.bodies[number], (given[number, :3], given[number, 3:])
-                if force.any():
-                    body.add_force(vector(*(SCALE * force).tolist()))
-                    self._pushed.add(number)
-                if torque.any():
-                    turned = turn_of(body.rotation) @ torque
-                    torques[number] = tuple((np.array(torques.get(number, (0.0, 0.0, 0.0))) + turned).tolist())
-        for number, (x, y, z) in torques.items():
-            self.bodies[number].add_torque(vector(SQUARE * x, SQUARE * y, SQUARE * z))
-        self._pushed |= torques.keys()
-        if not torques.keys() <= self._turning:
-            self._watch(self._turning | torques.keys())
+        bouncing = self._solid_links and self.built.laws.bounces
+        for left in range(count - 1, -1, -1):
+            if effort is not None or self.bodies.spins or self.bodies.pushed:
+                self.bodies.push(None if effort is None else np.asarray(effort, dtype=float)[self._free_v])
+            if self.links.bodies:
+                self._push_links(effort)
+                if bouncing:
+                    self.links.refresh()
+                if not left and self._solid_links:
+                    self._remember()
+            self.world.step()
+            if self.bodies.watched:
+                self.bodies.turn_on()
+            if self._places.turning:
+                self.links.shorten()
+        self._stepped = self._stepped or count > 0
+        if count:
+            self._check_finite()
+
+    def _check_finite(self) -> None:
+        """Raise EngineError for a state that is not finite. Rapier silently removes such bodies."""
+        moving = [(row, body) for row, body in zip(self.free, self.bodies.bodies, strict=True)]
+        moving += [
+            (link.placed.row, body) for link, body in zip(self.built.multibodies.links, self.links.bodies, strict=True)
+        ]
+        wrong: list[str] = []
+        if len(self.world.islands) < len(moving) + len(self.built.multibodies.wheels):
+            wrong = [self.names[row] for row, body in moving if not body.is_enabled] or ["a shape"]
+        elif self.links.bodies and not self.links.are_finite():
+            wrong = [self.names[row] for row, _ in moving[len(self.free) :]]
+        if wrong:
+            raise EngineError(NAME, f"the state of {', '.join(wrong[:3])} is no longer finite")
+
+    def _push_links(self, effort: np.ndarray | None) -> None:
+        """The wrenches of the next step on links, and their position limits."""
+        self._let_go()
+        self._stops.arm(self.links)
+        total = None if effort is None else np.asarray(effort, dtype=float)
+        if self.losses.act:
+            losses = self.losses.effort(*self.get_state())
+            total = losses if total is None else total + losses
+        if total is not None and total.any():
+            self._push_wrenches(total)
+
+    def disarm(self) -> None:
+        """Give all joints their position limits, which differ close to a stop in the next step."""
+        self._stops.disarm(self.links)
+
+    def _let_go(self) -> None:
+        """Take the forces of the last step off the links."""
+        for body in self._pushed_links:
+            body.reset_forces()
+            body.reset_torques()
+        self._pushed_links = []
+
+    def _push_wrenches(self, total: np.ndarray) -> None:
+        """Apply an effort (nv,) to the links in the next step."""
+        vector = self.rapier.Vec3
+        forces, torques = self._wrenches.of(total, self.links.poses())
+        for number in np.flatnonzero(forces.any(axis=1) | torques.any(axis=1)).tolist():
+            body = self.links.bodies[number]
+            body.add_force(vector(*forces[number].tolist()))
+            body.add_torque(vector(*torques[number].tolist()))
+            self._pushed_links.append(body)
+
+    def _remember(self) -> None:
+        """Store where links are, for the contacts of the next step."""
+        self._before = {
+            handle: (body.translation.to_tuple(), quaternion_of(body.rotation))
+            for handle, body in zip(self.built.multibodies.bodies, self.links.bodies, strict=True)
+        }
 
     def energy(self) -> tuple[float, float]:
-        """Kinetic and potential energy (J) of the bodies that move."""
-        gravity = self.world.gravity.to_tuple()
-        kinetic = sum(body.kinetic_energy() for body in self.bodies)
-        potential = -sum(body.mass * frames.dot(gravity, tuple(body.center_of_mass)) for body in self.bodies)
-        return kinetic / SQUARE, potential / SQUARE
+        """Kinetic and potential energy (J) of the bodies that move, springs included."""
+        kinetic, potential = self.bodies.energy()
+        if self.links.bodies:
+            moving, height = self.links.energy(np.array(self.world.gravity.to_tuple(), dtype=float) / SCALE)
+            kinetic, potential = kinetic + moving, potential + height + self.losses.energy(self.get_state()[0])
+        return kinetic, potential
+
+    # --- dynamics ---------------------------------------------------------------------------------------------
 
     def _probe(self) -> RapierSimulation:
-        """A copy of this simulation in its present state, without contact, whose step is ``LONG``."""
+        """A copy of this simulation without contact, whose step is ``LONG``."""
         probe = object.__new__(RapierSimulation)
         probe.__dict__.update(self.__dict__)
-        world = self.rapier.PhysicsWorld.restore(self.world.snapshot())
+        world = self.rapier.PhysicsWorld.restore(self._pristine)
         world.integration_parameters.dt = LONG
         for handle in self.built.colliders:
             world.colliders[handle].is_enabled = False
-        probe._pushed = set(range(len(self.bodies)))
         probe._take(world)
         return probe
 
-    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The mass matrix of each body that moves, with its places in v: the inverse of what unit efforts give."""
-        probe, (q, v) = self._probe(), self.get_state()
-        probe.world.gravity = self.rapier.Vec3(0.0, 0.0, 0.0)
-        inverse = np.zeros((len(self.free), 6, 6))
-        for column in range(6):
-            probe.move_to(q, 0.0 * v)
-            effort = np.zeros((len(self.free), 6))
-            effort[:, column] = 1.0
-            probe.advance(1, effort.ravel())
-            inverse[:, :, column] = probe._turned(q).reshape(-1, 6) / LONG
-        masses = np.linalg.inv(inverse)
-        return [(np.arange(6 * row, 6 * row + 6), 0.5 * (mass + mass.T)) for row, mass in enumerate(masses)]
+    def _acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """v̇ (nv,) by one of Rapier's steps from a state under an effort, without damping, springs and limits; the state is
+        another then."""
+        self.move_to(q, v)
+        if self.free:
+            self.bodies.push(effort[self._free_v])
+        if self.links.bodies:
+            self._let_go()
+            self._push_wrenches(effort)
+        self.world.step()
+        found = np.zeros(self.nv)
+        if self.free:
+            _, speeds = self.bodies.states()
+            speeds[:, 3:] = rotate(q[self._free_q][:, 3:] * (1.0, -1.0, -1.0, -1.0), speeds[:, 3:])
+            found[self._free_v] = (speeds - v[self._free_v]) / LONG
+        if self.links.bodies:
+            self.links.read_rates(q, found, self.links.accelerations())
+        return found
 
-    def _turned(self, q: np.ndarray) -> np.ndarray:
-        """Velocities (nv,) in the axes that bodies had in the state ``q``."""
-        _, speeds = self.moving()
-        turns = q.reshape(-1, 7)[:, 3:] * (1.0, -1.0, -1.0, -1.0)
-        speeds[:, 3:] = rotate(turns, speeds[:, 3:])
-        return speeds.ravel()
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The mass matrix as parts (places, M): of each free body the inverse of what unit efforts give, of each multibody by
+        Rapier's Jacobians."""
+        q, _ = self.get_state()
+        parts = self.links.mass_matrices(q, self.nv) if self.links.bodies else []
+        if not self.free:
+            return parts
+        probe, rest = self._probe(), np.zeros(self.nv)
+        probe.world.gravity = self.rapier.Vec3(0.0, 0.0, 0.0)
+        bodies = list(self._free_v)
+        inverses = unit_responses(bodies, self.nv, lambda effort: probe._acceleration(q, rest, effort))
+        for places, inverse in zip(bodies, inverses, strict=True):
+            mass = np.linalg.inv(inverse)
+            parts.append((places, 0.5 * (mass + mass.T)))
+        return parts
 
     def bias(self) -> np.ndarray:
-        """Coriolis, centrifugal and gravity forces (nv,): −M v̇ of bodies left to themselves."""
+        """Coriolis, centrifugal and gravity forces (nv,): the effort under which nothing accelerates."""
         (q, v), parts, probe = self.get_state(), self.mass_parts(), self._probe()
-        probe.advance(1, None)
-        gained, bias = (probe._turned(q) - v) / LONG, np.zeros(len(v))
-        for places, mass in parts:
-            bias[places] = -mass @ gained[places]
-        return bias
+        effort = np.zeros(self.nv)
+        for _ in range(REFINEMENTS):
+            acceleration = probe._acceleration(q, v, effort)
+            for places, mass in parts:
+                effort[places] -= mass @ acceleration[places]
+        return effort
 
     # --- contact ----------------------------------------------------------------------------------------------
 
@@ -277,7 +291,7 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
         rows: list[ContactRow] = []
         timestep = float(self.world.integration_parameters.dt)
         number = self.built.laws.number
-        places = self._places()
+        places = self._begins()
         for pair in self.world.narrow_phase.contact_pairs():
             index, other = number[pair.collider1], number[pair.collider2]
             for manifold in pair.manifolds:
@@ -294,11 +308,13 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
                     rows.append((ends, (x, y, z), towards, point.dist / SCALE, force))
         return contact_arrays(rows, [solid.owner.row for solid in self.walk.shapes])
 
-    def _places(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
+    def _begins(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
         """By handle where a body was, and how it was turned, before the last step."""
         timestep = float(self.world.integration_parameters.dt)
 
         def back(handle: Any) -> tuple[Vector3, Quaternion]:
+            if handle in self._before:
+                return self._before[handle]
             body = self.world.rigid_bodies[handle]
             (x, y, z), (vx, vy, vz) = body.translation.to_tuple(), body.linvel.to_tuple()
             a, b, c = body.angvel.to_tuple()
@@ -312,7 +328,7 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
     def _at(self, places: Callable[[Any], tuple[Vector3, Quaternion]], number: int, point: Any) -> Vector3:
         """Where a point of a collider is in the world (1/1024 m), of these ``places`` of bodies."""
         pose = self.world.colliders[self.built.colliders[number]].position_wrt_parent
-        position, turn = places(self.built.bodies[self.walk.shapes[number].owner.row])
+        position, turn = places(self.built.carrier_of(self.walk.shapes[number]))
         return frames.add(position, frames.rotate(turn, tuple(pose.transform_point(point))))
 
     def touching(self) -> np.ndarray:
@@ -335,3 +351,27 @@ class RapierSimulation(FreeBodySimulation[LawSidecar]):
             world.colliders[handle].is_enabled = False
         self._pristine = world.snapshot()
         self.set_state(*self.get_state())
+
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep, now and after states that are set."""
+        world = self.rapier.PhysicsWorld.restore(self._pristine)
+        configure(self.rapier, world, checked_singles(NAME, (timestep,), "timestep")[0], self.settings)
+        self._pristine = world.snapshot()
+        self.set_state(*self.get_state())
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """The joints with their velocities at the places ``v`` have no dry friction, now and after states that are set."""
+        rows, links = set(self.rows_at(v)), self.built.multibodies
+        world = self.rapier.PhysicsWorld.restore(self._pristine)
+        for handle, link in zip(links.joints, links.links, strict=True):
+            if link.placed.row in rows and link.kind in AXIS_OF:
+                axis = getattr(self.rapier.JointAxis, AXIS_OF[link.kind])
+                if (data := world.multibody_joints[handle].data).motor(axis) is not None:
+                    data.set_motor_max_force(axis, 0.0)
+        self._pristine = world.snapshot()
+        self.set_state(*self.get_state())
+
+
+def _places(starts: list[int], size: int) -> np.ndarray:
+    """Places (n, size) that begin at ``starts``."""
+    return np.array(starts, dtype=np.intp)[:, None] + np.arange(size)
