@@ -19,7 +19,6 @@ from simspec.support.features import (
     CONSTRAINTS,
     CONTROLS,
     COUPLED_CONTACT,
-    DAMPERS_AND_SPRINGS,
     FILTERS,
     HARDNESSES,
     INERTIAS,
@@ -98,21 +97,6 @@ def driven(engine: str) -> dict[Feature, Support]:
             f"{engine} has dry friction at single joints only, not along sums of joint positions"
         ),
         Feature.SUM_LIMITS: never(f"{engine} limits single joints only, not sums of joint positions"),
-    }
-
-
-def free_bodies_only(engine: str, drift: str) -> dict[Feature, Support]:
-    """A driven engine that reads ``world.json`` and that simspec passes no joints to. ``drift``: the reason, as a sentence."""
-    joints = never(f"simspec passes no joints to {engine}. {drift}")
-    return {
-        **driven(engine),
-        **for_each(joints, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL),
-        **for_each(joints, Feature.LIMIT_POSITION, *DAMPERS_AND_SPRINGS, Feature.DRY_FRICTION),
-        **for_each(joints, Feature.ARMATURE, Feature.CONTROL, *SUMS),
-        **for_each(joints, *CONSTRAINTS, Feature.CONTROL_NATIVE, Feature.EVEN_PRESSURE),
-        **for_each(never(f"{engine}'s contacts transmit no torque"), *MOMENTS),
-        **NOT_IN_WORLD_JSON,
-        Feature.HARDNESS_NATIVE: unwritten(engine, Attempt.READ_BACK),
     }
 
 

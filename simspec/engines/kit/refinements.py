@@ -17,7 +17,6 @@ from simspec.support.declarations import Level, Refine, Refinement, Support, app
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.hull import hull_of
-from simspec.world.inertia import lumped
 from simspec.world.kinematics import natively_driven, rigid_groups, trees
 from simspec.world.reach import MaterialReach, largest_ratio, reach
 from simspec.world.types import Body, Pair, PairContact, Shape, World
@@ -61,31 +60,6 @@ def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:
         if shape.kind == "sphere"
     )
     return round_inertia and centred and all(shape.kind == "sphere" for shape in shapes)
-
-
-def static_or_massless(why: str) -> Support:
-    """Of fixed joints: not where a body that has a mass is fixed to one that moves, in an engine whose coordinates are those of
-    their common centre of mass. ``why`` names the body as ``{name}``."""
-
-    def refine(world: World) -> Refinement | None:
-        groups, inertials = rigid_groups(world), lumped(world)
-        heavy = (
-            body.name
-            for body in world.bodies
-            if body.joint.kind == "fixed"
-            and groups[body.name] != "world"
-            and inertials.get(body.name, body.inertial).mass > 0.0
-        )
-        name = next(heavy, None)
-        return unsupported_if(None if name is None else why.format(name=repr(name)))
-
-    return exact(
-        (
-            "simspec merges massless bodies with the moving body that they are fixed to, and rejects other "
-            "fixed joints of moving bodies"
-        ),
-        refine,
-    )
 
 
 def static_planes(why: str) -> Support:

@@ -14,18 +14,17 @@ from simspec.contact import ContactPlan, contact_plan
 from simspec.dialects.kit.sidecar import Passive
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
-from simspec.engines.kit.building import STATIC, Walk
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.settings import written_settings
 from simspec.engines.kit.simulated import Stepped, SteppedEngine
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
-from simspec.formats.world import FreeJoint, JsonShape, WorldJson, parent_of, rows_of
+from simspec.formats.world import JsonShape, WorldJson, rows_of
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.kinematics import layout_of_kinds
-from simspec.world.rotations import cross, rotate, unit
+from simspec.world.rotations import unit
 from simspec.world.types import (
     Body,
     Constraint,
@@ -195,76 +194,6 @@ class WorldSimulation(Generic[SidecarType]):
         offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
         restored = restore_frames(tuple(bodies), offsets)
         return ReadBack(restored, gravity, timestep, cone or self.document.friction_cone, dict(unreadable), laws=laws)
-
-
-class FreeBodySimulation(WorldSimulation[SidecarType]):
-    """The same of an engine without joints. ``free``: the rows of the bodies that move, each with seven coordinates and six
-    velocities; ``number``: their places among these, by row. Bodies that are fixed to them are parts of them."""
-
-    def __init__(self, engine: str, kind: type[SidecarType], folder: Path, sidecar: Mapping[str, Any]):
-        super().__init__(engine, kind, folder, sidecar)
-        if self.constraints or self.sums:
-            raise EngineError(engine, "does not support constraints between bodies")
-        self.walk = Walk.of(self.document)
-        self.free = [body.row for body in self.walk.bodies if body.carrier == body.row]
-        self.number = {row: index for index, row in enumerate(self.free)}
-
-    def moving(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
-        raise NotImplementedError
-
-    def static_pose(self, row: int) -> Pose:
-        """The pose of a static body."""
-        raise NotImplementedError
-
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v)."""
-        poses, velocities = self.moving()
-        velocities[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), velocities[:, 3:])
-        return poses.ravel(), velocities.ravel()
-
-    def in_world(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move, in a state (q, v)."""
-        poses, velocities = self.normalised(q).reshape(-1, 7), np.array(v, dtype=float).reshape(-1, 6)
-        velocities[:, 3:] = rotate(poses[:, 3:], velocities[:, 3:])
-        return poses, velocities
-
-    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
-        moving, speeds = self.moving()
-        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
-        for body in self.walk.bodies:
-            row = body.row
-            if not body.moves:
-                pose = self.static_pose(row)
-                poses[row] = (*pose.position, *pose.quaternion)
-                continue
-            at, speed = moving[self.number[body.carrier]], speeds[self.number[body.carrier]]
-            if body.carrier == row:
-                poses[row], velocities[row] = at, speed
-                continue
-            lever = rotate(at[3:], np.array(body.pose.position))
-            poses[row, :3] = at[:3] + lever
-            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), body.pose.quaternion)
-            velocities[row, :3], velocities[row, 3:] = speed[:3] + cross(speed[3:], lever), speed[3:]
-        return poses, velocities
-
-    def joints(self) -> list[Joint]:
-        """The joint of every body, as the poses of the engine's bodies have it."""
-        (q, v), (poses, _) = self.get_state(), self.file_frames()
-        return [self._joint(row, q, v, poses) for row in range(len(self.names))]
-
-    def _joint(self, row: int, q: np.ndarray, v: np.ndarray, poses: np.ndarray) -> Joint:
-        placed, joint = self.walk.bodies[row], self.document.bodies[row].joint
-        if isinstance(joint, FreeJoint):
-            return free_joint(joint.name, q[self.q_places[row]].tolist(), v[self.v_places[row]].tolist())
-        pose = pose_of_row(poses[row])
-        if placed.parent != STATIC:
-            parent = pose_of_row(poses[placed.parent])
-            if placed.moves:  # parts of one body of the engine
-                parent, pose = self.walk.bodies[placed.parent].pose, placed.pose
-            pose = frames.compose(frames.inverse(parent), pose)
-        return Joint(joint.name, joint.kind, parent_of(joint), pose)
 
 
 def pose_of_row(row: np.ndarray) -> Pose:
