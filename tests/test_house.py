@@ -301,7 +301,8 @@ def packages(home: str) -> set[str]:
     return {path.parent.name for path in (PACKAGE / home).glob("*/__init__.py")} - {"kit"}
 
 
-ENGINES = packages("engines")
+ENGINES = packages("engines") - {"newton"}
+"""Engines but the one whose name is that of a unit, of a method, and of a vendor's attributes in USD."""
 FORMATS = packages("formats") - {"world"}
 """Formats but the neutral one, whose name is a common word."""
 

@@ -55,6 +55,7 @@ SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "gazebo": ({"contact_solver": "dantzig"}, {"contact_solver": "pgs"}),
     "rapier": ({},),
     "physx": ({},),
+    "newton": ({},),
 }
 """Settings by engine: each solver that a setting can choose."""
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,6 +12,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.kit.process import Operation
+from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import SettingGroup, finer_settings, idle_settings, resolve_settings
 from simspec.errors import UnsupportedError
 from simspec.proof.contact.run import measure
@@ -276,7 +277,8 @@ class ContactSuite(Suite):
         world = bench.allowed(worlds.ball_with_law(**law))
         if world is None:
             return
-        with measure(world, bench.engine, bench.artifacts(world), bench.python, 60.0, False) as measuring:
+        seconds = 60.0 + find_engine(bench.engine).COMPILING
+        with measure(world, bench.engine, bench.artifacts(world), bench.python, seconds, False) as measuring:
             figures, _ = measuring.wait()
         below = [figure for figure in figures if figure.probe == "threshold"]
         assert below

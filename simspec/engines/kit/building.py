@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, FixedJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
 from simspec.world import frames
-from simspec.world.types import Inertial, Pose, Shape, Vector3
+from simspec.world.types import Inertial, Pose, Shape, Surface, Vector3
 
 STATIC = -1
 """The row of the world, as a parent, and as the carrier of a body that cannot move."""
@@ -130,6 +130,23 @@ class Walk:
         layer = self._layers.get(frozenset((entry[1], other[1])), -1)
         return entry[2] == other[2] == layer and frozenset((entry[0], other[0])) not in self._ignored
 
+    def unit_pairs(self) -> np.ndarray:
+        """The pairs (n, 2) of numbers of units that may touch, sorted, the smaller first: of different rigid groups of which
+        one moves, of kinds that meet, and not of excluded bodies."""
+        first, second = np.triu_indices(len(self.units), 1)
+        number = {kind: index for index, kind in enumerate(self.kinds)}
+        kinds = np.array([number[unit.kind] for unit in self.units], dtype=np.int64)
+        carriers = np.array([unit.of.owner.carrier for unit in self.units], dtype=np.int64)
+        rows = np.array([unit.of.owner.row for unit in self.units], dtype=np.int64)
+        meets = np.array([[self.meet(kind, other) for other in number] for kind in number], dtype=bool)
+        kept = carriers[first] != carriers[second]
+        first, second = first[kept], second[kept]
+        kept = meets[kinds[first], kinds[second]] if len(first) else np.zeros(0, dtype=bool)
+        first, second = first[kept], second[kept]
+        low, high = np.minimum(rows[first], rows[second]), np.maximum(rows[first], rows[second])
+        kept = ~np.isin(low * len(self.bodies) + high, self.excluded_keys())
+        return np.stack([first[kept], second[kept]], axis=1)
+
     def excluded_keys(self) -> np.ndarray:
         """The excluded pairs as sorted numbers (n,): smaller row × bodies + larger row."""
         return np.array([index * len(self.bodies) + other for index, other in self.excluded], dtype=np.int64)
@@ -202,6 +219,17 @@ def bound(value: float) -> float | None:
 def range_of(lower: float, upper: float) -> tuple[float, float] | None:
     """The limits of a position, None where both are infinite."""
     return (float(lower), float(upper)) if math.isfinite(lower) or math.isfinite(upper) else None
+
+
+def shape_of_copies(
+    visual: Shape, forms: Sequence[tuple[str, tuple[float, ...], Pose]], surfaces: Sequence[Surface]
+) -> Shape | None:
+    """A collision shape as an engine stores its copies, each with kind, size and pose; ``visual`` is the visual part of the
+    file. None where the copies differ."""
+    if any(form != forms[0] for form in forms):
+        return None
+    kind, size, pose = forms[0]
+    return dataclasses.replace(visual, kind=kind, size=size, pose=pose, collision=True, surfaces=tuple(surfaces))
 
 
 def alike(first: Shape, second: Shape) -> bool:

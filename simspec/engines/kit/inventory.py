@@ -20,7 +20,9 @@ import hashlib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Generic, Self, TypeVar
+from typing import Any, Final, Generic, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from simspec.contact import ContactPlan
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
@@ -91,6 +93,23 @@ def below(prefix: str, values: Mapping[str, EngineValue]) -> dict[str, EngineVal
     """The values whose names begin with ``prefix.``, without that."""
     start = f"{prefix}."
     return {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
+
+
+class ArrayRows(NamedTuple):
+    """The rows of one element, from ``start`` to before ``stop``, in an engine's arrays of all elements of a kind."""
+
+    arrays: Any
+    start: int
+    stop: int
+
+    def read(self, name: str) -> EngineValue:
+        """The numbers of the element in an array, which may be in a part (``part.name``): one, or a tuple."""
+        values: Any = self.arrays
+        for part in name.split("."):
+            values = getattr(values, part)
+        rows = values.numpy() if hasattr(values, "numpy") else values
+        found = tuple(finite(x) for row in rows[self.start : self.stop] for x in np.ravel(row).tolist())
+        return found[0] if len(found) == 1 else found
 
 
 MOST_NAMED = 8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,11 +15,13 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
 from simspec.support.declarations import Level, Refine, Refinement, Support, approximate, exact, outside, unsupported_if
 from simspec.support.features import Feature
+from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.hull import hull_of
-from simspec.world.kinematics import natively_driven, rigid_groups, trees
+from simspec.world.inertia import summed_inertial
+from simspec.world.kinematics import natively_driven, poses, rigid_groups, trees
 from simspec.world.reach import MaterialReach, largest_ratio, reach
-from simspec.world.types import Body, Pair, PairContact, Shape, World
+from simspec.world.types import Body, Inertial, Pair, PairContact, Pose, Shape, World
 
 ROUND_OFF = 1e-9
 """Relative error of calculating an inertia or a centre of mass."""
@@ -94,6 +96,42 @@ def approximate_pairs(given: Mapping[Pair, str], short: str) -> Refinement:
     """Approximate, with the text of each pair of kinds of shapes; ``short`` is one line on what is lost."""
     how = "; ".join(f"{name} and {other}: {lost}" for (name, other), lost in given.items())
     return Refinement(Level.APPROXIMATE, how, short)
+
+
+def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:
+    """Refused, as ``why`` says, where a ``kind`` of shape may meet others than ``exactly``."""
+    for name, other in sorted(meeting_kinds(world)):
+        met = other if name == kind else name
+        if kind in (name, other) and met not in exactly:
+            return unsupported_if(f"a {kind} may touch a {met}: {why}")
+    return None
+
+
+def distant_light_link(world: World) -> tuple[float, str]:
+    """The largest ratio, over hinges in the initial state, of m d² to the moment about the hinge's axis of all that it carries,
+    of mass m at the distance d from the root of the tree, and the body of that hinge. Engines whose spatial vectors are about
+    the root lose as many digits of the moment. 0 without hinges."""
+    at, worst = poses(world), (0.0, "")
+    for bodies in trees(world).values():
+        carried: dict[str, list[tuple[Inertial, Pose]]] = {body.name: [] for body in bodies}
+        for body in reversed(bodies):  # parents come before children
+            parts = carried[body.name]
+            parts.append((body.inertial, at[body.name]))
+            if body.joint.parent in carried:
+                carried[body.joint.parent] += parts
+            whole = summed_inertial(parts)
+            if body.joint.kind != "hinge" or not whole.mass:
+                continue
+            axis = np.array(frames.rotate(at[body.name].quaternion, body.joint.axis))
+            centre = np.array(whole.centre_of_mass)
+            xx, yy, zz, xy, xz, yz = whole.inertia
+            arm = np.cross(centre - at[body.name].position, axis)
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            moment = body.joint.armature + axis @ tensor @ axis + whole.mass * (arm @ arm)
+            away = centre - at[bodies[0].name].position
+            if moment > 0.0:
+                worst = max(worst, (float(whole.mass * (away @ away) / moment), body.name))
+    return worst
 
 
 # Armature that simspec computes outside an engine, as an effort before every step: in which worlds that is exact.

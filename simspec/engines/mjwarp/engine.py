@@ -20,6 +20,7 @@ import numpy as np
 from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.engines.kit.arrays import demand_singles
 from simspec.engines.kit.capabilities import SINGLE, Capability, Deviation, named_reasons
+from simspec.engines.kit.refinements import met_exactly
 from simspec.engines.kit.settings import Setting, SettingGroup, resolve_settings
 from simspec.engines.mjwarp.programs import (
     ANSWERS,
@@ -40,7 +41,6 @@ from simspec.engines.mujoco.rewritten import (
     RewrittenSimulation,
     has_friction,
     lacks,
-    met_exactly,
     settings,
     support,
 )

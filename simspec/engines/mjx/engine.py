@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.engines.kit.capabilities import Capability, Deviation
+from simspec.engines.kit.refinements import met_exactly
 from simspec.engines.kit.settings import Setting
 from simspec.engines.mjx.programs import CONTACTS, MjxModules, MjxPrograms, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
@@ -25,7 +26,6 @@ from simspec.engines.mujoco.rewritten import (
     RewrittenSimulation,
     has_friction,
     lacks,
-    met_exactly,
     settings,
     support,
 )

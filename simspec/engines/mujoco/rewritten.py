@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -29,7 +29,7 @@ from simspec.errors import EngineError
 from simspec.support import features
 from simspec.support.declarations import EXACT, Refinement, Support, exact, for_each, never, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import meeting_kinds, meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
 OF_MUJOCO = "Use the engine mujoco with engines.mujoco.settings: {friction: coulomb}"
@@ -98,15 +98,6 @@ def has_friction(law: PairContact) -> bool:
 def _no_friction(world: World, why: str) -> Refinement | None:
     """Refused, as ``why`` says, where anything has friction."""
     return unsupported_if(why) if any(map(has_friction, meeting_laws(world).values())) else None
-
-
-def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:
-    """Refused, as ``why`` says, where a ``kind`` of shape may meet others than ``exactly``."""
-    for name, other in sorted(meeting_kinds(world)):
-        met = other if name == kind else name
-        if kind in (name, other) and met not in exactly:
-            return unsupported_if(f"a {kind} may touch a {met}: {why}")
-    return None
 
 
 class _ReadMujoco:

@@ -1,0 +1,1 @@
+"""Newton: reduced-coordinate trees and contact, by its solver Steel, in single precision on the processor."""

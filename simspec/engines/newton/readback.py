@@ -1,0 +1,300 @@
+"""The model as Newton stores it, in the world's frames and order.
+
+Masses, joints, shapes with their numbers, gravity and coordinates are read from Newton's model and state; stiffness and rest of
+springs from what simspec applies; the timestep from what is recorded; visual shapes are those of the file.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.contact import ContactPlan
+from simspec.engines.kit.building import ShapeUnit, inertial_of, shape_of_copies, vector
+from simspec.engines.kit.inventory import (
+    LARGEST,
+    NEUTRAL,
+    ArrayRows,
+    FilterCarrier,
+    Items,
+    below,
+    excluded_carriers,
+    expected_separate,
+    finite,
+    sidecar_labels,
+)
+from simspec.engines.kit.links import pose_of_xyzw, tree_joint
+from simspec.engines.kit.world_simulation import free_joint, visual_shape
+from simspec.engines.newton.building import NAME
+from simspec.engines.newton.simulation import NewtonSimulation
+from simspec.errors import EngineError
+from simspec.formats.world import FreeJoint
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
+from simspec.world.kinematics import trees
+from simspec.world.types import Body, EngineValue, Inertial, Joint, ReadBack, Shape, Surface, World
+
+KINDS = {
+    **{name.upper(): name for name in ("sphere", "box", "capsule", "cylinder", "ellipsoid", "plane")},
+    "CONVEX_MESH": "mesh",
+}
+"""Newton's names of types of shapes."""
+JOINTS = {"FREE": "free", "FIXED": "fixed", "REVOLUTE": "hinge", "PRISMATIC": "slide", "BALL": "ball"}
+"""Newton's names of types of joints."""
+UNLIMITED = 1e10
+
+
+def read_back(sim: NewtonSimulation, unreadable: dict[str, str]) -> ReadBack:
+    """The model as Newton stores it, and its present state."""
+    bodies = sim.bodies(lambda row: _inertial(sim, row), lambda row: _joint(sim, row), lambda units: _shape(sim, units))
+    return sim.model(bodies, vector(sim.gravity), sim.timestep, unreadable)
+
+
+def _inertial(sim: NewtonSimulation, row: int) -> Inertial:
+    mass, centre, inertia = (sim.of_bodies(name)[row] for name in ("mass", "com", "inertia"))
+    return inertial_of(float(mass), centre, inertia)
+
+
+def _joint(sim: NewtonSimulation, row: int) -> Joint:
+    """A joint as Newton stores it."""
+    model, number, given = sim.built.model, sim.built.links[row], sim.document.bodies[row].joint
+    kind = JOINTS.get(sim.newton.JointType(int(model.joint_type.numpy()[number])).name, "none")
+    q, v = sim.get_state()
+    state = (q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist())
+    if kind != given.kind:
+        raise EngineError(NAME, f"stores {given.name!r} as a joint of the kind {kind}")
+    if isinstance(given, FreeJoint):
+        return free_joint(given.name, *state)
+    parent, at = int(model.joint_parent.numpy()[number]), int(model.joint_qd_start.numpy()[number])
+    springs = {"spring_stiffness": float(sim.springs.stiffness[row]), "spring_rest": float(sim.springs.rest[row])}
+
+    def read(name: str) -> float:
+        value = springs[name] if name in springs else float(getattr(model, f"joint_{name}").numpy()[at])
+        return math.copysign(math.inf, value) if name.startswith("limit") and abs(value) == UNLIMITED else value
+
+    axis = vector(model.joint_axis.numpy()[at]) if given.kind in SCALAR_JOINTS else (0.0, 0.0, 0.0)
+    name = None if parent < 0 else sim.names[sim.built.links.index(parent)]
+    return tree_joint(given, name, pose_of_xyzw(model.joint_X_p.numpy()[number]), state, read, axis)
+
+
+def _shape(sim: NewtonSimulation, units: Sequence[ShapeUnit]) -> Shape:
+    """A collision shape as Newton stores its copies, with the visual part of the file."""
+    model, shape = sim.built.model, units[0].of.shape
+    numbers = [sim.built.shapes[unit.number] for unit in units]
+    poses, frictions, bounces = (
+        getattr(model, f"shape_{name}").numpy() for name in ("transform", "material_mu", "material_restitution")
+    )
+    found = shape_of_copies(
+        visual_shape(shape),
+        [(kind_of(sim, number), size_of(sim, number), pose_of_xyzw(poses[number])) for number in numbers],
+        [Surface(float(frictions[number]), restitution=float(bounces[number])) for number in numbers],
+    )
+    if found is None:
+        raise EngineError(NAME, f"holds copies of {shape.name!r} that differ")
+    return found
+
+
+def kind_of(sim: NewtonSimulation, number: int) -> str:
+    """The kind of a shape by the world's name; Newton's name of a kind that the world does not have."""
+    name = str(sim.newton.GeoType(int(sim.built.model.shape_type.numpy()[number])).name)
+    return KINDS.get(name, name)
+
+
+def size_of(sim: NewtonSimulation, number: int) -> tuple[float, ...]:
+    """The size of a shape as the world has it."""
+    x, y, z = sim.built.model.shape_scale.numpy()[number].astype(float).tolist()
+    match kind_of(sim, number):
+        case "sphere":
+            return (x,)
+        case "box":
+            return (2.0 * x, 2.0 * y, 2.0 * z)
+        case "capsule" | "cylinder":
+            return (x, 2.0 * y)
+        case "ellipsoid":
+            return (x, y, z)
+        case "mesh":
+            vertices = np.array(sim.built.model.shape_source[number].vertices, dtype=float) * (x, y, z)
+            return tuple(vertices.ravel().tolist())
+    return ()
+
+
+# The values that Newton stores besides the fields of the read-back, and that can act, and what they must be.
+#
+# ``expected`` runs without Newton; it repeats the numbers of ``building.py`` on purpose. Defaults are those of Newton's
+# builder, which has the same arrays as a model, and of the arguments of its solver.
+
+
+BODY = Items[ArrayRows, Body].named(
+    ArrayRows.read,
+    {
+        "body_flags": NEUTRAL,
+        "steel.rigid_body_angular_damping": 0.0,
+        "steel.rigid_body_linear_damping": 0.0,
+        **dict.fromkeys(
+            (
+                "steel.rigid_body_max_linear_velocity",
+                "steel.rigid_body_max_angular_velocity",
+                "steel.rigid_body_max_depenetration_velocity",
+            ),
+            LARGEST,
+        ),
+    },
+)
+JOINT = Items[ArrayRows, Body].named(
+    ArrayRows.read,
+    dict.fromkeys(("joint_enabled", "joint_X_c", "joint_mimic_joint", "joint_mimic_coeffs", "joint_dof_dim"), NEUTRAL),
+)
+UNDRIVEN = ("joint_target_ke", "joint_target_kd", "joint_target_mode", "joint_target_qd", "joint_act")
+DOF = Items[ArrayRows, Body].named(
+    ArrayRows.read,
+    dict.fromkeys(
+        (*UNDRIVEN, "joint_stiffness", "joint_limit_ke", "joint_limit_kd"),
+        NEUTRAL,
+    ),
+)
+OTHERS = (
+    "joint_friction",
+    "joint_armature",
+    "joint_limit_lower",
+    "joint_limit_upper",
+    "joint_velocity_limit",
+    "joint_effort_limit",
+)
+"""Arrays that are fields of the read-back for hinges and slides."""
+BALL = DOF | Items[ArrayRows, Body].named(ArrayRows.read, dict.fromkeys(OTHERS, NEUTRAL))
+FREE = BALL | Items[ArrayRows, Body].named(ArrayRows.read, {"joint_damping": NEUTRAL})
+DOFS = {"hinge": DOF, "slide": DOF, "ball": BALL, "free": FREE}
+SHAPE = Items[ArrayRows, Shape].named(
+    ArrayRows.read,
+    {
+        **dict.fromkeys(("shape_flags", "shape_collision_group", "shape_margin", "shape_is_solid"), NEUTRAL),
+        **dict.fromkeys([f"shape_material_{name}" for name in ("ka", "kd", "ke", "kf", "kh")], NEUTRAL),
+        "shape_gap": 5e-6,
+        "shape_material_mu_torsional": 0.0,
+        "shape_material_mu_rolling": 0.0,
+        "steel.min_torsional_patch_radius": 0.0,
+    },
+)
+NONE_OF = (
+    "particle",
+    "muscle",
+    "spring",
+    "tendon",
+    "tri",
+    "edge",
+    "tet",
+    "constraint_mimic",
+    "attachment_particle_body",
+)
+COUNTS = Items[Any, World].named(
+    lambda model, name: int(getattr(model, f"{name}_count")),
+    {
+        "body": lambda world: len(world.bodies),
+        "joint": lambda world: len(world.bodies),
+        "articulation": lambda world: len(trees(world)),
+        "world": 1,
+        **dict.fromkeys(NONE_OF, 0),
+    },
+)
+SET = {
+    "baumgarte": 0.01,
+    "cfm": 1e-9,
+    "friction_anchor_beta": 0.0,
+    "enable_joint_limits": True,
+    "joint_limit_activation_gap": 1e9,
+    "warn_constraint_overflow": False,
+}
+"""Arguments of the solver, by their names, that are the same for every world."""
+ROOM = ("articulation_constraint_max", "free_body_constraint_max", "propagation_constraint_max", "deterministic")
+"""Arguments that say for how much there is room, which grows, or which have no effect on a processor."""
+
+
+def _option(value: Any) -> EngineValue:
+    return "none" if value is None else finite(value) if isinstance(value, float) else value
+
+
+def _threshold(world: World) -> float:
+    return max((1e-6, *(law.restitution_threshold for law in meeting_laws(world).values() if law.restitution)))
+
+
+def inventory(sim: NewtonSimulation) -> dict[str, EngineValue]:
+    """The stored values by name."""
+    model, solver = sim.built.model, sim.recorded().solver
+    found = {**sidecar_labels(sim.sidecar), **COUNTS.read(model, "count")}
+    found |= {f"solver.{name}": _option(getattr(solver, name)) for name in _options(sim)}
+    starts = model.joint_qd_start.numpy()
+    for row, body in enumerate(sim.document.bodies):
+        at, link = f"body.{body.name}", sim.built.links[row]
+        found |= {f"{at}.model": body.model, f"{at}.shapes": tuple(shape.name for shape in body.shapes)}
+        found |= BODY.read(ArrayRows(model, link, link + 1), at) | JOINT.read(ArrayRows(model, link, link + 1), at)
+        found[f"{at}.articulation"] = sim.names[sim.built.links.index(_root(model, link))]
+        if body.joint.kind in DOFS:
+            found |= DOFS[body.joint.kind].read(ArrayRows(model, int(starts[link]), int(starts[link + 1])), at)
+    names = [f"{unit.of.shape.name}.{unit.copy.layer}" for unit in sim.walk.units]
+    for name, number in zip(names, sim.built.shapes, strict=True):
+        found |= SHAPE.read(ArrayRows(model, number, number + 1), f"unit.{name}")
+        found[f"unit.{name}.kind"] = kind_of(sim, number)
+        found[f"unit.{name}.of"] = sim.names[sim.built.links.index(int(model.shape_body.numpy()[number]))]
+    pairs = {tuple(pair) for pair in sim.built.pairs.numpy().tolist()}
+    return found | excluded_carriers(names, lambda row, column: (row, column) not in pairs)
+
+
+def _root(model: Any, link: int) -> int:
+    """The first link of the articulation of a link."""
+    return int(model.articulation_start.numpy()[int(model.joint_articulation.numpy()[link])])
+
+
+def _options(sim: NewtonSimulation) -> dict[str, Any]:
+    """The arguments of Newton's solver with their defaults."""
+    arguments = inspect.signature(sim.newton.solvers.SolverSteel).parameters
+    return {name: of.default for name, of in arguments.items() if name != "model" and name not in ROOM}
+
+
+def neutral(sim: NewtonSimulation) -> dict[str, EngineValue]:
+    """Newton's defaults: of its solver's arguments, and of a bare link, joint of each kind, and shape."""
+    b, found = sim.newton.ModelBuilder(), {f"solver.{name}": _option(value) for name, value in _options(sim).items()}
+    for kind, add in (
+        ("fixed", b.add_joint_fixed),
+        ("hinge", b.add_joint_revolute),
+        ("slide", b.add_joint_prismatic),
+        ("ball", b.add_joint_ball),
+        ("free", b.add_joint_free),
+    ):
+        link, start = b.add_link(), b.joint_dof_count
+        add(child=link, parent=-1)
+        rows, dofs = ArrayRows(b, link, link + 1), ArrayRows(b, start, b.joint_dof_count)
+        found |= {f"{kind}.{name}": rows.read(name) for name in (*JOINT.table, "body_flags")}
+        found |= {f"{kind}.{name}": dofs.read(name) for name in (DOFS[kind].table if kind in DOFS else ())}
+    number = b.add_shape_sphere(0, radius=1.0)
+    rows = ArrayRows(b, number, number + 1)
+    return found | {f"shape.{name}": rows.read(name) for name in SHAPE.table if not name.startswith("steel.")}
+
+
+def expected(
+    world: World, settings: Mapping[str, Any], plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
+    """The values that follow from ``world`` under its ``settings``; ``neutral`` are Newton's defaults."""
+    found = COUNTS.expect(world, "count")
+    options = {**below("solver", neutral), **SET, "iterations": settings["iterations"]}
+    found |= {f"solver.{name}": value for name, value in options.items()}
+    found["solver.restitution_velocity_threshold"] = _threshold(world)
+    roots = {body.name: root for root, bodies in trees(world).items() for body in bodies}
+    carriers: list[FilterCarrier] = []
+    for body in world.bodies:
+        at, defaults = f"body.{body.name}", below(body.joint.kind, neutral)
+        found |= {f"{at}.model": body.model, f"{at}.shapes": tuple(shape.name for shape in body.shapes)}
+        found |= BODY.expect(body, at, defaults) | JOINT.expect(body, at, defaults)
+        found[f"{at}.articulation"] = roots[body.name]
+        if body.joint.kind in DOFS:
+            found |= DOFS[body.joint.kind].expect(body, at, defaults)
+        for shape in solid_shapes(body):
+            for layer in plan.layers(shape.material):
+                name = f"{shape.name}.{layer}"
+                carriers.append(FilterCarrier(name, body.name, shape.material, layer))
+                found |= SHAPE.expect(shape, f"unit.{name}", below("shape", neutral))
+                found |= {f"unit.{name}.kind": shape.kind, f"unit.{name}.of": body.name}
+    return found | expected_separate(world, plan, carriers)
