@@ -102,7 +102,7 @@ def cylinders(world: World) -> Refinement | None:
 
 
 LARGEST_RATIO = 33.0
-"""Of :func:`distant_light_link`: times the round-off of singles that is the proof's tolerance of a mass matrix. At 9 motion is
+"""Of :func:`distant_light_link`: times the round-off of singles that is the proof's tolerance of a mass matrix. At 26 motion is
 at the round-off, at 437 it is 11 times that after 2 s (measured)."""
 FAR_LINKS = Refinement(
     Level.APPROXIMATE,
