@@ -30,7 +30,13 @@ def test_engines_of_make_setup_and_named_engines_are_required():
     known = [*engines().values(), Rare]
     # make setup installs Rapier in addition to them: environments that are older than it go on without; MJX and MuJoCo Warp
     # have their own
-    usual = {name for name, engine in engines().items() if engine.DISTRIBUTION} - {"physx", "rapier", "newton", "mjx", "mjwarp"}
+    usual = {name for name, engine in engines().items() if engine.DISTRIBUTION} - {
+        "physx",
+        "rapier",
+        "newton",
+        "mjx",
+        "mjwarp",
+    }
     assert demanded("", known) == usual >= {"dart", "drake", "mujoco", "pybullet"}
     assert demanded("rare", known) == {*usual, "rare"}
     assert demanded(" all ,", known) == {*engines(), "rare"}
