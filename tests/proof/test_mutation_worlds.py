@@ -31,6 +31,7 @@ NOT_IN_FILES = {
 }
 UNSAID = {
     "Physics.timestep": "written for any value",
+    "Physics.integrator": "selects a setting of each engine, which is in their files",
     "Shape.rounding": "of engines, for a read-back",
     "Shape.drawn": "of pages",
     "Shape.surfaces": "of a read-back",
