@@ -169,8 +169,8 @@ def _scale(mass: np.ndarray, turning: np.ndarray, precision: Precision) -> np.nd
     return np.where(same, scale * np.maximum(1.0, rounded), scale)
 
 
-ROUNDINGS_OF_A_LINK = 4.0
-"""Of the pose of a link, relative to that of the link that carries it; M has it twice."""
+ROUNDINGS_OF_A_LINK = 8.0
+"""Of position and orientation of a link, relative to the link that carries it, by two frames of its joint; M has them twice."""
 
 
 def _depths(world: World) -> np.ndarray:
@@ -186,7 +186,7 @@ def _depths(world: World) -> np.ndarray:
 
 def _grown(depth: np.ndarray, precision: Precision) -> np.ndarray:
     """The factor (n, n) by which round-off along chains of ``depth`` (n,) exceeds the tolerance of M: above 1 in singles, for
-    more than eight links (2.9e-6 measured with 14, of a finger of a hand on an arm)."""
+    more than four links (2.0e-6 measured with five, 2.9e-6 with 14, of a finger of a hand on an arm)."""
     rounded = ROUNDINGS_OF_A_LINK * ROUNDING[precision.name] / precision.model * depth
     factor: np.ndarray = np.maximum(1.0, np.maximum(rounded[:, None], rounded[None, :]))
     return factor

@@ -49,7 +49,9 @@ def integration(method_of: MethodOf, *known: IntegrationMethod) -> Support:
             return None
         return _refinement(method, method.requested or world.physics.integrator != "common")
 
-    return exact(refine=refine, cases=tuple(_refinement(method) for method in known))
+    names = ", ".join(dict.fromkeys(method.name for method in known))
+    how = f"semi-implicit Euler. Other methods are proven in the limit of small timesteps: {names}"
+    return exact(how, refine, tuple(_refinement(method) for method in known))
 
 
 def _refinement(method: IntegrationMethod, requested: bool = False) -> Refinement:

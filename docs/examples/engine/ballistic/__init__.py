@@ -16,7 +16,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack
 
 SUPPORTED = (
     *("joint.free", "joint.position", "joint.velocity", "body.inertia", "body.inertia.full"),
-    *("physics.gravity", "physics.timestep"),
+    *("physics.gravity", "physics.timestep", "physics.integrator"),
 )
 
 

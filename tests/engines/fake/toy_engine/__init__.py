@@ -18,7 +18,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack
 
 KINDS = {"fixed": ("fixed", 0, 0), "continuous": ("hinge", 1, 1), "free": ("free", 7, 6)}  # numbers in q and in v
 HAS = "joint.fixed joint.hinge joint.free joint.position joint.velocity body.inertia body.inertia.full".split()  # noqa: SIM905
-MORE = ("physics.gravity", "physics.timestep")
+MORE = ("physics.gravity", "physics.timestep", "physics.integrator")
 NONE, WHY = np.zeros(3), "Toy does not expose it"
 
 
