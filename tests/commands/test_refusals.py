@@ -18,7 +18,7 @@ SPEC = """\
 simspec: 1
 name: rig
 physics: {duration: 0.1}
-contact: {friction_cone: elliptic, materials: {wood: {friction: 0.5}}}
+contact: {friction_cone: elliptic, materials: {wood: {friction: 0.5, torsional_friction: 0.01}}}
 bodies:
   floor: {fixed: true, shapes: [{box: {size: [2, 2, 0.1]}}]}
   arm:
@@ -49,7 +49,7 @@ def refused(rig, *engines):
 def test_each_refusal_has_its_engine_its_feature_and_the_option_that_accepts_it(rig):
     found = {(refusal.engine, refusal.feature): refusal.option for refusal in refused(rig)}
     assert found["mujoco", "joint.limits.position"] == "accept"
-    assert found["rapier", "joint.hinge"] == ""
+    assert found["rapier", "material.friction.torsional"] == ""
     assert all(isinstance(refusal, EngineRefusal) for refusal in refused(rig))
 
 
@@ -57,8 +57,8 @@ def test_a_feature_refused_by_all_engines_is_printed_on_a_single_line(rig):
     lines = brief(refused(rig))
     features = {refusal.feature for refusal in refused(rig)}
     assert len(lines) == len(features) < len(refused(rig))
-    (line,) = [line for line in lines if "joint.limits.position" in line]
-    assert line.endswith("joint.limits.position: approximate in mujoco, pybullet; not supported by rapier, physx")
+    (line,) = [line for line in lines if "material.friction.torsional" in line]
+    assert line.endswith("material.friction.torsional: approximate in mujoco; not supported by rapier, physx")
 
 
 def test_check_ends_in_two_lines_whose_command_works(rig, capsys):
@@ -69,7 +69,7 @@ def test_check_ends_in_two_lines_whose_command_works(rig, capsys):
         f"{accept.rpartition(' or ')[2]}"
     )
     assert lack.startswith("Not supported by rapier, physx, whatever is accepted: ")
-    assert "joint.hinge" in lack
+    assert "material.friction.torsional" in lack
     assert len(lines) < len(refused(rig)), "fewer than one line for each problem"
     command, _, words = accept.partition(": simspec ")[2].partition(" or ")
     assert cli.main(["check", "rig.yaml", "-e", "mujoco", "-e", "pybullet", *shlex.split(words)]) == 0
@@ -89,7 +89,7 @@ def test_the_full_texts_are_there_on_request_and_everything_as_data(rig, capsys)
     assert {"engine", "feature", "option", "message", "hint"} <= error["problems"][0].keys()
     ways = error["ways_out"]["rig.yaml"]
     assert "joint.limits.position" in ways["accepted"]["mujoco"]["accept"]
-    assert "joint.hinge" in ways["unsupported"]["rapier"]
+    assert "material.friction.torsional" in ways["unsupported"]["rapier"]
     assert ways["command"] == "simspec accept rig.yaml -e mujoco -e pybullet"
 
 
@@ -108,7 +108,7 @@ def test_other_commands_end_with_the_same_lines(rig, capsys, command):
 
 def test_a_feature_that_no_engine_supports_is_named(rig):
     found = ways_out(refused(rig, "rapier", "physx"), "rig.yaml", ("rapier", "physx"))
-    assert "joint.hinge" in found.by_none
+    assert "material.friction.torsional" in found.by_none
     assert found.command == found.words == ""
     first, last = found.lines()
     assert first == "Accepting by name does not help any of these engines"
