@@ -72,11 +72,9 @@ def test_it_is_exact_for(case):
 def test_it_must_be_accepted_for(case, engine):
     world = balls(**NOT[case])
     assert exact(world) is None
-    reason = INEXACT[engine] if engine == "pybullet" or case != "a ball on a slide" else "does not support joint.slide"
-    with pytest.raises(UnsupportedError, match=reason):
+    with pytest.raises(UnsupportedError, match=INEXACT[engine]):
         compile_world(world, [engine])
-    if reason == INEXACT[engine]:
-        compile_world(worlds.with_options(world, engine, accept=("contact.cone.elliptic",)), [engine])
+    compile_world(worlds.with_options(world, engine, accept=("contact.cone.elliptic",)), [engine])
 
 
 def test_the_cone_is_irrelevant_without_friction_or_with_the_requested_pyramid():
