@@ -446,9 +446,6 @@ def test_deviations_under_default_settings_must_be_accepted_by_name(engine, feat
         and (row.probe not in SLIDING or (there.corners and engine != "mujoco"))  # its native friction has another name
         and row.counts_for(law(timestep=1e-3 * timestep).pair, "elliptic", 1e-3 * timestep, settings, there.ratio)
     ]
-    if feature is Feature.EVEN_PRESSURE and engine == "rapier":
-        assert kind.SUPPORT[feature].level is Level.UNSUPPORTED  # no joints
-        return
     refined = kind.SUPPORT[feature].refine(world)
     assert (refined is not None and refined.level is Level.EXACT) == (not counting)
 
