@@ -52,7 +52,7 @@ VISIBLE = 30.0
 REMAINDER = 5e-4
 """Share of the deviation of semi-implicit Euler at the coarsest timestep that an extrapolated motion may have left: of explicit
 Euler 6e-6 are left, of an engine in maximal coordinates, whose joints are corrected by a fifth of their error in each step,
-1e-4 (measured, pendulums at 1 ms). Planted defects leave a hundred times as much
+1e-4 (measured, pendulums at 1 ms). The smallest damping that is planted leaves 3 times the tolerance
 (docs/records/limit-proof.md)."""
 ROUND_OFF = 1e-3
 """Share of the least tolerance of motion below which no deviation shows an order: in doubles 1e-12, ten times what the rounding
@@ -60,8 +60,8 @@ of an engine's 500 steps makes (1.9e-13 measured, of a free body)."""
 SURE = 0.1
 """Share of the tolerance to which the exact motion has to be known."""
 LOOSEST: Mapping[str, float] = {DOUBLE: 1e-6}
-"""The largest tolerance in double precision; in single precision that of all motion (``Precision.loosest``). A planted defect
-of the model that should be caught moves bodies by 1e-5 and more (docs/records/limit-proof.md)."""
+"""The largest tolerance in double precision; in single precision that of all motion (``Precision.loosest``). The
+smallest damping that should be caught, 1e-4 N m s/rad, leaves 2.4e-6 (docs/records/limit-proof.md)."""
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,12 @@ def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBL
     return Probes(oracle, q, v, meetings, _plans(oracle, numbers, levels), numbers, frozenset(levels))
 
 
+def _prepare_first(world: World, levels: Iterable[str], engine: type[Engine]) -> Probes:
+    """The probes for the numbers and the method of the first engine."""
+    precision = precision_of(engine, world)
+    return prepare(world, levels, precision.name, precision.order)
+
+
 def precision_of(engine: type[Engine], world: World) -> Precision:
     """The numbers by which an engine computes, with the order of its method in ``world``."""
     method = engine.method(world)
@@ -233,7 +239,7 @@ def verify(
                 folders[name] = place / name
                 write_folder(compiled[name].files, folders[name])
         say("choosing probes")
-        probes = probes or prepare(world, levels, find_engine(next(iter(compiled))).PRECISION)
+        probes = probes or _prepare_first(world, levels, find_engine(next(iter(compiled))))
         running = {}
         refused: dict[str, EngineError] = {}
         for name in compiled:
@@ -329,11 +335,12 @@ def _engine_proof(
 
 def _convergence(engine: type[Engine], answers: Sequence[Answer], probes: Probes) -> MotionLimit | None:
     """The figures of a motion in the limit; None where none was finite, or requested."""
-    for operation, answer in zip(probes.operations(engine), answers, strict=True):
-        plan = probes.of(engine).plans.get(operation.op)
-        if isinstance(plan, LimitMotion) and np.isfinite(answer.arrays["pose"]).all():
-            return plan.figures(answer.arrays["pose"])
-    return None
+    plan = probes.of(engine).plans.get("limit")
+    if not isinstance(plan, LimitMotion) or plan.operation(probes.oracle.world) is None:
+        return None
+    requested = [operation.op for operation in probes.operations(engine)]
+    poses = dict(zip(requested, answers, strict=True))["limit"].arrays["pose"] if "limit" in requested else None
+    return plan.figures(poses) if poses is not None and np.isfinite(poses).all() else None
 
 
 def _contact(

@@ -11,7 +11,8 @@ from typing import Any
 
 from simspec.dialects.mujoco.sidecar import COULOMB, RK4
 from simspec.engines.kit.methods import IntegrationMethod, integration
-from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.support.declarations import Refinement, Support, unsupported_if
 from simspec.world.types import World
@@ -55,9 +56,7 @@ SETTING = Setting(
 
 def chosen(world: World) -> str:
     """The value of the setting in a world."""
-    stated = dict(world.options("mujoco").settings).get("integrator")
-    usual = SETTING.usual if world.physics.integrator != COMMON_METHOD else COMMON_METHOD
-    return str(usual if stated is None else stated)
+    return str(resolve_settings(find_engine("mujoco"), world)["integrator"])
 
 
 def method(world: World) -> IntegrationMethod | None:
@@ -79,7 +78,7 @@ def _support() -> Support:
 
     def in_world(world: World) -> Refinement | None:
         if chosen(world) == RK4:
-            coulomb = dict(world.options("mujoco").settings).get("friction") == COULOMB
+            coulomb = resolve_settings(find_engine("mujoco"), world)["friction"] == COULOMB
             if coulomb:
                 return unsupported_if(
                     "friction: coulomb corrects one solution in a step, and RK4 has four. Set friction: native"

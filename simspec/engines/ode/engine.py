@@ -26,7 +26,7 @@ from simspec.engines.kit.capabilities import (
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.methods import IntegrationMethod, integration
 from simspec.engines.kit.refinements import coupled, leans, static_planes
-from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, of_mobility
+from simspec.engines.kit.settings import Setting, SettingGroup, of_mobility, resolve_settings
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import simulation
@@ -159,9 +159,7 @@ NATIVE_STEPS = IntegrationMethod(
 
 def _method(world: World) -> IntegrationMethod | None:
     """Without the setting simspec moves bodies onto their joints before every step, which makes it semi-implicit Euler."""
-    stated = dict(world.options("ode").settings).get(SWITCH)
-    native = world.physics.integrator != COMMON_METHOD if stated is None else stated
-    return NATIVE_STEPS if native else None
+    return NATIVE_STEPS if resolve_settings(Ode, world)[SWITCH] else None
 
 
 _PASSES = exact(
