@@ -22,11 +22,11 @@ from simspec.engines.kit.arrays import demand_singles
 from simspec.engines.kit.capabilities import SINGLE, Capability, Deviation, named_reasons
 from simspec.engines.kit.refinements import met_exactly
 from simspec.engines.kit.settings import Setting, SettingGroup, resolve_settings
+from simspec.engines.kit.warp import PROCESSOR
 from simspec.engines.mjwarp.programs import (
     ANSWERS,
     AUTO,
     ENGINE,
-    PROCESSOR,
     WarpModules,
     WarpPrograms,
     begin,

@@ -6,24 +6,18 @@ Recorded on a processor, too: of two hinges a step takes 0.03 ms so, to the same
 
 from __future__ import annotations
 
-import atexit
-import contextlib
-import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.engines.kit.messages import captured, doing
+from simspec.engines.kit import warp
+from simspec.engines.kit.messages import doing
 from simspec.errors import EngineError
-from simspec.files import scratch_folder
-from simspec.outputs.files import cache_folder, hold_folder
 
 # MuJoCo Warp and Warp, imported, and the device that they compute on.
 #
@@ -34,12 +28,8 @@ from simspec.outputs.files import cache_folder, hold_folder
 
 ENGINE = "mjwarp"
 FOLDER = "mjwarp"
-MADE = re.compile(r"wp_.*")
-"""Names of Warp's folders of compiled functions."""
-MOST = 2048
-"""Folders of compiled functions that are kept, of all versions of Warp: some 170 MB."""
-AUTO, PROCESSOR = "auto", "cpu"
-"""Values of the setting ``device``: Warp's first choice, and the processor."""
+AUTO = "auto"
+"""A value of the setting ``device``: Warp's first choice."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +43,6 @@ class WarpModules:
 
 
 _imported: list[WarpModules] = []
-_begun: list[str] = []
 
 
 def import_modules() -> WarpModules:
@@ -62,50 +51,28 @@ def import_modules() -> WarpModules:
         try:
             import mujoco
             import mujoco_warp
-            import warp
+            import warp as nvidia_warp
         except ImportError as error:
             raise EngineError(ENGINE, f"not installed: simspec engines install mjwarp --yes ({error})") from error
-        _imported.append(WarpModules(mujoco, warp, mujoco_warp))
+        _imported.append(WarpModules(mujoco, nvidia_warp, mujoco_warp))
     return _imported[0]
 
 
 def begin(log: list[str]) -> WarpModules:
     """The modules, and Warp at work. Its messages are added to ``log``, except that there is no CUDA."""
     modules = import_modules()
-    if not _begun:
-        warp = modules.warp
-        warp.config.log_level = warp.LOG_WARNING
-        warp.config.kernel_cache_dir = str(_place(log))
-        with captured(sys.stderr, log, known=("CUDA driver",)), captured(sys.stdout, log):
-            warp.init()
-        _begun.extend(str(device) for device in warp.get_cuda_devices())
-        _begun.append(PROCESSOR)
+    warp.begin(modules.warp, FOLDER, log)
     return modules
-
-
-def _place(log: list[str]) -> Path:
-    """Where Warp keeps what it compiles: in the user's cache; where the user has none that can be written, as long as this
-    process lives."""
-    folder = cache_folder(FOLDER)
-    if folder is not None:
-        try:
-            hold_folder(folder, MADE, MOST)
-        except OSError as error:
-            log.append(f"programs that Warp compiles are not kept: {error}")
-        else:
-            return folder
-    stack = contextlib.ExitStack()
-    atexit.register(stack.close)
-    return stack.enter_context(scratch_folder("kernels"))
 
 
 def chosen_device(modules: WarpModules, settings: Mapping[str, Any]) -> Any:
     """The device that a setting names; ``auto``: the first of CUDA, where there is one, else the processor. Raises EngineError
     where there is no such device."""
     named = str(settings["device"])
-    name = _begun[0] if named == AUTO else named
-    if name not in _begun:
-        raise EngineError(ENGINE, f"there is no device {name!r} here, but {', '.join(_begun)}")
+    devices = warp.begin(modules.warp, FOLDER, [])  # at work already
+    name = devices[0] if named == AUTO else named
+    if name not in devices:
+        raise EngineError(ENGINE, f"there is no device {name!r} here, but {', '.join(devices)}")
     return modules.warp.get_device(name)
 
 
