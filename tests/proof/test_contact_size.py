@@ -36,6 +36,7 @@ LACKING = {
     ("pybullet", "ellipsoid"),
     ("physx", "ellipsoid"),
     ("physx", "cylinder"),
+    ("rapier", "ellipsoid"),
 }
 """Engines that have no shapes of a kind."""
 

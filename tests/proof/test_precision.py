@@ -127,7 +127,8 @@ def test_every_probe_of_motion_goes_by_the_numbers():
 
 
 def test_probes_of_other_numbers_are_made_once():
-    class Rough:
+    class Rough(Engine):
+        NAME = "rough"
         PRECISION = SINGLE
 
     probes = prepare(worlds.fall(), ["L6"])

@@ -249,8 +249,8 @@ def test_an_engine_shows_every_feature_with_its_reason():
     features, abilities, settings = matrix.engine_table("rapier")
     rows = {row[0]: (str(row[1]), row[2]) for row in features.rows}
     assert rows.keys() == {feature.value for feature in Feature}
-    assert rows["joint.hinge"][0] == "no"
-    assert "articulated" in rows["joint.hinge"][1]
+    assert rows["constraint.loop"][0] == "no"
+    assert "no constraints between coordinates" in rows["constraint.loop"][1]
     assert all(how for said, how in rows.values() if said in ("no", "approximate"))
     assert len(abilities.rows) == len(Capability)
     assert settings.rows

@@ -15,6 +15,7 @@ from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import NAME, SCALE, pose_of
 from simspec.errors import EngineError
 from simspec.formats.world import parent_of
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.types import Joint, Pose
 
@@ -54,7 +55,7 @@ def _of_link(sim: PhysxSimulation, row: int, position: list[float], velocity: li
     made = links.joints[row]
     if made[-1].child_link != links.of[row]:
         raise EngineError(NAME, f"holds another link than that of joint {joint.name!r}")
-    if joint.kind in ("ball", "free"):
+    if joint.kind in QUATERNION_JOINTS:
         _check_chain(made, joint.name, len(made) - 3)
     if joint.kind == "free":
         return free_joint(joint.name, position, velocity)

@@ -20,6 +20,7 @@ from simspec.engines.physx.links import PhysxLinks, to_x
 from simspec.engines.physx.units import NAME, SCALE, unit_of
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.rotations import conjugate, exponential, matrices, multiply, rotate, unit
 
 AXIS_OF_LAST = np.array(to_x((0.0, 0.0, 1.0)))
@@ -98,7 +99,7 @@ class PhysxTrees:
             for row in rows:
                 if built.walk.bodies[row].body.joint.kind == "free":
                     roots.append(q_places[row].start)
-                if built.walk.bodies[row].body.joint.kind in ("ball", "free"):
+                if built.walk.bodies[row].body.joint.kind in QUATERNION_JOINTS:
                     numbers.append(len(turning))
                     turning.append((built.links.joints[row][-1], q_places[row].stop - 4, v_places[row].stop - 3))
             tree.balls = np.array(numbers, dtype=np.intp)

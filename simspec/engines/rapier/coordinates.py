@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simspec.engines.rapier.multibodies import ANCHOR, WHEEL_SPEED, Multibodies, mark_of, unit_of
 from simspec.engines.rapier.units import SCALE, SQUARE, inertia_of, quaternion_of, states_of
 from simspec.formats.world import AxisJoint, BallJoint
+from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world.rotations import conjugate, cross, logarithm, matrices, multiply, rotate, unit
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,7 @@ class LinkPlaces:
 
     def __init__(self, built: Multibodies, q_places: Sequence[slice], v_places: Sequence[slice]):
         rows = [(number, link, built.places[number]) for number, link in enumerate(built.links)]
-        scalar = [row for row in rows if row[1].kind in ("hinge", "slide")]
+        scalar = [row for row in rows if row[1].kind in SCALAR_JOINTS]
         self.scalar = np.array([number for number, _, _ in scalar], dtype=np.intp)
         self.q = np.array([q_places[link.placed.row].start for _, link, _ in scalar], dtype=np.intp)
         self.v = np.array([v_places[link.placed.row].start for _, link, _ in scalar], dtype=np.intp)
@@ -43,7 +44,7 @@ class LinkPlaces:
         self.turning = [
             (number, link.kind == "free", q_places[link.placed.row].start, v_places[link.placed.row].start, at)
             for number, link, at in rows
-            if link.kind in ("ball", "free")
+            if link.kind in QUATERNION_JOINTS
         ]
         """Number of the link, whether it is free, its places in q and v, and among the coordinates."""
         self.size = sum(built.sizes)
