@@ -30,12 +30,13 @@ unexport PYTHONDONTWRITEBYTECODE
 
 setup: .venv/ready
 
+# --no-compile: most modules of the packages are never imported, and Python compiles the others when they are: a third of the time
 # The former name of the distribution is uninstalled: an older environment would list every plug-in twice
 .venv/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info[:2] == (3, 11) else "simspec needs Python 3.11 (wheels of pybullet end there); say make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv .venv
 	@$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes simspec 2>/dev/null
-	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test,rapier]'
+	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable '.[all,test,rapier]'
 	touch $@
 
 # SIMSPEC_DEMANDED_ENGINES=all make test fails where one is not there; by default its tests are skipped, and named

@@ -22,12 +22,13 @@ NIGHTLY = (pytest.mark.slow, pytest.mark.skipif(not EVERYTHING, reason=WHY))
 """Marks of such a test."""
 ROOT = Path(__file__).resolve().parent
 
-MUJOCO, ODE = frozenset({"mujoco"}), frozenset({"ode"})
+MUJOCO, ODE, PYBULLET, RAPIER = (frozenset({name}) for name in ("mujoco", "ode", "pybullet", "rapier"))
 BOTH = MUJOCO | ODE
 """One engine that is always installed, and the quickest."""
 ENGINES = {
     "attribution/test_planted.py::test_the_culprit_is_named_first_although_the_engines_differ_too": BOTH,
     "engines/kit/test_bad_answers.py::test_the_proof_survives_any_read_back": BOTH,
+    "engines/kit/test_session.py::test_queries_share_a_load_and_answer_as_after_a_separate_load": BOTH,
     "engines/kit/test_warm.py::test_a_forked_process_gives_the_bits_of_a_new_process_and_keeps_nothing": BOTH,
     "engines/test_engine_suite.py::test_a_native_controller_settles_at_its_target_without_gravity": BOTH,
     "engines/test_engine_suite.py::test_a_stack_stands_as_it_does_awake": BOTH,
@@ -36,6 +37,12 @@ ENGINES = {
     "engines/test_engine_suite.py::test_driven_bodies_are_unaffected_by_sleeping": BOTH,
     "engines/test_engine_suite.py::test_windows_from_the_rows_of_a_run_end_in_the_next_rows": BOTH,
     "engines/test_native.py::test_the_same_run_twice_gives_the_same_bits": BOTH,
+    "engines/test_native.py::test_both_kinds_in_a_single_tree_follow_and_are_recorded": BOTH | PYBULLET,
+    "engines/test_native.py::test_the_arm_follows_a_slow_trajectory_within_the_declared_lag": BOTH | PYBULLET,
+    "engines/test_meshes.py::test_a_body_of_two_hulls_lands_flat": BOTH,
+    "engines/test_meshes.py::test_a_body_of_two_hulls_stands": BOTH,
+    "engines/test_meshes.py::test_a_hull_rests_on_its_face": BOTH | RAPIER,
+    "engines/test_meshes.py::test_a_hull_touches_where_its_surface_is": BOTH,
     "proof/test_contact_coupled.py::test_engines_keep_to_the_coupled_law": BOTH,
     "proof/test_contact_friction.py::test_an_oblong_slider_shows_whether_friction_is_against_the_slip": BOTH,
     "proof/test_contact_friction.py::test_engines_keep_the_law_and_another_is_found": BOTH,
@@ -51,17 +58,36 @@ ENGINES = {
 }
 """Of these each commit runs the cases of some engines, and those of no engine."""
 CASES = {
+    "commands/test_pages.py::test_check_fails_after_a_change_of_the_study": 5,
+    "commands/test_robot_files.py::test_every_command_takes_them": 3,
+    "commands/test_trust.py::test_commands_that_only_list_plan_or_show_start_no_interpreter": 4,
+    "docs/test_tutorials.py::test_a_tutorial_prints_what_its_page_shows": 3,
+    "engines/kit/test_bad_answers.py::test_all_engines_except_the_spoilt_engine_have_complete_runs": 3,
     "commands/test_once.py::test_a_command_compiles_once_for_each_engine": 3,
     "engines/dart/test_engine.py::test_contact_free_motion": 4,
     "engines/pybullet/test_engine.py::test_contact_free_motion": 4,
     "engines/test_engine_suite.py::test_shapes_of_a_body_have_separate_materials": 2,
-    "engines/test_motion_scenarios.py::test_every_engine_keeps_the_closed_form": 2,
+    # fifteen worlds of seven engines: each engine with other worlds
+    "engines/test_engine_suite.py::test_the_engine_holds_the_world": 4,
+    "engines/test_engine_suite.py::test_it_moves_as_the_oracle_does": 3,
+    "engines/test_engine_suite.py::test_bodies_of_trees_move_as_in_the_oracle": 3,
+    "engines/test_margin.py::test_a_margin_of_two_materials_stands_in_place_of_their_shapes": 3,
+    "engines/test_margin.py::test_bodies_rest_where_they_are_felt": 3,
+    "engines/test_motion_scenarios.py::test_every_engine_keeps_the_closed_form": 3,
+    "engines/test_not_yet.py::test_features_declared_not_yet_do_not_work": 3,
+    "engines/test_passive.py::test_contact_carries_the_weight_that_is_left": 3,
+    "formats/test_readers.py::test_a_reader_has_the_model_of_the_world_except_for_foreseen_differences": 4,
+    "formats/usd/test_files.py::test_packages_of_unknown_authors": 3,
+    "formats/usd/test_plain.py::test_reads_back_to_the_same_world_and_writes_the_same_bytes": 4,
+    "formats/usd/test_plain.py::test_several_joints_of_a_body_are_a_single_joint_where_the_file_states_them": 4,
+    "imports/mjcf/test_importer.py::test_files_are_where_the_compiler_finds_them": 3,
     "language/test_formatting.py::test_any_layout_leads_to_the_same": 5,
     "language/test_formatting.py::test_data_are_laid_out_as_files_are": 5,
-    "proof/test_contact_run.py::test_every_pair_is_measured_by_every_probe_that_applies": 2,
+    "proof/test_contact_run.py::test_every_pair_is_measured_by_every_probe_that_applies": 3,
+    "proof/test_motionless.py::test_a_loop_that_begins_at_a_limit_is_moved_inside_along_its_constraints": 3,
     "proof/test_touch.py::test_pairs_planned_as_separate_are_separate_in_random_states": 3,
     "report/test_contact.py::test_the_plot_is_the_same_bytes_every_time": 3,
-    "test_bad_input.py::test_a_bad_spec_is_refused_in_bounded_work": 3,
+    "test_bad_input.py::test_a_bad_spec_is_refused_in_bounded_work": 6,
     "test_endings.py::test_a_signal_at_work_leaves_no_process_and_no_folder": 2,
     "test_isolated.py::test_no_command_imports_from_the_working_folder": 3,
     "test_endings.py::test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove": 3,
@@ -79,11 +105,23 @@ WHOLE = (
     "attribution/test_planted.py::test_a_non_default_setting_is_named_and_the_remainder_is_examined",
     "attribution/test_planted.py::test_an_engine_begins_windows_with_the_contact_points_that_it_keeps",
     "commands/test_sweep.py::test_killed_at_random_moments_it_loses_and_repeats_nothing",
+    "commands/test_study.py::test_models_that_are_not_equal_are_each_proven",
     "comparison/test_long.py::test_no_array_of_all_rows_is_ever_in_memory",
     "engines/dart/test_copies.py::test_seven_cylinders_stand_under_the_elliptic_cone",
+    "engines/drake/test_contact.py::test_sap_is_off_as_it_declares",
+    "engines/drake/test_contact.py::test_tamsi_has_the_law_and_its_slow_correction_is_declared",
+    "engines/drake/test_hydroelastic.py::test_the_probes_of_boxes_hold_without_a_deviation",
+    "engines/gzsim/test_engine.py::test_every_level_that_can_be_queried_is_valid_on_the_stand_in",
+    "engines/pybullet/test_beside.py::test_frames_of_large_trees_are_in_the_sidecar_on_request",
+    "engines/test_first_engine.py::test_the_example_moves_as_mujoco_does",
+    "engines/test_second_environment.py::test_two_versions_and_another_engine_in_a_single_run",
+    "engines/webots/test_running.py::test_a_proof_queries_it",
+    "experiments/test_dask.py::test_a_worker_killed_in_the_middle_costs_its_runs_only_and_the_bits_are_those_of_this_machine",
     "experiments/test_dask.py::test_an_engine_without_a_worker_and_a_lost_scheduler_are_errors",
+    "imports/test_panda.py::test_a_panda_with_meshes_and_coupled_fingers_picks_a_cube",
     "proof/test_chaos.py::test_growing_errors_are_chaos_and_a_narrow_range_is_not",
     "proof/test_contact_scenes.py::test_a_tower_of_cylinders_needs_a_sound_detector",
+    "report/test_study_analysis.py::test_consistency_is_the_drift_of_free_fall",
     "test_ci_example.py::test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change",
 )
 """Of these each commit runs none."""

@@ -17,7 +17,7 @@ fi
 "$python" --version
 place=.venv-newest
 [ -x "$place/bin/simspec" ] || "$python" -m venv --clear "$place"
-PIP_CONSTRAINT=$PWD/constraints.txt "$place/bin/pip" install --quiet --disable-pip-version-check --editable '.[mujoco,dart,testing]' \
+PIP_CONSTRAINT=$PWD/constraints.txt "$place/bin/pip" install --quiet --disable-pip-version-check --no-compile --editable '.[mujoco,dart,testing]' \
   hypothesis jsonschema lxml pint syrupy
 program=$PWD/$place/bin/simspec
 folder=$(mktemp -d)
