@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -18,8 +17,6 @@ from simspec.proof import probes as control
 from simspec.proof.checks import PRECISIONS, inventory_checks
 from simspec.proof.comparator import compare
 from simspec.proof.verify import prepare
-from simspec.support.declarations import EXACT
-from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.bench import chain, driven
 from simspec.world.actions import Force
@@ -130,10 +127,12 @@ def test_every_probe_of_motion_goes_by_the_numbers():
 
 
 def test_probes_of_other_numbers_are_made_once():
-    class Rough(Engine):
-        NAME = "rough"
+    class Rough:
         PRECISION = SINGLE
-        SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
+
+        @staticmethod
+        def method(world):
+            return None
 
     probes = prepare(worlds.fall(), ["L6"])
     other = probes.of(Rough)
