@@ -37,6 +37,8 @@ setup: .venv/ready
 	$(PYTHON) -m venv .venv
 	@$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes simspec 2>/dev/null
 	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable '.[all,test,rapier]'
+	@# processes that read the files of strangers write nothing, not even what they compile
+	$(BIN)/python -c 'import mujoco; from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt'
 	touch $@
 
 # SIMSPEC_DEMANDED_ENGINES=all make test fails where one is not there; by default its tests are skipped, and named
