@@ -14,6 +14,7 @@ from simspec.attribution.differences import INITIAL_STATE, Difference, differenc
 from simspec.attribution.windows import map_states
 from simspec.engines.kit.settings import SettingGroup, Value, finer_settings, pair_settings, resolve_settings
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
+from simspec.world.damping import retimed
 from simspec.world.types import Body, PairContact, World
 
 Pair = tuple[Configuration, Configuration]
@@ -332,9 +333,7 @@ def _both_worlds(change: Callable[[World], World]) -> Callable[[Pair], Pair]:
 
 
 def _halved(world: World) -> World:
-    physics = world.physics
-    finer = dataclasses.replace(physics, timestep=0.5 * physics.timestep, steps=2 * physics.steps)
-    return dataclasses.replace(world, physics=finer)
+    return retimed(world, 0.5 * world.physics.timestep, 2 * world.physics.steps)
 
 
 def _with_cone(cone: str) -> Callable[[World], World]:

@@ -10,6 +10,7 @@ from typing import Any
 from simspec.comparison.worlds import Change, leaves, tree
 from simspec.errors import Problem, SpecError
 from simspec.world.canonical import from_plain
+from simspec.world.damping import with_implicit_damping
 from simspec.world.types import World
 
 Keys = tuple[str, ...]
@@ -30,6 +31,7 @@ GROUPS: Mapping[Keys, str] = {
     ("physics", "gravity"): "gravity",
     ("physics", "timestep"): "timestep",
     ("physics", "fluid"): "fluid",
+    ("physics", "damping"): "damping of joints, explicit or implicit",
     ("bodies", "*", "box"): "fluid",
     ("contact", "friction_cone"): "friction cone",
     ("contact", "materials", "*", "friction"): "friction",
@@ -257,7 +259,7 @@ def world_of(named: Mapping[str, Any]) -> World:
     ]
     plain["controllers"] = _listed(plain["controllers"])
     try:
-        world: World = from_plain(World, plain)
+        world: World = with_implicit_damping(from_plain(World, plain))
     except (KeyError, TypeError, ValueError) as error:
         raise SpecError([Problem(f"the two worlds' values do not go together: {error}", code="R105")]) from None
     return world

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from simspec.world.canonical import to_plain
+from simspec.world.damping import without_implicit_damping
 from simspec.world.types import World
 
 
@@ -67,8 +68,9 @@ def diff_worlds(a: World, b: World) -> list[Change]:
 
 
 def tree(world: World) -> dict[str, Any]:
-    """The world as nested dicts, named things keyed by their names; lists only of numbers and words."""
-    plain = to_plain(world)
+    """The world as nested dicts, named things keyed by their names; lists only of numbers and words. Armature is as
+    written in the spec, without that of implicit damping."""
+    plain = to_plain(without_implicit_damping(world))
     bodies = {}
     for body in plain.pop("bodies"):
         body["shapes"] = {shape.pop("name"): shape for shape in body["shapes"]}

@@ -21,7 +21,7 @@ from simspec.formats.kit.text import json_text
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.files import read_text
 from simspec.support import classes, features
-from simspec.support.declarations import Table, exactly, shape_kinds
+from simspec.support.declarations import Table, exact, exactly, shape_kinds
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.canonical import canonical_json
@@ -233,6 +233,7 @@ class WorldJson(Format):
             *(*features.CONSTRAINTS, *features.SUMS, Feature.FORCES, *features.CONTROLS, *features.PHYSICS),
         ),
         Feature.FRAME: classes.FRAMES_ALONGSIDE,
+        Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         **classes.NOT_IN_WORLD_JSON,
         **shape_kinds("world.json", SHAPES),
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import hashlib
 import math
 import os
@@ -20,6 +19,7 @@ from simspec.language.formatting import WIDTH, CommentedEntry, CommentedNode, li
 from simspec.language.load import Spec
 from simspec.language.packages import Package
 from simspec.language.shapes import named_files
+from simspec.world.damping import retimed
 from simspec.world.kinematics import owner_of
 from simspec.world.types import World
 
@@ -56,7 +56,9 @@ def add_timestep(imported: Imported) -> None:
         first: dict[str, Any] = {word: data.pop(word) for word in words}
         first.setdefault("physics", {})["timestep"] = step
         imported.data = {**first, **data}
-        imported.comments["physics.timestep"] = "the file says no timestep; its dampers are stable at this one"
+        imported.comments["physics.timestep"] = (
+            "the file says no timestep; its dampers are stable at this one (with `damping: implicit` at any)"
+        )
 
 
 def stable_timestep(
@@ -91,7 +93,7 @@ def stable_timestep(
 
 
 def _stepped(world: World, step: float) -> World:
-    return dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=step))
+    return retimed(world, step, world.physics.steps)
 
 
 def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:

@@ -35,6 +35,10 @@ _INTEGRATOR: Final = {
     "common": "semi-implicit Euler: engines are compared step by step",
     "engine": "the usual method of each engine: engines are compared with the exact motion, and differ by their methods",
 }
+_DAMPING: Final = {
+    "explicit": "an effort −d v, with the velocity v at the beginning of a step: high damping needs short steps",
+    "implicit": "an effort −d v′, with the velocity v′ at the end of a step: stable at every timestep",
+}
 _INTERPOLATION: Final = {
     "hold": "each value remains until the next point",
     "linear": "straight lines between points",
@@ -79,6 +83,7 @@ MEANINGS: Final[Mapping[str, Mapping[str, str]]] = {
         "logarithmic": "equal ratios of neighbours",
     },
     "Physics.integrator": _INTEGRATOR,
+    "Physics.damping": _DAMPING,
     "Record.channels": {
         "pose": "position and orientation of each body",
         "velocity": "linear and angular velocity of each body",

@@ -173,8 +173,8 @@ class Joint(Strict):
     limits: Maybe[Limits] = Field(ABSENT, description="Limits; hinge, slide and ball")
     damping: Maybe[Annotated[Any, ByJointType("N m s/rad or N s/m", parts=True)]] = Field(
         ABSENT,
-        description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; not of fixed joints; of a free joint two "
-        "numbers, `{linear: ..., angular: ...}`",
+        description="d ≥ 0: an effort −d × velocity, in time as `physics.damping` says; default 0; not of fixed joints; of a "
+        "free joint two numbers, `{linear: ..., angular: ...}`",
     )
     dry_friction: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
         ABSENT, description="Maximum effort of dry friction, ≥ 0; default 0; hinge and slide"

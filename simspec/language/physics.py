@@ -11,7 +11,7 @@ from simspec.language.contact import WHOLE
 from simspec.language.quantities import Number, Vector
 from simspec.language.shapes import LinearVelocity
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import CHANNELS, INTEGRATORS
+from simspec.language.vocabulary import CHANNELS, DAMPINGS, INTEGRATORS
 from simspec.language.words import Name, Word
 
 MOST_STEPS = 10**9
@@ -71,9 +71,22 @@ class Physics(Strict):
         "common",
         description="The method of integration: semi-implicit Euler in all engines, or the usual one of each engine",
     )
+    damping: Annotated[str, Word(DAMPINGS)] = Field(
+        "explicit",
+        description="Damping of hinges, slides and balls in time: an effort −d v of the velocity v at the beginning of each "
+        "step, or −d v′ of the velocity v′ at its end, which is stable at every timestep",
+    )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if data.get("damping") == "implicit" and data.get("integrator") == "engine":
+            yield Fault(
+                ("damping",),
+                "implicit damping is that of the common integrator; the usual methods of the engines have damping of their own",
+                "integrator: engine",
+                hint="integrator: common, or no damping",
+                code="S103",
+            )
         times = {"timestep": 0.001, "duration": 0.0}
         for name in times:
             if name in data:

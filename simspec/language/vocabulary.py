@@ -37,6 +37,9 @@ friction μ; table: the engine combines nothing and holds the law of every two m
 INTEGRATORS = ("common", "engine")
 """Semi-implicit Euler in all engines, or the usual method of each engine."""
 
+DAMPINGS = ("explicit", "implicit")
+"""Damping of joints by the velocity at the beginning of a step, or by that at its end."""
+
 CONTROL_LAWS = ("pd", "computed-torque", "native")
 DISCRETISATIONS = ("explicit", "implicit")
 ACTUATORS = ("position", "velocity", "effort")

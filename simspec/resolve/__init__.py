@@ -33,6 +33,7 @@ from simspec.resolve.stability import (
     without_inertia,
 )
 from simspec.resolve.trajectory import trajectory
+from simspec.world.damping import with_implicit_damping
 from simspec.world.inertia import boxed
 from simspec.world.types import World
 
@@ -101,6 +102,7 @@ def resolve(spec: Source) -> World:
         sums=actual.sums,
         frames=named,
     )
+    world = with_implicit_damping(world)
     path, problems = trajectory(spec, world, driven.velocity_limits)
     path, more = commanded(spec, path, driven.aims, world.bodies)
     problems = [*problems, *more]

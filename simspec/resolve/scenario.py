@@ -51,7 +51,7 @@ def physics(written: SpecPhysics) -> Physics:
     fluid = None
     if around is not None and (around.density or around.viscosity):
         fluid = Fluid(around.density, around.viscosity, around.velocity)
-    return Physics(written.gravity, written.timestep, steps, fluid, written.integrator)
+    return Physics(written.gravity, written.timestep, steps, fluid, written.integrator, written.damping)
 
 
 def shortened(time: Physics, until: float | None) -> Physics:

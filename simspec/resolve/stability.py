@@ -16,6 +16,7 @@ from simspec.language.locate import locate
 from simspec.language.moments import principal_moments
 from simspec.language.sources import Source
 from simspec.world import frames
+from simspec.world.damping import IMPLICIT
 from simspec.world.inertia import lumped, rigid_members, singular, summed_inertial
 from simspec.world.kinematics import is_carrier, joint_displacement, owner_of
 from simspec.world.types import Body, Inertial, Pose, World
@@ -101,6 +102,8 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
         largest = f"up to {instability.largest_stable_step:.3g} s"
         less = "viscosity" if instability.fluid else "damping" if instability.damping else "stiffness"
         hint = f"less {less}; or a smaller physics.timestep"
+        if instability.damping and path.startswith("bodies.") and world.physics.damping != IMPLICIT:
+            hint = "physics: {damping: implicit}, which is stable at every timestep; or a smaller physics.timestep"
         found_there = f"a timestep of {instability.timestep:g} s"
         problems.append(
             Problem(

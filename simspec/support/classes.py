@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simspec.support.declarations import (
     Attempt,
+    Refinement,
     Support,
     Table,
     approximate,
@@ -12,6 +13,7 @@ from simspec.support.declarations import (
     for_each,
     never,
     not_yet,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import (
@@ -34,6 +36,8 @@ from simspec.support.features import (
     SUMS,
     Feature,
 )
+from simspec.world.damping import implicitly_damped
+from simspec.world.types import World
 
 HEAVY = (
     "simspec represents a kinematic body by a free body of 1e5 times the mass of all moving bodies, and applies an "
@@ -54,6 +58,18 @@ FRAMES_ALONGSIDE = exact(
 """Of named frames, for dialects and engines that have none."""
 BETWEEN_JOINTS = exact("simspec inserts massless bodies without shapes between the joints")
 """Of several joints of one body, for dialects and engines that represent such bodies."""
+AS_ARMATURE = "simspec adds dt × damping to the armature, with which explicit damping is implicit"
+"""Of implicit damping, in engines with armature and explicit damping (``world/damping.py``)."""
+
+
+def only_axes_damped(world: World) -> Refinement | None:
+    """Not supported where a ball joint has implicit damping."""
+    ball = next((body.name for body in implicitly_damped(world) if body.joint.kind == "ball"), None)
+    return unsupported_if(None if ball is None else f"the engine has no armature of ball joints, as that of {ball!r}")
+
+
+IMPLICIT_DAMPING = exact(AS_ARMATURE, refine=only_axes_damped)
+"""Of engines with armature of hinges and slides."""
 LUMPED: Table = for_each(
     exact("simspec assigns the inertia of a rigid group to its topmost body"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
@@ -92,6 +108,7 @@ def driven(engine: str) -> dict[Feature, Support]:
         Feature.CONTROL: via_api(EFFORTS),
         **for_each(no_margin(engine), *MARGINS),
         Feature.FREE_ARMATURE: no_free_armature(engine),
+        Feature.DAMPING_IMPLICIT: IMPLICIT_DAMPING,
         Feature.SUM: via_api(EFFORTS),
         Feature.SUM_DRY_FRICTION: never(
             f"{engine} has dry friction at single joints only, not along sums of joint positions"
@@ -122,6 +139,7 @@ def with_sidecar(engine: str, how: str) -> dict[Feature, Support]:
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         Feature.FRAME: FRAMES_ALONGSIDE,
         **for_each(via_api(how), *FILTERS, *CONSTRAINTS, *SUMS, Feature.ARMATURE),
+        Feature.DAMPING_IMPLICIT: exact(AS_ARMATURE),
         Feature.GRAVITY_SCALE: via_api(WEIGHTS),
         **for_each(via_api(DRAG), Feature.FREE_DAMPING, Feature.FLUID),
         Feature.SUM: via_api(EFFORTS),
@@ -141,6 +159,7 @@ def file_language(language: str) -> dict[Feature, Support]:
     return {
         **exactly(*JOINTS, *INERTIAS, *LARGE_TREES, *SHAPES_OF_BODIES, *PHYSICS),
         **for_each(never(f"{language} has no armature"), *ARMATURES),
+        Feature.DAMPING_IMPLICIT: approximate(f"{language} does not say whether damping is implicit in time"),
         **for_each(never(f"{language} has no contact margins"), *MARGINS),
         Feature.SURFACE_VELOCITY: never(f"{language} has no surface velocities"),
         Feature.FLUID: never(f"{language} has no fluids"),

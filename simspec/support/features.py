@@ -21,6 +21,7 @@ class Feature(StrEnum):
     LIMIT_EFFORT = "joint.limits.effort"
     DAMPING = "joint.damping"
     BALL_DAMPING = "joint.ball.damping"
+    DAMPING_IMPLICIT = "joint.damping.implicit"
     DRY_FRICTION = "joint.dry_friction"
     ARMATURE = "joint.armature"
     BALL_ARMATURE = "joint.ball.armature"
@@ -104,6 +105,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.LIMIT_EFFORT: "the effort rating: stored, not enforced",
     Feature.DAMPING: "effort −d v, explicit in time",
     Feature.BALL_DAMPING: "torque −d ω on a ball joint",
+    Feature.DAMPING_IMPLICIT: "joint damping by the velocity at the end of a step",
     Feature.DRY_FRICTION: "dry friction of at most f at a hinge or slide",
     Feature.ARMATURE: "inertia added to the joint's diagonal element of the mass matrix",
     Feature.BALL_ARMATURE: "inertia added to the diagonal elements of a ball joint, the same about every axis",

@@ -14,6 +14,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Absence, Level, Support, Table, acceptance
 from simspec.support.features import MEANING, Feature
 from simspec.world.contact_pairs import CollisionFilter, meeting_laws
+from simspec.world.damping import armature_of_spec, implicitly_damped
 from simspec.world.frames import sorted_pair
 from simspec.world.inertia import singular
 from simspec.world.kinematics import is_carrier, joined, owner_of, rigid_groups, trees
@@ -95,7 +96,8 @@ def needs(world: World, laws: Iterable[PairContact] | None = None) -> list[Need]
             note(Feature.TREE_DEPTH, path)
         note(Feature(f"joint.{joint.kind}"), f"{path}.joint")
         for name, feature, ball_feature in _NUMERIC_JOINT_FEATURES:
-            if getattr(joint, name) and joint.kind != "free":
+            value = armature_of_spec(joint) if name == "armature" else getattr(joint, name)
+            if value and joint.kind != "free":
                 note(
                     ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}"
                 )
@@ -129,6 +131,8 @@ def needs(world: World, laws: Iterable[PairContact] | None = None) -> list[Need]
             note(Feature.SHAPES_PER_BODY, f"{path}.shapes")
         if len({shape.material for shape in solid}) > 1:
             note(Feature.MATERIALS_PER_BODY, f"{path}.shapes")
+    for body in implicitly_damped(world):
+        note(Feature.DAMPING_IMPLICIT, f"bodies.{body.name}.joint.damping")
     for root, bodies in trees(world).items():
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")

@@ -19,6 +19,7 @@ from simspec.proof.building import fixed, free, single_material, slab, with_bodi
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.actions import Fluid
+from simspec.world.damping import with_implicit_damping
 from simspec.world.frames import quaternion, sorted_pair, vector3
 from simspec.world.inertia import boxed
 from simspec.world.kinematics import carrier_name
@@ -150,6 +151,12 @@ def damped_springs() -> World:
     bodies = tree(["fixed", "hinge", "slide", "ball"], 11, damping=0.3, spring_stiffness=4.0)
     sprung = (with_joint(body, spring_rest=0.1) if body.joint.kind in SCALAR_JOINTS else body for body in bodies)
     return world(tuple(sprung), "damped-springs")
+
+
+def implicitly_damped(armature: float = 0.0) -> World:
+    """Two hinges and a slide, whose damping is unstable at 1 ms where it is explicit."""
+    bodies = tree(["fixed", "hinge", "slide", "hinge"], 5, damping=400.0, armature=armature)
+    return with_implicit_damping(world(bodies, "implicitly-damped", physics=Physics(steps=100, damping="implicit")))
 
 
 POINT = Inertial(0.4, (0.02, -0.03, 0.05))

@@ -144,6 +144,8 @@ class Joint:
     armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide, ball; for free to the three
                     of translation (kg)
     angular_armature of free: added to the three of rotation (kg m²)
+    written_armature    armature without dt × damping, which it contains where damping is implicit (``world/damping.py``); None
+                    elsewhere
     spring_stiffness k ≥ 0: effort −k (q − spring_rest); for a ball −k log R in the child's axes (N m/rad, N/m)
     angle_limit     ball: the largest angle |log R| (rad, up to π), a hard stop as position_limits; None = unlimited
     position        initial position: hinge/slide (q,), ball quaternion, free x y z w x y z of the *body frame*
@@ -170,6 +172,7 @@ class Joint:
     angular_damping: float = field(default=0.0, metadata=LEFT_OUT)
     angular_armature: float = field(default=0.0, metadata=LEFT_OUT)
     angle_limit: float | None = field(default=None, metadata=LEFT_OUT)
+    written_armature: float | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,13 +306,14 @@ class Contact:
 class Physics:
     """Gravity (m/s², world axes), timestep (s) and duration (s, a whole number of steps: ``steps``); the fluid around all
     bodies that have a box, None: a vacuum. ``integrator``: ``common``, semi-implicit Euler, or ``engine``, the usual method of
-    each engine."""
+    each engine. ``damping`` of joints: ``explicit`` or ``implicit`` in time."""
 
     gravity: Vector3 = (0.0, 0.0, -9.81)
     timestep: float = 0.001
     steps: int = 0
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
     integrator: str = field(default="common", metadata=LEFT_OUT)
+    damping: str = field(default="explicit", metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -307,6 +307,7 @@ class MujocoDialect(Dialect):
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
         Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),
+        Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
         Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),

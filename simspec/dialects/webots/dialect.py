@@ -113,6 +113,7 @@ NO_MOTORS = "simspec writes no Webots motors, which control velocity"
 JOINTED = "Webots excludes contact of bodies that a joint joins, and has no other collision filter of bodies"
 LACKING: Final[Table] = {
     **for_each(never("Webots has no armature, and contact would ignore a computed one"), *features.ARMATURES),
+    Feature.DAMPING_IMPLICIT: never("Webots has no armature, and simspec does not write its implicit dampers"),
     Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
     Feature.BALL_LIMIT: never("Webots' BallJoint limits three angles about axes, not the angle of the whole rotation"),
     Feature.TREE_DEPTH: never("simspec has not tested whether Webots reads Solids nested this deep"),

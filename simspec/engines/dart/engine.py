@@ -48,7 +48,13 @@ from simspec.engines.kit.capabilities import (
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
-from simspec.engines.kit.refinements import BLUNT, NO_FRICTION, blunted, implicit_damping_armature
+from simspec.engines.kit.refinements import (
+    BLUNT,
+    NO_FRICTION,
+    blunted,
+    implicit_damping_armature,
+    native_implicit_damping,
+)
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SteppedEngine, outside_constraints
 from simspec.engines.kit.world_simulation import contact_table
@@ -175,6 +181,7 @@ class Dart(SteppedEngine[DartSimulation]):
         Feature.LIMIT_POSITION: LIMITS,
         Feature.LIMIT_EFFORT: via_api(classes.SIDECAR),
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
+        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE),
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),

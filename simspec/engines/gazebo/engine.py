@@ -33,7 +33,14 @@ from simspec.engines.kit.capabilities import (
     unconverged,
 )
 from simspec.engines.kit.compiled import Needs
-from simspec.engines.kit.refinements import coupled, implicit_damping_armature, leans, no_friction, only_static_planes
+from simspec.engines.kit.refinements import (
+    coupled,
+    implicit_damping_armature,
+    leans,
+    native_implicit_damping,
+    no_friction,
+    only_static_planes,
+)
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
@@ -187,6 +194,7 @@ class Gazebo(WorldEngine[GazeboSimulation]):
         Feature.LIMIT_POSITION: STOPS,
         Feature.LIMIT_VELOCITY: NO_VELOCITY_LIMITS,
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
+        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE),
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),

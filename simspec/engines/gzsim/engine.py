@@ -234,6 +234,7 @@ class GzSim(GivenEngine[GzSimSimulation]):
         Feature.LIMIT_POSITION: STOPS,
         Feature.LIMIT_VELOCITY: NO_VELOCITY_LIMITS,
         **for_each(classes.explicit("DART"), Feature.DAMPING, Feature.SPRING),
+        Feature.DAMPING_IMPLICIT: never("simspec does not implement it for gz sim"),
         Feature.ARMATURE: never("DART has no armature, and simspec does not compute it for gz sim"),
         **classes.NOT_IN_WORLD_JSON,
         **{Feature(f"shape.{kind}"): exact(_NO_SHAPES, refine=_only_visual) for kind in SHAPE_KINDS},

@@ -13,6 +13,7 @@ from simspec.contact import HEAVY_ON_LIGHT
 from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
+from simspec.support import classes
 from simspec.support.declarations import Level, Refine, Refinement, Support, approximate, exact, outside, unsupported_if
 from simspec.support.features import Feature
 from simspec.world import frames
@@ -138,8 +139,13 @@ def distant_light_link(world: World) -> tuple[float, str]:
 
 
 def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Body]], str | None]) -> Refinement | None:
-    """Not supported where something in a tree with armature would not feel it: a controller of the engine (``title``), what
-    ``impulses`` names, or contact. Constraints are described by the engine, in ``impulses``.
+    """Not supported where something in a tree with armature would not feel it (:func:`_unfelt`)."""
+    return unsupported_if(_unfelt(world, title, impulses))
+
+
+def _unfelt(world: World, title: str, impulses: Callable[[str, Sequence[Body]], str | None]) -> str | None:
+    """Why a part of a tree with armature would not feel it: a controller of the engine (``title``), a reason by ``impulses``,
+    or contact; None where all would. Constraints are described by the engine, in ``impulses``.
 
     ``impulses`` is given the name of a body whose joint has armature and all bodies of its tree, and gives the
     reason why what else the engine solves in the tree would not feel it; None where it would.
@@ -150,32 +156,46 @@ def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Bo
         if armed is None:
             continue
         if served := natively_driven(bodies, world):
-            return unsupported_if(
-                f"{served[0]!r} has {title}'s own controller, whose impulses would ignore the armature"
-            )
+            return f"{served[0]!r} has {title}'s own controller, whose impulses would ignore the armature"
         if (why := impulses(armed, bodies)) is not None:
-            return unsupported_if(why)
+            return why
         for body in bodies:
             for other in world.bodies:
                 if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return unsupported_if(
-                        f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature"
-                    )
+                    return f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature"
     return None
+
+
+def _rough_or_limited(_: str, bodies: Sequence[Body]) -> str | None:
+    for body in bodies:
+        if body.joint.dry_friction or body.joint.position_limits is not None:
+            return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
+    return None
+
+
+def native_implicit_damping(title: str) -> Support:
+    """Implicit damping by that of an engine (``title``) whose impulses meet the mass matrix without dt D: exact where there are
+    no impulses, else accepted by name."""
+    how = f"{title} integrates damping implicitly"
+    late = f"{how}. Impulses of contact, limits and dry friction meet the mass matrix without dt × damping"
+
+    def refine(world: World) -> Refinement | None:
+        if (axes := classes.only_axes_damped(world)) is not None:
+            return axes
+        unfelt = _unfelt(world, title, _rough_or_limited)
+        return None if unfelt is None else Refinement(Level.APPROXIMATE, late, IMPULSES_UNDAMPED)
+
+    return exact(how, refine, (Refinement(Level.APPROXIMATE, late, IMPULSES_UNDAMPED),))
+
+
+IMPULSES_UNDAMPED: Final = "impulses of contact, limits and dry friction ignore dt × damping"
 
 
 def implicit_damping_armature(title: str, short: str) -> Support:
     """Armature by an engine's implicit damping; not where impulses of dry friction or limits would ignore it."""
-
-    def not_felt(_: str, bodies: Sequence[Body]) -> str | None:
-        for body in bodies:
-            if body.joint.dry_friction or body.joint.position_limits is not None:
-                return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
-        return None
-
     return outside(
         "simspec adds implicit damping A/dt and the opposite effort (A/dt) v, which together act as the armature A",
-        lambda world: armature_felt(world, title, not_felt),
+        lambda world: armature_felt(world, title, _rough_or_limited),
         short,
     )
 

@@ -318,6 +318,7 @@ class MuJoCo(MujocoSimulation):
             "MuJoCo's XML reader accepts at most 500 nested elements, which are 496 bodies in a chain"
         ),
         Feature.INTEGRATOR: integrators.SUPPORT,
+        Feature.DAMPING_IMPLICIT: integrators.IMPLICIT_DAMPING,
         Feature.GRAVITY_SCALE: exact(GRAVCOMP),
         Feature.FLUID: exact(
             "MuJoCo computes fluid forces from density, viscosity and wind, on boxes of equal inertia"

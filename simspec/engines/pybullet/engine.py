@@ -136,6 +136,11 @@ class PyBullet(SimulatedEngine[PybulletSimulation]):
             short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
         ),
         Feature.DRY_FRICTION: via_api(classes.ZERO_VELOCITY_MOTOR),
+        Feature.DAMPING_IMPLICIT: outside(
+            "simspec applies the effort τ − dt D v̇, with (M + dt D) v̇ = τ − D v − h, from PyBullet's state before each step",
+            _armature_covered,
+            "simspec replaces implicit damping by an effort before each step",
+        ),
         Feature.ARMATURE: outside(
             "simspec applies the effort τ − A v̇, with (M + A) v̇ = τ − D v − h, from PyBullet's state before each step",
             _armature_covered,

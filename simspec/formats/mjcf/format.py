@@ -57,6 +57,7 @@ from simspec.support.declarations import Table, approximate, exact, exactly, for
 from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.damping import implicitly_damped, without_implicit_damping
 from simspec.world.kinematics import absorbed, is_carrier
 from simspec.world.types import Joint, Pair, PairContact, Pose, Shape, World
 
@@ -127,6 +128,7 @@ SUPPORT: Final[Table] = {
         "simspec writes the inscribed pyramid, with down to half the friction across an edge"
     ),
     Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),
+    Feature.DAMPING_IMPLICIT: exact("the flag eulerdamp, which also makes damping of free joints implicit"),
     Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
     Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
     Feature.FORCES: never("MJCF has no forces with a beginning and an end"),
@@ -158,7 +160,7 @@ SUPPORT: Final[Table] = {
 def model_and_losses(world: World) -> tuple[MjcfModel, tuple[Loss, ...]]:
     """The file of a world, and what is lost beyond the table. Raises UnsupportedError for joints that the language refuses."""
     _check(world)
-    world = gather(world)
+    world = without_implicit_damping(gather(world))
     laws = meeting_laws(world)
     masks, group_excludes = collision_masks(world)
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
@@ -175,7 +177,7 @@ def model_and_losses(world: World) -> tuple[MjcfModel, tuple[Loss, ...]]:
             ("cone", CONES.get(world.contact.friction_cone, "pyramidal")),
             *fluid_options(world),
         ),
-        FLAGS,
+        tuple({**dict(FLAGS), "eulerdamp": bool(implicitly_damped(world))}.items()),
         () if (memory := arena_megabytes(world)) is None else (("memory", f"{memory}M"),),
         default=MjcfDefault(),
         classes=tuple(_classes(world)),

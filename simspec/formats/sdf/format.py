@@ -20,6 +20,7 @@ from simspec.formats.sdf.tree import SdfJoint, SdfShape, SdfWorld
 from simspec.support.declarations import Support, Table, approximate, never
 from simspec.support.features import Feature
 from simspec.world import frames, types
+from simspec.world.damping import without_implicit_damping
 from simspec.world.kinematics import trees
 from simspec.world.types import Inertial, Pose
 
@@ -132,6 +133,7 @@ class Sdf(Format):
 
     def plain(self, world: types.World) -> PlainFiles:
         """``world.sdf``: a model for each tree."""
+        world = without_implicit_damping(world)
         tree = plain_tree(world)
         if self.profile == CLASSIC:
             return PlainFiles(self.write(classic(tree)), losses(world, {**SUPPORT, **OLDER}, more_losses(world)))

@@ -22,6 +22,7 @@ from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
 from simspec.world import frames, types
+from simspec.world.damping import without_implicit_damping
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3, World
 
@@ -176,6 +177,7 @@ SUPPORT: Final[Table] = {
     Feature.LIMIT_EFFORT: never(".skel has enforced effort limits, but no ratings"),
     Feature.DAMPING: approximate("Readers of .skel integrate the same coefficients implicitly in time"),
     Feature.BALL_DAMPING: never(".skel has damping at hinges and slides only"),
+    Feature.DAMPING_IMPLICIT: exact("Readers of .skel integrate damping implicitly in time"),
     Feature.SPRING: approximate("Readers of .skel integrate the same coefficients implicitly in time"),
     Feature.BALL_SPRING: never(".skel has springs at hinges and slides only"),
     **for_each(never(_SURFACE), Feature.MATERIALS_PER_BODY, *features.CONTACT_LAWS),
@@ -289,6 +291,7 @@ class Skel(Format):
 
     def plain(self, world: types.World) -> PlainFiles:
         """``world.skel``, without a collision detector's name."""
+        world = without_implicit_damping(world)
         return PlainFiles(self.write(plain_tree(world)), losses(world, SUPPORT, renamed(world)))
 
     def read(self, folder: Path) -> SkelDocument:

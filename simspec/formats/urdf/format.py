@@ -44,6 +44,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world import types
+from simspec.world.damping import without_implicit_damping
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, FollowConstraint, World
 
@@ -231,6 +232,7 @@ class Urdf(Format):
 
     def plain(self, world: World) -> PlainFiles:
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
+        world = without_implicit_damping(world)
         robots, placement = robots_and_placement(world, self.profile)
         return PlainFiles({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
 

@@ -26,6 +26,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.contact_pairs import meeting_laws
+from simspec.world.damping import without_implicit_damping
 from simspec.world.kinematics import trees
 from simspec.world.types import World
 
@@ -150,6 +151,7 @@ class Usd(Format):
 
     def plain(self, world: World) -> PlainFiles:
         """``world.usda``."""
+        world = without_implicit_damping(world)
         tree = stage_of(world, nested=self.profile == "nested")
         return PlainFiles(self.write(tree), losses(world, SUPPORT, more_losses(world)))
 

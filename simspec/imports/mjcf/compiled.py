@@ -98,7 +98,7 @@ FEATURES: Final = {
         "option/timestep",
         INFORMATION,
         "dampers and springs are explicit in time in the spec, and would diverge at the file's timestep: it has a shorter one",
-        "less damping or stiffness, or more armature, allows a longer one",
+        "physics: {damping: implicit} allows the file's; less stiffness or more armature a longer one",
     ),
     "geom.margin": MjcfFeature(
         "geom/margin geom/gap", PHYSICS, "a gap beyond the margin: in the language no margin is negative"
