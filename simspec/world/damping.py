@@ -18,18 +18,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Container
 
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.world.types import Body, Joint, World
 
 IMPLICIT = "implicit"
-DAMPED = ("hinge", "slide", "ball")
-"""The types of joints whose damping is implicit. That of free joints is explicit: few engines have armature of these."""
 
 
 def implicitly_damped(world: World) -> tuple[Body, ...]:
-    """The bodies of a world whose joints have implicit damping."""
+    """The bodies of a world whose joints have implicit damping. That of free joints is explicit: few engines have armature of
+    them."""
     if world.physics.damping != IMPLICIT:
         return ()
-    return tuple(body for body in world.bodies if body.joint.damping and body.joint.kind in DAMPED)
+    return tuple(body for body in world.bodies if body.joint.damping and body.joint.kind in TREE_JOINTS)
 
 
 def with_implicit_damping(world: World) -> World:
