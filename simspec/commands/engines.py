@@ -6,6 +6,7 @@ project file names may be used.
 from __future__ import annotations
 
 import functools
+import importlib
 import os
 import shlex
 import shutil
@@ -346,6 +347,14 @@ def _install_row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, An
         entry["ran"] = entry["code"] is not None
         if why is not None:
             row["problem"] = f"{entry['words']}: {why}"
+    if commands and yes and not row["problem"]:
+        importlib.invalidate_caches()
+        found = diagnose(engine)  # an installer may end with code 0 and have installed nothing
+        row |= {"state": str(found.state), "version": found.version}
+        if found.state is InstallState.WHOLE:
+            _tell(as_json, f"{engine.NAME}: {found.version} is installed")
+        else:
+            row["problem"] = f"{found.state} after these commands: {'; '.join(found.problems)}".rstrip(": ")
     if row["problem"]:
         _tell(as_json, f"{engine.NAME}: {row['problem']}")
     return row

@@ -218,7 +218,7 @@ def test_an_unknown_engine_name_is_reported(capsys):
 def commands(tmp_path, monkeypatch):
     """A stub interpreter and a stub apt-get, and a function that returns their calls."""
     log = tmp_path / "log"
-    script = f'#!/bin/sh\necho "$(basename "$0") $@" >> {log}\necho noise\nexit $(cat {tmp_path}/code 2>/dev/null || echo 0)\n'
+    script = f'#!/bin/sh\necho "$(basename "$0") $@" >> {log}\necho noise\n[ ! -e {tmp_path}/effect ] || sh {tmp_path}/effect\nexit $(cat {tmp_path}/code 2>/dev/null || echo 0)\n'
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "bin" / "python", script)))
     program(tmp_path / "bin" / "apt-get", script)
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
@@ -229,7 +229,7 @@ PIP = "python -I -m pip install simspec-physics[toy]"
 APT = ["apt-get update --quiet", "apt-get install --yes --no-install-recommends libtoys-dev gcc"]
 
 
-def test_install_commands_are_printed_and_run_only_on_request(packages, commands, capsys):
+def test_install_commands_are_printed_and_run_only_on_request(packages, commands, capsys, tmp_path):
     [command] = answer(capsys, "install", "toy")["toy"]["commands"]
     assert command == {
         "words": f"{sys.executable} -I -m pip install 'simspec-physics[toy]'",
@@ -240,8 +240,20 @@ def test_install_commands_are_printed_and_run_only_on_request(packages, commands
     assert commands() == []
     assert cli.main(["engines", "install", "toy"]) == 0
     assert command["words"] in capsys.readouterr().out
-    assert answer(capsys, "install", "toy", "--yes")["toy"]["commands"][0]["code"] == 0
+    packages(toy_core="1.2", toy_oracle="3.1")
+    (tmp_path / "site").rename(tmp_path / "made")
+    (tmp_path / "effect").write_text(f"mv {tmp_path}/made {tmp_path}/site\n")
+    row = answer(capsys, "install", "toy", "--yes")["toy"]
+    assert row["commands"][0]["code"] == 0
+    assert (row["state"], row["version"]) == ("installed", "1.2")
     assert commands() == [PIP]
+
+
+def test_an_installer_that_installs_nothing_is_exit_3(packages, commands, capsys):
+    """pip ends with code 0 and a warning where the installed simspec does not know the extra."""
+    row = answer(capsys, "install", "toy", "--yes", code=3)["toy"]
+    assert row["commands"][0]["code"] == 0
+    assert row["problem"].startswith("not installed after these commands: toy-core is not installed")
 
 
 def test_a_command_that_fails_is_exit_3(packages, commands, capsys, tmp_path):
@@ -262,7 +274,8 @@ def test_debians_packages_are_roots_matter(toys, commands, capsys, monkeypatch):
     monkeypatch.setattr(installing.os, "geteuid", lambda: 0)
     assert answer(capsys, "install", "toys")["toys"]["problem"] is None
     assert commands() == []
-    answer(capsys, "install", "toys", "--yes")
+    row = answer(capsys, "install", "toys", "--yes", code=3)["toys"]  # the stub installs no compiler
+    assert "after these commands" in row["problem"]
     assert commands() == APT
 
 
