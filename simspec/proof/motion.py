@@ -16,11 +16,12 @@ import numpy as np
 
 from simspec.dynamics.oracle import STATES_SEED, Oracle, random_states, shortened
 from simspec.dynamics.stability import unstable
-from simspec.engines.kit.capabilities import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.proof.checks import LEEWAY, PRECISIONS, TOO_CHAOTIC, Check, Demand, Demands, Part, Precision, Rounded
 from simspec.proof.limits import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
+from simspec.world.frames import vector3
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import FollowConstraint, RecordOptions, World
@@ -271,11 +272,12 @@ class _Planning:
         rows = [min(done, steps) for done in range(0, steps + every, every)]
         exact = self._poses(begun.states[[-(-row // LOOK) for row in rows]])
         floors = np.zeros(len(exact))
-        generator = np.random.default_rng(STATES_SEED + 200)
+        generator, directions = (np.random.default_rng(STATES_SEED + seed) for seed in (200, 300))
         for run in range(DISTURBED):
+            oracle = self._tilted(directions)
             q, v = precision.beginning(begun.q, generator), precision.beginning(begun.v, generator)
             rounded = precision.rounding(run, generator)
-            disturbed = self._poses(self._run(q, v, begun.effort, steps, every, rounded)[0])
+            disturbed = self._poses(self._run(q, v, begun.effort, steps, every, rounded, oracle)[0])
             with np.errstate(invalid="ignore", over="ignore"):
                 deviations = deviation(exact, disturbed).max(axis=1, initial=0.0)
             floors = np.maximum(floors, np.where(np.isfinite(deviations), deviations, np.inf))
@@ -397,12 +399,31 @@ class _Planning:
         weight: np.ndarray = self.oracle.bias_force(q, rest) - self.oracle.joint_effort(q, rest)
         return weight
 
+    def _tilted(self, directions: np.random.Generator) -> Oracle | None:
+        """In single precision an oracle whose gravity is off by one rounding in a random direction. An engine rounds the
+        directions of its links, and with them those of all weights, for the whole motion; the error of a velocity then grows
+        with the timestep, which that of a state that is rounded after every step does not."""
+        if self.precision.perturbation:
+            return None
+        away = directions.normal(size=3)
+        physics = self.world.physics
+        off = ROUNDING[self.precision.name] * np.linalg.norm(physics.gravity) * away / np.linalg.norm(away)
+        gravity = vector3((np.array(physics.gravity) + off).tolist())
+        return Oracle(dataclasses.replace(self.world, physics=dataclasses.replace(physics, gravity=gravity)))
+
     def _run(
-        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int, every: int, rounded: Rounded | None = None
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        effort: np.ndarray,
+        steps: int,
+        every: int,
+        rounded: Rounded | None = None,
+        oracle: Oracle | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The oracle's states at every ``every``-th step; not finite where the motion diverges."""
+        """The states of an oracle (None: the exact one) at every ``every``-th step; not finite where the motion diverges."""
         with np.errstate(invalid="ignore", over="ignore"):
-            return self.oracle.motion(q, v, effort, steps, every, rounded)
+            return (oracle or self.oracle).motion(q, v, effort, steps, every, rounded)
 
     def _poses(self, states: np.ndarray) -> np.ndarray:
         return np.array([self.oracle.body_poses(row) for row in states])

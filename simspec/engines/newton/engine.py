@@ -14,7 +14,6 @@ from typing import ClassVar
 
 from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
-    FIXED_TIMESTEP,
     JAMMED,
     SINGLE,
     SWEEPS,
@@ -140,7 +139,6 @@ class Newton(WorldEngine[NewtonSimulation]):
         Capability.DRY_FRICTION_OFF: _NO_FRICTION,
         Capability.NATIVE_CONTROLLERS: _NO_CONTROLLERS,
         Capability.FOREIGN_FILES: "simspec does not use Newton's importers of robot files",
-        Capability.TIMESTEP: FIXED_TIMESTEP,
     }
     SUPPORT: ClassVar[Table] = {
         **classes.driven(TITLE),
@@ -203,3 +201,6 @@ class Newton(WorldEngine[NewtonSimulation]):
     @classmethod
     def prepare(cls) -> None:
         imported([])
+
+    def set_timestep(self, timestep: float) -> None:
+        self._simulation.set_timestep(timestep)

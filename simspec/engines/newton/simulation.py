@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.newton import NewtonSidecar
-from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.arrays import checked_singles, empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.links import ContactPoints, ContactRoom, LinkCoordinates, LinkSimulation, Midpoint, blocks
 from simspec.engines.kit.messages import doing
@@ -147,6 +147,11 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
             step()
         self.their_q[:], self.their_v[:] = begins
         return RecordedStep(solver, contacts, observed, capture.graph, solver.constraint_overflow.numpy())
+
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep, now and after states that are set."""
+        self.built.timestep = checked_singles(NAME, (timestep,), "timestep")[0]
+        self.timestep, self._recorded = self.built.timestep, None
 
     def _grow(self) -> None:
         """Record the next step with more room for contacts."""

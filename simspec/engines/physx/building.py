@@ -16,6 +16,7 @@ import numpy as np
 from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import PlacedBody, ShapeUnit, Walk, refuse
+from simspec.engines.physx.cylinders import prism
 from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.homes import Homes
 from simspec.engines.physx.links import PhysxLinks
@@ -28,7 +29,7 @@ from simspec.world.inertia import principal_axes
 from simspec.world.types import Pose
 
 MOST_ITERATIONS = 255
-SHAPES = ("sphere", "box", "capsule", "plane", "mesh")
+SHAPES = ("sphere", "box", "capsule", "cylinder", "plane", "mesh")
 _HALF = math.sqrt(0.5)
 AXES: Mapping[str, Pose] = {
     "plane": Pose(quaternion=(_HALF, 0.0, -_HALF, 0.0)),
@@ -163,6 +164,8 @@ class PhysxBuild:
                 made = physx.PhysxCollisionShapeBox([0.5 * edge for edge in size], material)
             case "capsule":
                 made = physx.PhysxCollisionShapeCapsule(size[0], 0.5 * size[1], material)
+            case "cylinder":
+                made = prism(physx, size[0], size[1], material)
             case "plane":
                 made = physx.PhysxCollisionShapePlane(material)
             case _:

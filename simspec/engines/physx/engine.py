@@ -29,6 +29,7 @@ from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, sta
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.engines.physx.cylinders import SIDES, shortfall
 from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.inventory import expected, inventory, neutral
 from simspec.engines.physx.readback import read_back
@@ -51,7 +52,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import excluded_pairs, solid_shapes
+from simspec.world.contact_pairs import excluded_pairs, meeting_kinds, solid_shapes
 from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_vertices
 from simspec.world.types import World
 
@@ -208,6 +209,27 @@ def meshes(world: World) -> Refinement | None:
     return _refinement(met) if met else None
 
 
+# Cylinders are prisms (``cylinders.py``). In 120 random overlaps of each pair of kinds, 0.1 and 1 mm deep, with a radius of 80
+# mm, compared with coal, none is missed. Depths are off by 48 µm, 6e-4 of the radius, normals of spheres and capsules by 0.025
+# rad, half of the angle of a side; with planes normals are exact. With boxes, hulls and cylinders edges are inaccurate as those
+# of hulls.
+
+_PRISM = (
+    f"simspec gives PhysX cylinders as prisms of {SIDES} sides, whose surfaces are up to {shortfall():.1g} of the radius off: "
+    "rolling cylinders lose speed at every edge, and where edges of two bodies cross, normals and depths are inaccurate; see "
+    "docs/engines/physx.md"
+)
+_PRISM_SHORT = f"cylinders are prisms of {SIDES} sides: they roll with a loss"
+FELT = 5e-5
+"""m off its place from which a surface is declared, half of what the size probe allows."""
+
+
+def without_cylinders(world: World) -> Refinement | None:
+    """Exact in worlds in which no cylinder may touch anything."""
+    met = any("cylinder" in pair for pair in meeting_kinds(world))
+    return None if met else Refinement(Level.EXACT, "")
+
+
 BOXES, MESHES = (_refinement(_of(kind)) for kind in ("box", "mesh"))
 """Where all of these pairs may meet, for tables."""
 
@@ -273,9 +295,7 @@ class PhysX(WorldEngine[PhysxSimulation]):
         **outside_constraints("PhysX"),
         **for_each(never("PhysX's contacts transmit no torque"), *features.MOMENTS),
         **shape_kinds("PhysX", ("sphere", "box", "capsule")),
-        Feature.SHAPE_CYLINDER: never(
-            "PhysX has no cylinder; SAPIEN approximates it by a prism (see docs/engines/physx.md)"
-        ),
+        Feature.SHAPE_CYLINDER: approximate(_PRISM, without_cylinders, _PRISM_SHORT),
         Feature.SHAPE_BOX: exact(
             "PhysX's contact of boxes with boxes is approximate. Accept `shape.box` where boxes may touch each other",
             refine=boxes,
@@ -337,6 +357,12 @@ class PhysX(WorldEngine[PhysxSimulation]):
     }
 
     PARTS: ClassVar[Parts[PhysxSimulation]] = Parts(PhysxSimulation, read_back, inventory, neutral, expected)
+
+    @classmethod
+    def thicker(cls, world: World) -> Mapping[str, float]:
+        solid = (shape for body in world.bodies for shape in solid_shapes(body) if shape.kind == "cylinder")
+        off = {shape.name: shortfall() * shape.size[0] for shape in solid}
+        return {name: length for name, length in off.items() if length > FELT}
 
     @classmethod
     def prepare(cls) -> None:

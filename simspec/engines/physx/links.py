@@ -19,10 +19,12 @@ import numpy as np
 from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import STATIC
 from simspec.engines.physx.roles import MOST_LINKS
+from simspec.engines.physx.roundings import joint_turn, principal_order
 from simspec.engines.physx.units import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, Joint
 from simspec.world import frames
+from simspec.world.frames import quaternion, vector3
 from simspec.world.inertia import principal_axes
 from simspec.world.types import Pose, Quaternion, Vector3
 
@@ -117,15 +119,21 @@ class PhysxLinks:
         for place, (slides, axis) in enumerate(axes):
             made = self.joints[row][place]
             limits = joint.position_limits if isinstance(joint, AxisJoint) else None
-            self._axis(made, slides, axis, Pose() if place else origin, limits)
+            turn = to_x(axis)
+            if isinstance(joint, AxisJoint):
+                ends = (end.cmass_local_pose.q.tolist() for end in (made.parent_link, made.child_link))
+                above_axes, below_axes = (quaternion(axes) for axes in ends)
+                turn = joint_turn(self.built.sapien, above_axes, below_axes, origin.quaternion, turn)
+            self._axis(made, slides, turn, Pose() if place else origin, limits)
             self.coordinates[made] = Coordinate(row, place, slides)
 
     def _fix(self, joint: Any, origin: Pose) -> None:
         joint.type = "fixed"
         joint.pose_in_parent = self.built.pose(origin, "joint")
 
-    def _axis(self, joint: Any, slides: bool, axis: Vector3, origin: Pose, limits: tuple[float, float] | None) -> None:
-        turn = to_x(axis)
+    def _axis(
+        self, joint: Any, slides: bool, turn: Quaternion, origin: Pose, limits: tuple[float, float] | None
+    ) -> None:
         joint.type = "prismatic" if slides else "revolute_unwrapped"
         ends: Sequence[float] = UNLIMITED
         if limits is not None and not self.bare:
@@ -155,6 +163,8 @@ class PhysxLinks:
         moments, axes = principal_axes(body.inertia)
         if not min(moments) > 0.0:
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
+        order, axes = principal_order(self.built.sapien, axes)
+        moments = vector3(moments[place] for place in order)
         return body.mass, moments, Pose(body.centre_of_mass, axes), body.name
 
     def _nearly_massless(self, row: int) -> tuple[float, Vector3, Pose, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.engines.kit.building import ShapeUnit
 from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.physx.building import AXES
+from simspec.engines.physx.cylinders import cylinder_size, is_scaled
 from simspec.engines.physx.jointed import joints
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import NAME, SCALE, inertia_of, pose_of
@@ -72,7 +73,8 @@ def _shape(sim: PhysxSimulation, units: Sequence[ShapeUnit]) -> Shape:
 def kind_of(shape: Any) -> str:
     """The kind of a shape by the world's name; SAPIEN's name of a kind that the world does not have."""
     name = type(shape).__name__.removeprefix(PREFIX)
-    return KINDS.get(name, name)
+    kind = KINDS.get(name, name)
+    return "cylinder" if kind == "mesh" and is_scaled(shape) and cylinder_size(shape) else kind
 
 
 def size_of(shape: Any) -> tuple[float, ...]:
@@ -85,6 +87,8 @@ def size_of(shape: Any) -> tuple[float, ...]:
             return (x, y, z)
         case "capsule":
             return (float(shape.radius) / SCALE, 2.0 * float(shape.half_length) / SCALE)
+        case "cylinder":
+            return tuple(part / SCALE for part in cylinder_size(shape) or ())
         case "mesh":
             return tuple((np.array(shape.vertices, dtype=float) * shape.scale / SCALE).ravel().tolist())
     return ()

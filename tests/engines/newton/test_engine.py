@@ -194,3 +194,17 @@ def test_files_with_what_newton_does_not_have_are_refused(load):
 
     with pytest.raises(EngineError, match="single precision"):
         load(scene(ball("ball", (0.0, 0.0, 1.0))), shrunk)
+
+
+@installed
+def test_another_timestep_is_that_of_a_world_that_has_it(load):
+    world = scene(ball("b", (0.0, 0.0, 0.1), (1.0, 0.0, -1.0, 0.0, 0.0, 0.0)))
+    half = load(dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=DT / 2.0)))
+    changed = load(world)
+    changed.step(1)
+    changed.set_timestep(DT / 2.0)
+    changed.set_state(*half.get_state())
+    for engine in (half, changed):
+        engine.step(40)
+    assert changed.read_back().timestep == half.read_back().timestep
+    assert [part.tobytes() for part in changed.get_state()] == [part.tobytes() for part in half.get_state()]
