@@ -218,7 +218,9 @@ def test_an_unknown_engine_name_is_reported(capsys):
 def commands(tmp_path, monkeypatch):
     """A stub interpreter and a stub apt-get, and a function that returns their calls."""
     log = tmp_path / "log"
-    script = f'#!/bin/sh\necho "$(basename "$0") $@" >> {log}\necho noise\n[ ! -e {tmp_path}/effect ] || sh {tmp_path}/effect\nexit $(cat {tmp_path}/code 2>/dev/null || echo 0)\n'
+    ending = f"exit $(cat {tmp_path}/code 2>/dev/null || echo 0)"
+    effect = f"[ ! -e {tmp_path}/effect ] || sh {tmp_path}/effect"
+    script = f'#!/bin/sh\necho "$(basename "$0") $@" >> {log}\necho noise\n{effect}\n{ending}\n'
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "bin" / "python", script)))
     program(tmp_path / "bin" / "apt-get", script)
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
