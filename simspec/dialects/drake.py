@@ -38,6 +38,7 @@ TABLE = table(
         FileAddition("", "9.81", "strength"),
         FileAddition("settings", "true", "sleeping"),
         FileAddition("settings", "true", "hydroelastic_faces"),
+        FileAddition("settings", '"discrete"', "integrator"),
     ),
     (
         *PASSIVE_BY_NAME,

@@ -13,13 +13,14 @@ from __future__ import annotations
 import itertools
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
+from simspec.engines.drake.integrators import native, scheme
 from simspec.engines.kit.building import STATIC, PlacedBody, ShapeUnit, Walk, refuse
 from simspec.errors import EngineError, not_importable
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, JsonBody, JsonShape
@@ -58,9 +59,10 @@ class DrakeModules:
         from pydrake import geometry, math
         from pydrake.common import eigen_geometry
         from pydrake.multibody import plant, tree
-        from pydrake.systems import framework
+        from pydrake.systems import analysis, framework
 
         self.geometry, self.math, self.plant, self.tree, self.framework = geometry, math, plant, tree, framework
+        self.analysis = analysis
         self.quaternion = eigen_geometry.Quaternion
 
     def transform(self, position: Any, quaternion: Any) -> Any:
@@ -114,15 +116,19 @@ class Geometry(NamedTuple):
 
 class DrakeBuild:
     """``bodies``: Drake's, in the world's order; ``joints``: theirs (None: free); ``turns``: by the row of a ball joint the
-    frame with the joint's rotation."""
+    frame with the joint's rotation. ``efforts``: of a continuous plant the system that applies efforts at every stage, by the
+    function ``efforts_at`` of the state and an effort."""
 
-    def __init__(self, walk: Walk, settings: Mapping[str, Any]):
+    def __init__(self, walk: Walk, settings: Mapping[str, Any], timestep: float):
         """Raises EngineError for what Drake does not support, or refuses."""
         _check(walk, settings)
+        self.timestep, self.continuous, self.native = timestep, bool(scheme(settings)), native(settings)
+        self.efforts: Any = None
+        self.efforts_at: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
         self.walk, self.settings, self.drake = walk, settings, import_drake()
         document, drake = walk.document, self.drake
         builder = drake.framework.DiagramBuilder()
-        plant = drake.plant.MultibodyPlant(document.timestep)
+        plant = drake.plant.MultibodyPlant(0.0 if self.continuous else timestep)
         self.plant, self.scene = drake.plant.AddMultibodyPlantSceneGraph(builder, plant)
         plant = self.plant
         self.bodies: list[Any] = []
@@ -136,8 +142,9 @@ class DrakeBuild:
             models, kinds = drake.plant.ContactModel, drake.plant.DiscreteContactApproximation
             plant.set_contact_model(models.kHydroelasticWithFallback if hydroelastic(settings) else models.kPoint)
             approximations = {"sap": kinds.kSap, "tamsi": kinds.kTamsi}
-            plant.set_discrete_contact_approximation(approximations[settings["contact_approximation"]])
-            plant.set_sap_near_rigid_threshold(0.0)
+            if not self.continuous:
+                plant.set_discrete_contact_approximation(approximations[settings["contact_approximation"]])
+                plant.set_sap_near_rigid_threshold(0.0)
             for placed in walk.bodies:
                 body = placed.body
                 self.bodies.append(plant.AddRigidBody(f"{body.model}.{body.name}", self._inertia(body)))
@@ -151,11 +158,34 @@ class DrakeBuild:
             self._filter()
             plant.Finalize()
             plant.set_stiction_tolerance(settings["stiction_tolerance"])
+            if self.continuous:
+                self._stages(builder)
             self.diagram = builder.Build()
         except (RuntimeError, ValueError) as error:
             raise EngineError(NAME, f"refuses the world: {error}") from error
         except ImportError as error:
             raise EngineError(NAME, f"meshes need scipy in addition to Drake: {error}") from error
+
+    def _stages(self, builder: Any) -> None:
+        """Add the system that applies efforts at every stage of an integrator."""
+        plant, framework = self.plant, self.drake.framework
+        system = builder.AddSystem(framework.LeafSystem())
+        state = system.DeclareVectorInputPort("state", plant.num_multibody_states())
+        effort = system.DeclareVectorInputPort("effort", plant.num_velocities())
+
+        def calculate(context: Any, output: Any) -> None:
+            if self.efforts_at is None:
+                raise EngineError(NAME, "has efforts of no simulation")
+            output.SetFromVector(self.efforts_at(state.Eval(context), effort.Eval(context)))
+
+        force = system.DeclareVectorOutputPort("force", plant.num_velocities(), calculate)
+        builder.Connect(plant.get_state_output_port(), state)
+        builder.Connect(force, plant.get_applied_generalized_force_input_port())
+        self.efforts = system
+
+    def _damping(self, joint: AxisJoint | BallJoint) -> float:
+        """The damping that Drake applies; that of the common method is an effort of simspec."""
+        return joint.damping if self.native else 0.0
 
     def _inertia(self, body: JsonBody) -> Any:
         tree = self.drake.tree
@@ -180,9 +210,9 @@ class DrakeBuild:
         if isinstance(joint, BallJoint):
             turn = plant.AddFrame(tree.FixedOffsetFrame(f"turn.{name}", frame, identity))
             self.turns[placed.row] = turn
-            return plant.AddJoint(tree.BallRpyJoint(name, turn, child))
+            return plant.AddJoint(tree.BallRpyJoint(name, turn, child, self._damping(joint)))
         kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint.kind]
-        found = plant.AddJoint(kind(name, frame, child, joint.axis))
+        found = plant.AddJoint(kind(name, frame, child, joint.axis, damping=self._damping(joint)))
         if joint.position_limits is not None:
             found.set_position_limits(*([value] for value in joint.position_limits))
         if joint.velocity_limit is not None:
@@ -227,7 +257,7 @@ class DrakeBuild:
         friction = self.drake.plant.CoulombFriction(unit.copy.friction, unit.copy.friction)
         geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
         # Drake adds the relaxation times of two shapes
-        properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(self.walk.document.timestep))
+        properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(self.timestep))
         if part == SHAPE and unit.of.shape.kind in FACED and hydroelastic(settings):
             # rigid where its body is static, so that its size does not matter; two rigid shapes do not touch in Drake
             if unit.of.owner.moves:

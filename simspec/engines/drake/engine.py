@@ -10,6 +10,7 @@ import numpy as np
 
 from simspec.contact import Rules, contact_plan
 from simspec.control.reference import Servos
+from simspec.engines.drake import integrators
 from simspec.engines.drake.approximations import (
     BODY_SECONDS,
     COUPLED,
@@ -31,7 +32,6 @@ from simspec.engines.drake.readback import FOREIGN, FOREIGN_ADDITIONS, SIZES, lo
 from simspec.engines.drake.simulation import NATIVE, DrakeJointServos, DrakeSimulation, pd_controllers_hold
 from simspec.engines.kit.capabilities import (
     COMMON,
-    FIXED_TIMESTEP,
     Capability,
     Deviation,
     NativeLaw,
@@ -39,6 +39,7 @@ from simspec.engines.kit.capabilities import (
     ServoLaw,
 )
 from simspec.engines.kit.foreign import EngineAddition, Reads
+from simspec.engines.kit.methods import IntegrationMethod
 from simspec.engines.kit.settings import Setting, SettingGroup, under_weight
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
@@ -142,10 +143,7 @@ class Drake(WorldEngine[DrakeSimulation]):
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
-    LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION,
-        Capability.TIMESTEP: FIXED_TIMESTEP,
-    }
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: NO_DRY_FRICTION}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = FOREIGN_ADDITIONS
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
@@ -153,6 +151,7 @@ class Drake(WorldEngine[DrakeSimulation]):
         **classes.driven("Drake"),
         **exactly(Feature.JOINT_SEVERAL, Feature.FRICTION, Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
+        Feature.INTEGRATOR: integrators.SUPPORT,
         Feature.INERTIA: exact(
             (
                 "Drake stores every pair of geometries and a dense mass matrix; simspec rejects worlds that need "
@@ -222,6 +221,7 @@ class Drake(WorldEngine[DrakeSimulation]):
         Feature.SUM_DRY_FRICTION: never(NO_DRY_FRICTION),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "integrator": integrators.SETTING,
         "contact_approximation": Setting(
             "auto",
             "auto: tamsi where colliding bodies have friction, no joint has limits or a Drake controller, no "
@@ -300,6 +300,15 @@ class Drake(WorldEngine[DrakeSimulation]):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {"collision_group": "Drake filters pairs of geometries, not groups"}
+
+    @classmethod
+    def method(cls, world: World) -> IntegrationMethod | None:
+        return integrators.method(world)
+
+    def set_timestep(self, timestep: float) -> None:
+        self._simulation.set_timestep(timestep)
+        if self._before is not None:
+            self._before.set_timestep(timestep)
 
     @classmethod
     def chosen_settings(

@@ -24,6 +24,7 @@ from simspec.engines.drake.approximations import (
     rounded_place,
 )
 from simspec.engines.drake.building import ERROR_REDUCTION, SHAPE, names_of
+from simspec.engines.drake.integrators import native, scheme
 from simspec.engines.drake.readback import (
     SIZES,
     actuator_of,
@@ -66,6 +67,8 @@ PROPERTIES = {
     "hydroelastic.resolution_hint",
 }
 """The properties of every collision geometry."""
+OF_DISCRETE = ("contact.approximation", "contact.solver", "contact.near_rigid_threshold")
+"""The values that continuous plants have by default, and do not use."""
 Settings = Mapping[str, bool | int | float | str]
 Gains = Mapping[str, bool]
 """By natively driven joint, whether its controller has any gains."""
@@ -83,6 +86,14 @@ class ExpectedPlant(NamedTuple):
     world: World
     settings: Settings
     gains: Gains
+
+    @property
+    def continuous_states(self) -> int:
+        """The size of the state of a continuous plant; 0 of a discrete one."""
+        if not scheme(self.settings):
+            return 0
+        bodies = (DrakeExpectedBody(body, self.gains) for body in self.world.bodies)
+        return sum(body.positions + body.velocities for body in bodies)
 
     @property
     def approximation(self) -> str:
@@ -103,6 +114,8 @@ class EngineBody(NamedTuple):
 class DrakeExpectedBody(NamedTuple):
     body: Body
     gains: Gains
+    damped: bool = False
+    """Whether Drake applies the damping of joints."""
 
     @property
     def positions(self) -> int:
@@ -163,9 +176,15 @@ PLANT = Items[EnginePlant, ExpectedPlant](
         "contact.representation": (lambda of: of.plant.get_contact_surface_representation().name, NEUTRAL),
         "contact.adjacent_filter": (lambda of: of.plant.get_adjacent_bodies_collision_filters(), False),
         "sampled_outputs": (lambda of: of.plant.has_sampled_output_ports(), False),
-        "update.period": (lambda of: _update(of.plant, "period_sec"), lambda of: of.world.physics.timestep),
-        "update.offset": (lambda of: _update(of.plant, "offset_sec"), 0.0),
-        "count.continuous_states": (lambda of: of.plant.num_continuous_states(), NEUTRAL),
+        "update.period": (
+            lambda of: _update(of.plant, "period_sec"),
+            lambda of: "none" if scheme(of.settings) else of.world.physics.timestep,
+        ),
+        "update.offset": (
+            lambda of: _update(of.plant, "offset_sec"),
+            lambda of: "none" if scheme(of.settings) else 0.0,
+        ),
+        "count.continuous_states": (lambda of: of.plant.num_continuous_states(), lambda of: of.continuous_states),
         "count.abstract_states": (lambda of: of.plant.num_abstract_states(), 0),
         "count.deformable_bodies": (lambda of: of.plant.deformable_model().num_bodies(), NEUTRAL),
         "scene.sources": (lambda of: of.scene.model_inspector().num_sources(), NEUTRAL),
@@ -211,6 +230,10 @@ SIMULATION = Items[DrakeSimulation, ExpectedPlant](
             lambda sim: sim.settings["stiction_tolerance"],
             lambda of: of.settings["stiction_tolerance"],
         ),
+        "integrator": (
+            lambda sim: "discrete" if sim.continuous is None else sim.continuous.described(),
+            lambda of: (name, True, of.world.physics.timestep) if (name := scheme(of.settings)) else "discrete",
+        ),
         "sidecar.bodies": (
             lambda sim: listed([names_of(body)[1] for body in sim.built.bodies]),
             lambda of: listed([body.name for body in of.world.bodies]),
@@ -255,7 +278,7 @@ BODY = Items[EngineBody, DrakeExpectedBody](
         "joint.locked": (lambda of: of.joint.is_locked(of.sim.context), False),
         "joint.damping": (
             lambda of: tuple(map(float, of.joint.GetDampingVector(of.sim.context))),
-            lambda of: (0.0,) * of.velocities,
+            lambda of: (of.body.joint.damping if of.damped and of.body.joint.kind != "free" else 0.0,) * of.velocities,
         ),
         "joint.position_limits": (lambda of: _limits(of.joint, "position"), _position_range),
         "joint.velocity_limits": (lambda of: _limits(of.joint, "velocity"), _speed_range),
@@ -331,7 +354,9 @@ def neutral(sim: DrakeSimulation) -> dict[str, EngineValue]:
     """The values of an empty plant."""
     drake = sim.built.drake
     builder = drake.framework.DiagramBuilder()  # owns both
-    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(sim.timestep))
+    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(
+        builder, drake.plant.MultibodyPlant(0.0 if sim.continuous else sim.timestep)
+    )
     plant.Finalize()
     return _plant(EnginePlant(drake, plant, scene))
 
@@ -403,9 +428,12 @@ def expected(
     }
     of = ExpectedPlant(world, settings, gains)
     found = PLANT.expect(of, "", neutral) | SCENE.expect(of, "scene", below("scene", neutral)) | SIMULATION.expect(of)
+    if scheme(settings):
+        found |= {name: neutral[name] for name in OF_DISCRETE}
     carriers, small = [], 0
     for body in moved.bodies:
-        at, static, source = f"body.{body.name}", groups[body.name] == "world", DrakeExpectedBody(body, gains)
+        at, static = f"body.{body.name}", groups[body.name] == "world"
+        source = DrakeExpectedBody(body, gains, native(settings))
         found |= BODY.expect(source, at)
         found |= ACTUATOR.expect(source, at) if source.limited else {}
         found |= SERVO.expect(source, at) if source.driven else {}

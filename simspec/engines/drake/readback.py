@@ -59,7 +59,7 @@ def read_back(sim: DrakeSimulation, unreadable: dict[str, str]) -> ReadBack:
         joint = _joint(sim, row, q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist())
         bodies.append(Body(name, model, inertial(body, sim.context), joint, _shapes(sim, row)))
     gravity = vector(sim.plant.gravity_field().gravity_vector())
-    read = sim.model(bodies, gravity, float(sim.plant.time_step()), unreadable, CONE)
+    read = sim.model(bodies, gravity, sim.timestep, unreadable, CONE)
     servos = []  # one without gains is the same as none in Drake
     for servo in sim.servos.values():
         gains = servo.get_controller_gains()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,150 +15,17 @@ from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import requested_approximation
 from simspec.engines.drake.building import NAME, DrakeBuild, is_servo, warnings_into
+from simspec.engines.drake.continuous import ContinuousSteps
+from simspec.engines.drake.coordinates import DrakeCoordinates
+from simspec.engines.drake.integrators import scheme
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, unit_responses
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, initial_coordinates
 from simspec.support.declarations import Refinement, unsupported_if
-from simspec.world.rotations import conjugate, exponential, logarithm, matrices, multiply, rotate, unit
+from simspec.world.rotations import logarithm, unit
 from simspec.world.types import World
-
-# Between the generalised coordinates of ``world/kinematics.py`` and Drake's state, for all joints of a kind at once. Drake:
-# free q = [w x y z, p], v = [ω in the world; velocity of the frame's origin in the world]; ball (BallRpyJoint) v = ω in the
-# axes of the frame that it stands on. A ball's coordinates stay zero and its rotation is the pose of that frame: Drake throws
-# at a pitch of 90° (measured); so its v is in the child's axes.
-
-TINY = 1e-300
-"""Added to angles that are divided by: no other angle changes by it."""
-
-
-class DrakeCoordinates:
-    """Where each joint has its numbers in q (nq,) and v (nv,), and in Drake's x = [q; v]; and the rotations of ball joints."""
-
-    def __init__(self, built: DrakeBuild, q_places: Sequence[slice], v_places: Sequence[slice]):
-        self._built, self.positions = built, built.plant.num_positions()
-        self.nq, self.nv = (places[-1].stop if places else 0 for places in (q_places, v_places))
-        scalar: list[tuple[int, ...]] = []
-        free: list[tuple[int, ...]] = []
-        ball: list[tuple[int, ...]] = []
-        for placed, body, joint in zip(built.walk.bodies, built.bodies, built.joints, strict=True):
-            kind, row = placed.body.joint.kind, placed.row
-            place = (row, q_places[row].start, v_places[row].start)
-            if kind == "free":
-                free.append((*place, body.floating_positions_start(), body.floating_velocities_start_in_v()))
-            elif kind != "fixed":
-                rows = ball if kind == "ball" else scalar
-                rows.append((*place, joint.position_start(), joint.velocity_start()))
-        table = np.array(scalar, dtype=np.intp).reshape(-1, 5)
-        self.q, self.v, self.drake_q, self.drake_v = table[:, 1], table[:, 2], table[:, 3], table[:, 4]
-        self.free, self.free_q, self.free_v, self.free_drake_q, self.free_drake_v = _wide(free, (7, 6, 7, 6))
-        self._free_turns = self.free_drake_q[:, :4]
-        self.ball, self.ball_q, self.ball_v, _, self.ball_drake_v = _wide(ball, (4, 3, 3, 3))
-        self.turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(ball), 1))
-        self._ball_drake_q = np.array([row[3] for row in ball], dtype=np.intp)[:, None] + np.arange(3)
-        self._frames = [built.turns[index] for index in self.ball.tolist()]
-
-    def state(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v) of Drake's state and the present rotations of the balls."""
-        values, rate = x[: self.positions], x[self.positions :]
-        q, v = np.zeros(self.nq), np.zeros(self.nv)
-        q[self.q], v[self.v] = values[self.drake_q], rate[self.drake_v]
-        if len(self.free):
-            place, motion = values[self.free_drake_q], rate[self.free_drake_v]
-            turns = unit(place[:, :4])
-            q[self.free_q] = np.concatenate([place[:, 4:], turns], axis=1)
-            v[self.free_v] = np.concatenate([motion[:, 3:], rotate(conjugate(turns), motion[:, :3])], axis=1)
-        if len(self.ball):
-            q[self.ball_q], v[self.ball_v] = unit(self.turns), rate[self.ball_drake_v]
-        return q, v
-
-    def drake_state(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Drake's state for (q, v), but for the rotations of the balls, which are set."""
-        values, rate = np.zeros(self.positions), np.zeros(self.nv)
-        values[self.drake_q], rate[self.drake_v] = q[self.q], v[self.v]
-        if len(self.free):
-            place, motion = q[self.free_q], v[self.free_v]
-            turns = unit(place[:, 3:])
-            values[self.free_drake_q] = np.concatenate([turns, place[:, :3]], axis=1)
-            rate[self.free_drake_v] = np.concatenate([rotate(turns, motion[:, 3:]), motion[:, :3]], axis=1)
-        if len(self.ball):
-            self.turns, rate[self.ball_drake_v] = unit(q[self.ball_q]), v[self.ball_v]
-        return np.concatenate([values, rate])
-
-    def effort(self, x: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """A generalised effort (nv,) in Drake's coordinates."""
-        found = np.zeros(self.nv)
-        found[self.drake_v] = effort[self.v]
-        if len(self.free):
-            given, turns = effort[self.free_v], unit(x[self.free_drake_q][:, :4])
-            found[self.free_drake_v] = np.concatenate([rotate(turns, given[:, 3:]), given[:, :3]], axis=1)
-        if len(self.ball):
-            found[self.ball_drake_v] = effort[self.ball_v]
-        return found
-
-    def effort_back(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`effort`; for several efforts at once as the columns of (nv, n)."""
-        found = np.zeros_like(given)
-        found[self.v] = given[self.drake_v]
-        for places, local, turn in zip(self.free_v, self.free_drake_v, self.matrices(x), strict=True):
-            found[places[:3]], found[places[3:]] = given[local[3:]], turn.T @ given[local[:3]]
-        if len(self.ball):
-            found[self.ball_v] = given[self.ball_drake_v]
-        return found
-
-    def matrices(self, x: np.ndarray) -> np.ndarray:
-        """Rotations (n, 3, 3) of the free bodies."""
-        turns = unit(x[self.free_drake_q][:, :4]) if len(self.free) else np.zeros((0, 4))
-        return matrices(turns)
-
-    def straight(self, *values: np.ndarray) -> list[np.ndarray]:
-        """Numbers of hinges, slides and balls, each (nv,), in Drake's coordinates; zero for free bodies."""
-        ordered = []
-        for value in values:
-            zeros = np.zeros(self.nv)
-            zeros[self.drake_v], zeros[self.ball_drake_v] = value[self.v], value[self.ball_v]
-            ordered.append(zeros)
-        return ordered
-
-    def turned(self, before: np.ndarray, after: np.ndarray, timestep: float) -> np.ndarray:
-        """The state after a step with its rotations made anew, R' = exp(dt ω) R with the new ω; those of the balls are kept,
-        for :meth:`write_turns`. Drake's own are off by 1e-5 (measured).
-
-        Of a free body Drake makes q' = q + d with d = dt/2 (0, ω) q, to the last bit (measured). exp(dt ω) q is q cos|d| +
-        d sin|d|/|d|, so that d is all that is needed, and nothing where no body turns. Products of quaternions made the steps
-        of 216 free bodies half as long again.
-        """
-        x = after.copy()
-        if len(self.free):
-            q = before.take(self._free_turns)
-            d = after.take(self._free_turns)
-            d -= q
-            if d.any():
-                half_angle = np.sqrt(np.add.reduce(d * d, 1))
-                half_angle += TINY
-                d *= (np.tan(half_angle) / half_angle)[:, None]
-                d += q
-                d /= np.sqrt(np.add.reduce(d * d, 1))[:, None]
-                x[self._free_turns] = d
-        if len(self.ball):
-            x[self._ball_drake_q] = 0.0
-            rate = x[self.positions :][self.ball_drake_v]
-            self.turns = unit(multiply(self.turns, exponential(timestep * rate)))
-        return x
-
-    def write_turns(self, context: Any) -> None:
-        """Put the rotations of the balls into the context."""
-        drake = self._built.drake
-        for frame, turn in zip(self._frames, self.turns, strict=True):
-            frame.SetPoseInParentFrame(context, drake.transform((0.0, 0.0, 0.0), turn))
-
-
-def _wide(rows: Sequence[Sequence[int]], sizes: Sequence[int]) -> tuple[np.ndarray, ...]:
-    """The bodies of some rows, and their places as arrays (rows, size)."""
-    table = np.array(rows, dtype=np.intp).reshape(-1, 5)
-    return (table[:, 0], *(table[:, 1 + k : 2 + k] + np.arange(size) for k, size in enumerate(sizes)))
-
 
 UNSOLVED = "failed to converge"
 """Part of Drake's message for a step of which a contact solver finds no solution."""
@@ -172,25 +39,47 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         super().__init__(NAME, WorldSidecar, folder, sidecar)
         self.log: list[str] = []
+        self._touches = True
+        self._build(self.document.timestep)
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
+
+    def _build(self, timestep: float) -> None:
+        """Build the plant for steps of a length (s)."""
         with warnings_into(self.log):
             try:
-                self.built = DrakeBuild(Walk.of(self.document), self.settings)
+                self.built = DrakeBuild(Walk.of(self.document), self.settings, timestep)
             except KeyError as error:
                 raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
             self.root = self.built.diagram.CreateDefaultContext()
         self.plant = self.built.plant
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
         self.coordinates = DrakeCoordinates(self.built, self.q_places, self.v_places)
-        self.timestep = float(self.plant.time_step())
         self._losses()
-        self._port = self.plant.get_applied_generalized_force_input_port()
-        self._push(np.zeros(self.nv))
+        self.continuous: ContinuousSteps | None = None
+        if self.built.continuous:
+            springs, name = (self.stiffness, self.rest), scheme(self.settings)
+            self.continuous = ContinuousSteps(self.built, self.root, self.coordinates, springs, name, timestep)
+        else:
+            self._port = self.plant.get_applied_generalized_force_input_port()
+            self._push(np.zeros(self.nv))
         self._pushed = False
         self._index()
         self.shape_of = {geometry.id: geometry.unit.of.number for geometry in self.built.geometries}
         self._contacts = self.plant.get_contact_results_output_port() if self.built.geometries else None
         self._results: Any = None
-        self.set_state(*map(np.array, initial_coordinates(self.document)))
+
+    @property
+    def timestep(self) -> float:
+        """The length of a step (s), as Drake has it."""
+        return float(self.built.plant.time_step()) if self.continuous is None else self.continuous.described()[2]
+
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep: Drake's plants have one for good, so that the plant is built anew."""
+        q, v = self.get_state()
+        self._build(timestep)
+        self.set_state(q, v)
+        if not self._touches:
+            self.disable_contact()
 
     def _index(self) -> None:
         """Drake's joints by the index of their child, and its actuators by the index of their joint, queried once."""
@@ -205,12 +94,13 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
             by_joint[int(actuator.joint().index())] = actuator
 
     def _losses(self) -> None:
-        """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""
+        """Damping by simspec, springs and their rest, of every coordinate of v; of a ball the same for all three."""
         self.damping, self.stiffness, self.rest = np.zeros((3, self.nv))
         for body, at in zip(self.document.bodies, self.v_places, strict=True):
             joint = body.joint
             if isinstance(joint, (AxisJoint, BallJoint)):
-                self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
+                self.damping[at] = 0.0 if self.built.native else joint.damping
+                self.stiffness[at] = joint.spring_stiffness
             if isinstance(joint, AxisJoint):
                 self.rest[at] = joint.spring_rest
         self._losses_in_drake = self.coordinates.straight(self.damping, self.stiffness, self.rest)
@@ -221,14 +111,23 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
     @property
     def x(self) -> np.ndarray:
         """Drake's state."""
+        if self.continuous is not None:
+            return np.array(self.plant.GetPositionsAndVelocities(self.context))
         return np.array(self.context.get_discrete_state_vector().value())
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v)."""
         x = self.coordinates.drake_state(np.asarray(q, dtype=float), np.asarray(v, dtype=float))
-        self.context.SetDiscreteState(x)
-        self.coordinates.write_turns(self.context)
+        self._write(x)
         self._results = None
+
+    def _write(self, x: np.ndarray) -> None:
+        """Put Drake's state and the rotations of the balls into the context."""
+        if self.continuous is not None:
+            self.plant.SetPositionsAndVelocities(self.context, x)
+        else:
+            self.context.SetDiscreteState(x)
+        self.coordinates.write_turns(self.context)
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """(q, v)."""
@@ -273,12 +172,16 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
 
         The loop is as short as the world allows: work common to all steps is done before it.
         """
+        if self.continuous is not None:
+            self._advance_continuous(self.continuous, count, effort)
+            return
         coordinates, context = self.coordinates, self.context
         evaluate, set_state = self.plant.EvalUniquePeriodicDiscreteUpdate, context.SetDiscreteState
         moves = bool(len(coordinates.free) or len(coordinates.ball))
         # A free body's moment is in its own axes, which turn with it
         varies = self._losing or (effort is not None and bool(effort[coordinates.free_v[:, 3:]].any()))
         x = self.x if moves or varies or effort is not None else np.empty(0)
+        native, timestep = self.built.native, self.timestep
         if not varies and (effort is not None or self._pushed):
             self._push(np.zeros(self.nv) if effort is None else coordinates.effort(x, effort))
         self._pushed = varies or effort is not None
@@ -291,12 +194,23 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
                     # A copy, since Drake writes over its own. Evaluated at a later state, the step would be solved again
                     self._results = copy.copy(self._contacts.Eval(context))
                 if moves or varies:
-                    x = after = coordinates.turned(x, after, self.timestep)
+                    x = after = coordinates.settled(after) if native else coordinates.turned(x, after, timestep)
                 set_state(after)
                 if len(coordinates.ball):
                     coordinates.write_turns(context)
         except RuntimeError as error:
             raise EngineError(NAME, f"a step failed: {error}{self._way_out(error)}") from error
+
+    def _advance_continuous(self, steps: ContinuousSteps, count: int, effort: np.ndarray | None) -> None:
+        steps.set_effort(effort)
+        coordinates, balls = self.coordinates, bool(len(self.coordinates.ball))
+        try:
+            for _ in range(count):
+                steps.step()
+                if balls:
+                    self._write(coordinates.settled(self.x))
+        except RuntimeError as error:
+            raise EngineError(NAME, f"a step failed: {error}") from error
 
     def _way_out(self, error: RuntimeError) -> str:
         """Advice for a step of which TAMSI, which need not converge, finds no solution; else empty."""
@@ -380,6 +294,7 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
+        self._touches = False
         geometry = self.built.drake.geometry
         every = geometry.GeometrySet(list(self.shape_of))
         manager = self.built.scene.collision_filter_manager(self.built.scene.GetMyMutableContextFromRoot(self.root))

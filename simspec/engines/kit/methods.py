@@ -34,7 +34,7 @@ class IntegrationMethod:
         return ORDINALS.get(self.order, f"{self.order}th")
 
 
-ORDINALS = {1: "first", 2: "second", 3: "third", 4: "fourth"}
+ORDINALS = {1: "first", 2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 MethodOf = Callable[[World], IntegrationMethod | None]
 """The method in a world; None: semi-implicit Euler."""
 
