@@ -17,7 +17,7 @@ from simspec.dialects.kit.sidecar import Around, Passive, fluid_of, with_passive
 from simspec.engines.kit.arrays import pick_blocks, restore_velocities
 from simspec.engines.kit.contract import Engine, enter
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Refinement, Support, outside, unsupported_if
+from simspec.support.declarations import Level, Refinement, Support, outside, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.actions import JointSum
 from simspec.world.constraints import Drag, JointForces, JointSums, Violation, multipliers
@@ -35,8 +35,8 @@ from simspec.world.types import Body, Constraint, ReadBack, World
 # Constraints, and springs and dampers along sums of joint positions. A spring or damper along a sum is an effort of the state
 # alone, like those of joints: exact in every world. λ of a constraint follows from the engine's own M, h, poses and state: J
 # M⁻¹ Jᵀ λ = J v* + φ/dt with v* = v + dt M⁻¹(τ − h), and −Jᵀ λ/dt is added to the effort τ. Impulses that the engine adds in
-# the step (contact, dry friction, its own controllers) are not in v*, so that worlds in which that may happen to a held body
-# are refused.
+# the step are not in v*: a contact force on a constraint opens it, by a known compliance (IN_CONTACT), and worlds with dry
+# friction or controllers of the engine in a constrained tree are refused.
 
 HOW = (
     "simspec applies −Jᵀ λ/dt before each step, from the engine's mass matrix and bias force, to trees without "
@@ -46,33 +46,51 @@ HOW = (
 Array = NDArray[np.float64]
 
 
+IN_CONTACT = Refinement(
+    Level.APPROXIMATE,
+    "simspec's forces follow from the motion without contact: a contact force on a constraint opens it by the force times "
+    "J M⁻¹ Jᵀ dt², the compliance of a spring that is critical for the timestep; see docs/records/constraints-in-contact.md",
+    "in contact a constraint yields by the force on it times J M⁻¹ Jᵀ dt²",
+)
+"""Of constraints whose trees have contact. Contact lowers the mobility to a share r of J M⁻¹ Jᵀ, 0 < r ≤ 1: then the error of a
+constraint decreases by √(1 − r) in each step, so that its forces are stable."""
+
+
 def outside_constraints(title: str) -> dict[Feature, Support]:
-    """That simspec computes constraints outside an engine (``title``), where everything in the constrained trees feels them."""
+    """That simspec computes constraints outside an engine (``title``): exactly where everything in the constrained trees feels
+    them."""
     return {
-        feature: outside(
-            HOW,
-            functools.partial(constraints_felt, title=title),
-            f"a {noun} by efforts before each step, outside {title}, while nothing touches the constrained trees",
+        feature: dataclasses.replace(
+            outside(
+                HOW,
+                functools.partial(constraints_felt, title=title),
+                f"a {noun} by efforts before each step, outside {title}, while nothing touches the constrained trees",
+            ),
+            cases=(IN_CONTACT,),
         )
         for feature, noun in ((Feature.CONSTRAINT_LOOP, "loop"), (Feature.CONSTRAINT_COUPLING, "coupling"))
     }
 
 
 def constraints_felt(world: World, title: str) -> Refinement | None:
-    """Not supported where something in a held tree would not feel a constraint that is computed outside the engine
-    (``title``)."""
-    allowed, groups = CollisionFilter(world), rigid_groups(world)
+    """Approximate where contact may press on a constraint that is computed outside the engine (``title``), and not supported
+    where dry friction or a controller of the engine would."""
+    allowed, groups, found = CollisionFilter(world), rigid_groups(world), None
     for bodies, actual in constrained_parts(world):
         name = actual[0].name
         if served := natively_driven(bodies, world):
             return unsupported_if(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
         if rough := next((body.name for body in bodies if body.joint.dry_friction), None):
-            return unsupported_if(f"the joint of {rough!r} has dry friction, whose impulses would ignore {name!r}")
-        for body in bodies:
-            for other in world.bodies:
-                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return unsupported_if(f"{body.name!r} may touch {other.name!r}, and contact would ignore {name!r}")
-    return None
+            return unsupported_if(
+                f"the joint of {rough!r} has dry friction in {title}, whose impulses would ignore {name!r}"
+            )
+        touched = any(
+            groups[body.name] != "world" and allowed.may_touch(body.name, other.name)
+            for body in bodies
+            for other in world.bodies
+        )
+        found = IN_CONTACT if touched else found
+    return found
 
 
 def constrained_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
