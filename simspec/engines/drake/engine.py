@@ -152,6 +152,7 @@ class Drake(WorldEngine[DrakeSimulation]):
         **exactly(Feature.JOINT_SEVERAL, Feature.FRICTION, Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
         Feature.INTEGRATOR: integrators.SUPPORT,
+        Feature.DAMPING_IMPLICIT: integrators.IMPLICIT_DAMPING,
         Feature.INERTIA: exact(
             (
                 "Drake stores every pair of geometries and a dense mass matrix; simspec rejects worlds that need "

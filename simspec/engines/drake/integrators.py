@@ -14,7 +14,8 @@ from simspec.engines.kit.methods import IntegrationMethod, integration
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.support.declarations import Refinement, Support, unsupported_if
+from simspec.support.classes import AS_ARMATURE, only_axes_damped
+from simspec.support.declarations import Refinement, Support, exact, unsupported_if
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import World
 
@@ -133,3 +134,12 @@ def _support() -> Support:
 
 
 SUPPORT = _support()
+
+
+def _implicit_damping(world: World) -> Refinement | None:
+    if (named := chosen(world)) != COMMON_METHOD:
+        return unsupported_if(f"the integrator {named} has damping of Drake's, to which dt × damping would add")
+    return only_axes_damped(world)
+
+
+IMPLICIT_DAMPING = exact(AS_ARMATURE, refine=_implicit_damping)
