@@ -26,6 +26,7 @@ from simspec.commands.files import generated_files
 from simspec.commands.options import demand_trusted, names_alone, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit import registry
+from simspec.engines.kit.compiled import forget_packages
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import InstallState, compile_parts, diagnose, making, python_of
 from simspec.engines.kit.registry import EngineId, EngineInstance, find_engine, instances, parse
@@ -349,6 +350,7 @@ def _install_row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, An
             row["problem"] = f"{entry['words']}: {why}"
     if commands and yes and not row["problem"]:
         importlib.invalidate_caches()
+        forget_packages()
         found = diagnose(engine)  # an installer may end with code 0 and have installed nothing
         row |= {"state": str(found.state), "version": found.version}
         if found.state is InstallState.WHOLE:

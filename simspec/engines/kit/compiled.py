@@ -267,6 +267,12 @@ def _package_version(package: str, environment: tuple[tuple[str, str], ...]) -> 
     return answer[1].strip() if answer and answer[0] == 0 else None
 
 
+def forget_packages() -> None:
+    """Query pkg-config again from now on: a package manager has been at work."""
+    _package_version.cache_clear()
+    _recipe.cache_clear()
+
+
 def _pkg_config(*words: str) -> tuple[int, str] | None:
     """Exit code and words of pkg-config; None where there is none that can be started and ends in time."""
     program = shutil.which("pkg-config") or shutil.which("pkgconf")

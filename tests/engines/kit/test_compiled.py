@@ -242,8 +242,8 @@ def test_packages_give_flags_and_their_version(place, monkeypatch):
     assert newer.missing is Missing.PACKAGE
     assert "'1.2'" in str(newer)
     (place / "toys.pc").write_text(description.replace("1.2", "1.3"))
-    compiled._recipe.cache_clear()
-    compiled._package_version.cache_clear()
+    compiled.forget_packages()
+    assert package_version("toys") == "1.3"
     assert of(place, text, packages=("toys >= 1.0",)).file() != first
     assert package_version("no-such-toys") is None
     assert "no no-such-toys: its development files are not installed" in str(
