@@ -33,7 +33,11 @@ from simspec.world.types import Body, EngineOptions, World  # noqa: E402
 
 PAGE = ROOT / "docs" / "records" / "limit-proof.md"
 LEVELS = ("L3", "L6")
-SETTINGS = {"mujoco": (("integrator", "implicit"),), "ode": (("native_motion", True),)}
+SETTINGS = {
+    "drake": (("integrator", "runge_kutta3"),),
+    "mujoco": (("integrator", "implicit"),),
+    "ode": (("native_motion", True),),
+}
 """Settings that select another method of integration than semi-implicit Euler."""
 
 
