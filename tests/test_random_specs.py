@@ -22,6 +22,7 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = sorted(JOINTED)
 RARE = {
+    Feature.DAMPING_IMPLICIT,
     Feature.IMPACT_FRICTION,
     Feature.MASS_RATIO,
     Feature.CARRIED_FRICTION,

@@ -427,6 +427,7 @@ WITHOUT_MOTION: Mapping[str, Any] = {
     "velocity": (),
     "angular_damping": 0.0,
     "angular_armature": 0.0,
+    "written_armature": None,
 }
 """Fields of a joint that kinematics do not depend on, with the values that stand for all; every other field counts."""
 OF_PROGRAMS = ("tool", "arm", "interval", "grasp", "program")

@@ -177,7 +177,7 @@ def native_implicit_damping(title: str) -> Support:
     """Implicit damping by that of an engine (``title``) whose impulses meet the mass matrix without dt D: exact where there are
     no impulses, else accepted by name."""
     how = f"{title} integrates damping implicitly"
-    late = f"{how}. Impulses of contact, limits and dry friction meet the mass matrix without dt × damping"
+    late = "damping is implicit, but impulses of contact, limits and dry friction meet the mass matrix without dt × damping"
 
     def refine(world: World) -> Refinement | None:
         if (axes := classes.only_axes_damped(world)) is not None:
