@@ -14,7 +14,8 @@ import pytest
 HEAD = "simspec: 1\nname: a\nphysics: {gravity: [0, 0, -9.81], timestep: 1 ms, duration: 1 s}\n"
 BALL = "bodies:\n  b: {mass: 1 kg, inertia: {principal: [1, 1, 1]}, joint: {type: free}}\n"
 CPU, MEMORY = 20, 500_000
-"""s and kB that a command may take for input that it refuses; a second counts double where another job has half of the core."""
+"""s and kB that a command may take for input that it refuses; a second counts double where another job has half of the core.
+10 s were not enough on a busy machine of half the speed (measured)."""
 
 BAD = {
     "wrong units": (

@@ -110,7 +110,7 @@ def _left_out(world: World) -> str | None:
     if meeting_laws(world):
         return (
             f"{by} contact is a spring without the common law's error reduction, which diverges at fixed steps or lets "
-            f"bodies sink (docs/records/limit-proof.md). {instead}"
+            f"bodies sink (docs/engines/drake.md). {instead}"
         )
     if world.motions:
         return f"{by} kinematic bodies miss their motions: simspec's efforts suit steps of Euler. {instead}"
