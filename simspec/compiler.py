@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from simspec.outputs.writing import Artifacts
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, Need, needs, negotiate
+from simspec.world.armature import weightless
 from simspec.world.canonical import canonical_json
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import EngineOptions, World
@@ -158,12 +159,21 @@ def needed_decisions(
     engine = find_engine(label)
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     version = version_at_work(label, pythons) if bounded(world, label) else None
-    extra = () if plan is not None else _engine_needs(world, engine)
-    return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
+    received = dialects()[engine.DIALECT].received(world)
+    extra = [*_weights(world, received), *(() if plan is not None else _engine_needs(received, engine))]
+    return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version, received)
+
+
+def _weights(world: World, received: World) -> Iterator[Need]:
+    """The need of other weights than mass × gravity of a world that has armature as mass."""
+    added = weightless(world, received)
+    if added and all(body.gravity_scale == 1.0 for body in world.bodies):
+        yield Need(Feature.GRAVITY_SCALE, tuple(f"bodies.{name}.joint.armature" for name in added))
 
 
 def _engine_needs(world: World, engine: type[Engine]) -> tuple[Need, ...]:
-    """The needs of a world in addition to those of its spec, since the engine combines numbers by other rules."""
+    """The needs of a world, as the engine has it, in addition to those of its spec, since the engine combines numbers by other
+    rules."""
     return (*pair_needs(world, engine.RULES), *impact_needs(world), *coupled_needs(world))
 
 

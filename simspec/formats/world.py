@@ -103,7 +103,8 @@ class AxisJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallJoint:
-    """A ball: position a quaternion w x y z, velocity angular in the child's axes."""
+    """A ball: position a quaternion w x y z, velocity angular in the child's axes. ``armature`` None, which is left out of the
+    text: none."""
 
     name: str
     kind: Literal["ball"] = "ball"
@@ -113,6 +114,7 @@ class BallJoint:
     spring_stiffness: float
     position: tuple[float, float, float, float]
     velocity: Vector3
+    armature: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,6 +236,8 @@ class WorldJson(Format):
         ),
         Feature.FRAME: classes.FRAMES_ALONGSIDE,
         Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
+        Feature.FREE_ARMATURE: classes.FREE_ARMATURE,
+        Feature.BALL_ARMATURE: exact(),
         **classes.NOT_IN_WORLD_JSON,
         **shape_kinds("world.json", SHAPES),
     }

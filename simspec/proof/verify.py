@@ -18,6 +18,7 @@ from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.inventory import WORLD_LABEL
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, at_work, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
@@ -379,9 +380,9 @@ def _contact(
 
 def _text_checks(world: World, compiled: Compiled, folder: Path) -> tuple[list[Check], ReadBack | None]:
     """The checks of level L0, and the model that the independent reader made of the files; None where it refuses them."""
-    engine = find_engine(compiled.engine)
+    engine, dialect = find_engine(compiled.engine), dialects()[compiled.dialect]
     try:
-        read = dialects()[compiled.dialect].read(folder)
+        read = dialect.read(folder)
     except (
         ValueError,
         LookupError,
@@ -391,11 +392,12 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> tuple[list[C
     ) as error:  # a reader's ways to refuse a damaged file
         message = f"the independent reader refuses the files: {type(error).__name__}: {error}"
         return [failed("L0", UNREAD, message)], None
-    return compare(world, read, engine.RULES, engine.LAYERS, text=True), read
+    return compare(dialect.received(world), read, engine.RULES, engine.LAYERS, text=True), read
 
 
 def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) -> list[Check]:
-    """The engine's read-back against the world: levels L1, L2 and L4."""
+    """The engine's read-back against the world, as its dialect writes it: levels L1, L2 and L4."""
+    label, world = sha256(world), dialects()[engine.DIALECT].received(world)
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
     checks = compare(
@@ -409,7 +411,8 @@ def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) ->
     )
     if Capability.INVENTORY in engine.LACKS:
         return checks
-    expected = engine.expected_inventory(world, read_back.neutral)
+    expected = dict(engine.expected_inventory(world, read_back.neutral))
+    expected |= {name: label for name in (WORLD_LABEL,) if name in expected}  # files name the world of the spec
     return checks + inventory_checks(expected, read_back.inventory, PRECISIONS[engine.PRECISION])
 
 

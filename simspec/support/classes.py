@@ -36,7 +36,6 @@ from simspec.support.features import (
     SUMS,
     Feature,
 )
-from simspec.world.damping import implicitly_damped
 from simspec.world.types import World
 
 HEAVY = (
@@ -62,13 +61,24 @@ AS_ARMATURE = "simspec adds dt × damping to the armature, with which explicit d
 """Of implicit damping, in engines with armature and explicit damping (``world/damping.py``)."""
 
 
-def only_axes_damped(world: World) -> Refinement | None:
-    """Not supported where a ball joint has implicit damping."""
-    ball = next((body.name for body in implicitly_damped(world) if body.joint.kind == "ball"), None)
-    return unsupported_if(None if ball is None else f"the engine has no armature of ball joints, as that of {ball!r}")
+AS_INERTIA = "simspec adds it to the inertia of the body, and takes the weight of the added mass away"
+"""Of armature of free joints, and of balls whose parents cannot move (``world/armature.py``)."""
 
 
-IMPLICIT_DAMPING = exact(AS_ARMATURE, refine=only_axes_damped)
+def no_armed_ball(world: World) -> Refinement | None:
+    """Not supported where a ball joint whose parent moves has armature. ``world``: as the engine has it."""
+    ball = next((body.name for body in world.bodies if body.joint.kind == "ball" and body.joint.armature), None)
+    why = f"the engine has no armature of ball joints, and the parent of {ball!r} moves, so that it is no inertia of the body"
+    return unsupported_if(None if ball is None else why)
+
+
+FREE_ARMATURE = exact(AS_INERTIA)
+"""Of dialects that write it as inertia, and their engines."""
+BALL_ARMATURE = exact(f"{AS_INERTIA}. The parent of the ball joint must not move", refine=no_armed_ball)
+"""The same of ball joints."""
+
+
+IMPLICIT_DAMPING = exact(AS_ARMATURE, refine=no_armed_ball)
 """Of engines with armature of hinges and slides."""
 LUMPED: Table = for_each(
     exact("simspec assigns the inertia of a rigid group to its topmost body"),
@@ -80,11 +90,6 @@ LUMPED: Table = for_each(
 def no_margin(engine: str) -> Support:
     """Of margins, in engines and dialects."""
     return never(f"{engine} has no contact margin: contact begins where shapes touch")
-
-
-def no_free_armature(engine: str) -> Support:
-    """Of the armature of free joints, in engines and dialects."""
-    return never(f"{engine} has no armature of free joints")
 
 
 def explicit(engine: str) -> Support:
@@ -107,7 +112,8 @@ def driven(engine: str) -> dict[Feature, Support]:
         Feature.FLUID: via_api(DRAG),
         Feature.CONTROL: via_api(EFFORTS),
         **for_each(no_margin(engine), *MARGINS),
-        Feature.FREE_ARMATURE: no_free_armature(engine),
+        Feature.FREE_ARMATURE: FREE_ARMATURE,
+        Feature.BALL_ARMATURE: BALL_ARMATURE,
         Feature.DAMPING_IMPLICIT: IMPLICIT_DAMPING,
         Feature.SUM: via_api(EFFORTS),
         Feature.SUM_DRY_FRICTION: never(
@@ -119,7 +125,7 @@ def driven(engine: str) -> dict[Feature, Support]:
 
 NOT_IN_WORLD_JSON = for_each(
     never("world.json has no field for it, since no engine that reads the format has it"),
-    *(Feature.BALL_LIMIT, Feature.FREE_ARMATURE, Feature.BALL_ARMATURE, *MARGINS, Feature.SURFACE_VELOCITY),
+    *(Feature.BALL_LIMIT, *MARGINS, Feature.SURFACE_VELOCITY),
 )
 """Of the format ``world`` and of each engine that reads it."""
 
@@ -146,10 +152,8 @@ def with_sidecar(engine: str, how: str) -> dict[Feature, Support]:
         Feature.CONE_ELLIPTIC: via_api(how),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(how),
         Feature.CONE_PYRAMID_INSCRIBED: never(f"{engine} has the elliptic cone and the circumscribed pyramid only"),
-        Feature.BALL_ARMATURE: never(
-            f"{engine} has no armature, and simspec's substitute acts on joints of one axis only"
-        ),
-        Feature.FREE_ARMATURE: no_free_armature(engine),
+        Feature.BALL_ARMATURE: BALL_ARMATURE,
+        Feature.FREE_ARMATURE: FREE_ARMATURE,
         **for_each(no_margin(engine), *MARGINS),
     }
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from simspec.errors import EngineRefusal, Location, UnsupportedError, more_places
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Absence, Level, Support, Table, acceptance
-from simspec.support.features import MEANING, Feature
+from simspec.support.features import ARMATURES, INERTIAS, MEANING, Feature
 from simspec.world.contact_pairs import CollisionFilter, meeting_laws
 from simspec.world.damping import armature_of_spec, implicitly_damped
 from simspec.world.frames import sorted_pair
@@ -61,6 +61,10 @@ _CONSTRAINT_FEATURES = {
     "weld": Feature.CONSTRAINT_LOOP,
     "follow": Feature.CONSTRAINT_COUPLING,
 }
+
+
+OF_RECEIVED = frozenset((*INERTIAS, *ARMATURES, Feature.GRAVITY_SCALE, Feature.DAMPING_IMPLICIT))
+"""Features whose support depends on the inertia and the armature that a target receives (``world/armature.py``)."""
 
 
 CODES = {"accept": "E101", "outside": "E102", "": "E103"}
@@ -232,18 +236,21 @@ def negotiate(
     extra_needs: Iterable[Need] = (),
     title: str = "",
     version: str | None = None,
+    received: World | None = None,
 ) -> list[Decision]:
     """Hold what ``world`` needs against what ``target`` declares.
 
     ``locate`` gives the place in the spec of a path; ``title`` is the target's name in sentences; ``version`` the release
-    that is at work, None where it is not known. Returns one decision per needed feature; raises UnsupportedError with every
+    that is at work, None where it is not known; ``received``: the world as the target has it, by which features of
+    ``OF_RECEIVED`` are decided (default: the same). Returns one decision per needed feature; raises UnsupportedError with every
     problem found.
     """
     options = world.options(target)
     decisions: list[Decision] = []
     problems: list[EngineRefusal] = []
     for need in [*needs(world), *extra_needs]:
-        support = table[need.feature].at_version(title or target, version).in_world(world)
+        seen = received if received is not None and need.feature in OF_RECEIVED else world
+        support = table[need.feature].at_version(title or target, version).in_world(seen)
         refused = _refusal(need.feature, support, options, title or target)
         if refused is None:
             short = support.short or support.how

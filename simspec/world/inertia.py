@@ -236,6 +236,18 @@ def lumped_inertial(world: World, body: Body) -> Inertial:
     return lumped(world).get(body.name, body.inertial)
 
 
+def gathered(world: World) -> World:
+    """The world with the inertia of rigid groups gathered on their topmost bodies where engines ask for it."""
+    inertials = lumped(world)
+    if not inertials:
+        return world
+    bodies = (
+        replace(body, inertial=inertials.get(body.name, body.inertial), gravity_scale=lumped_gravity_scale(world, body))
+        for body in world.bodies
+    )
+    return replace(world, bodies=tuple(bodies))
+
+
 # The boxes by which bodies feel a fluid (``world/actions.py``), from their inertia.
 
 PRINCIPAL_MARGIN = 1e-9

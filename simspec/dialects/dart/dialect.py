@@ -67,6 +67,7 @@ class DartDialect(Dialect):
         ),
         **for_each(via_api(classes.SIDECAR), Feature.LIMIT_EFFORT, Feature.FRICTION, Feature.RESTITUTION),
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
+        Feature.BALL_ARMATURE: via_api(classes.SIDECAR),
         **for_each(COPIES, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.BALL_LIMIT: ANGLE,
     }

@@ -3,6 +3,7 @@ back."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Collection, Mapping
@@ -15,6 +16,8 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import Format, formats
 from simspec.plugins import Plugins
 from simspec.support.declarations import Table, check_total
+from simspec.world.armature import as_inertia
+from simspec.world.canonical import sha256
 from simspec.world.types import ReadBack, World
 
 # The solver settings that a dialect needs of every engine that it is for.
@@ -130,8 +133,13 @@ class Dialect:
         if not abstract:
             check_total(f"dialect {cls.NAME}", cls.SUPPORT)
 
+    def received(self, world: World) -> World:
+        """``world`` as files and engines have it: with armature as mass and inertia where that is the same
+        (``world/armature.py``). A dialect with fields for armature overrides it."""
+        return as_inertia(world)
+
     def lower(self, world: World, target: Target) -> Lowered:
-        """``world`` as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""
+        """A world (:meth:`received`) as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""
         raise NotImplementedError
 
     def raise_(self, document: Any, sidecar: Any) -> ReadBack:
@@ -152,8 +160,9 @@ class Dialect:
         """The files of ``world`` as {relative path: text}, ``sidecar.json`` among them. Raises UnsupportedError, also where the
         target lacks a setting that the dialect needs."""
         check_settings(self.NAME, self.SETTINGS, target)
-        lowered = self.lower(world, target)
-        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(lowered.sidecar.plain())}
+        lowered = self.lower(self.received(world), target)
+        sidecar = dataclasses.replace(lowered.sidecar, world=sha256(world))
+        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(sidecar.plain())}
 
     def read(self, folder: Path) -> ReadBack:
         """The model that the files in ``folder`` hold (proof level L0). Raises ValueError, KeyError for damaged files."""

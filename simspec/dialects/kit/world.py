@@ -149,6 +149,7 @@ def _joint(joint: Joint, servo: tree.JsonServo | None) -> tree.Joint:
                 spring_stiffness=joint.spring_stiffness,
                 position=position,  # type: ignore[arg-type]
                 velocity=velocity,  # type: ignore[arg-type]
+                armature=joint.armature or None,
             )
     return tree.AxisJoint(
         name=name,
@@ -278,7 +279,7 @@ def _raised_joint(joint: tree.Joint) -> Joint:
         return weld
     springy = replace(weld, damping=joint.damping, spring_stiffness=joint.spring_stiffness, velocity=joint.velocity)
     if isinstance(joint, tree.BallJoint):
-        return replace(springy, position=frames.normalise(joint.position))
+        return replace(springy, armature=joint.armature or 0.0, position=frames.normalise(joint.position))
     return replace(
         springy,
         axis=joint.axis,

@@ -98,6 +98,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world import frames
+from simspec.world.armature import as_inertia
 from simspec.world.constraints import anchors
 from simspec.world.contact_pairs import excluded_pairs
 from simspec.world.inertia import least_moment, rigid_members
@@ -309,12 +310,17 @@ class MujocoDialect(Dialect):
         Feature.GRAVITY_SCALE: exact(GRAVCOMP, refine=no_more_than_its_weight),
         Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
-        Feature.FREE_ARMATURE: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "armature")),
+        Feature.FREE_ARMATURE: exact(
+            f"{SINGLE_NUMBER}; simspec adds the difference to the inertia of the body, and takes the weight of the added mass away"
+        ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **classes.LUMPED,
         Feature.JOINT_SEVERAL: exact("simspec writes several joints of one MuJoCo body, which act in sequence"),
         Feature.FRAME: exact(FRAME_SITE),
     }
+
+    def received(self, world: World) -> World:
+        return as_inertia(world, True)
 
     def lower(self, world: World, target: Target) -> Lowered:
         """``world`` as a Model (``formats/mjcf/tree.py``) and a :class:`MujocoSidecar`. Raises UnsupportedError for what this

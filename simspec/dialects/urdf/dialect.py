@@ -276,7 +276,6 @@ class UrdfDialect(Dialect):
         **for_each(
             never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING
         ),
-        Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies in addition to URDF"),
         Feature.BALL_LIMIT: never("URDF has no ball joints"),
     }
 

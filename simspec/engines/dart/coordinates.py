@@ -232,7 +232,8 @@ class DartEfforts:
             self.damping[self.place(joints[entry.body])] = entry.value
         for entry in sidecar.armature:
             self.armature[self.place(joints[entry.body])] = entry.value
-            joints[entry.body].setDampingCoefficient(0, entry.value / timestep)
+            for dof in range(joints[entry.body].getNumDofs()):
+                joints[entry.body].setDampingCoefficient(dof, entry.value / timestep)
         for spring in sidecar.springs:
             at = self.place(joints[spring.body])
             self.stiffness[at], self.rest[at] = spring.stiffness, spring.rest

@@ -53,6 +53,7 @@ from simspec.engines.kit.refinements import (
     NO_FRICTION,
     blunted,
     implicit_damping_armature,
+    implicit_damping_ball_armature,
     native_implicit_damping,
 )
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -84,6 +85,7 @@ _DETECTORS = (
     "simspec selects DART's collision detector by the pairs of shapes that may touch, and rejects pairs "
     "without an exact detector unless the spec accepts them"
 )
+_ARMATURE = "simspec substitutes implicit damping and an opposite effort for armature at every step"
 _PAGE = "see docs/engines/dart.md"
 
 
@@ -176,15 +178,13 @@ class Dart(SteppedEngine[DartSimulation]):
         **classes.driven("DART"),
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
         **exactly(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
-        Feature.BALL_ARMATURE: never("DART has no armature, and simspec's substitute acts on joints of one axis only"),
         Feature.SURFACE_VELOCITY: NO_BELTS,
         Feature.LIMIT_POSITION: LIMITS,
         Feature.LIMIT_EFFORT: via_api(classes.SIDECAR),
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
-        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE),
-        Feature.ARMATURE: implicit_damping_armature(
-            TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
-        ),
+        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE, balls=True),
+        Feature.ARMATURE: implicit_damping_armature(TITLE, _ARMATURE),
+        Feature.BALL_ARMATURE: implicit_damping_ball_armature(TITLE, _ARMATURE),
         **for_each(
             exact("DART's loading time grows with the cube of the length of a chain (see docs/engines/dart.md)"),
             *features.LARGE_TREES,

@@ -138,6 +138,7 @@ def _joint(sim: DartSimulation, joint: Any, index: int, q: np.ndarray, v: np.nda
         found,
         # DART's own damping stands for the armature; the rest of it damps
         damping=float(efforts.damping[dof] + joint.getDampingCoefficient(0) - efforts.armature[dof] / sim.timestep),
+        armature=float(efforts.armature[dof]),
         spring_stiffness=float(efforts.stiffness[dof]),
         position=position if kind != "ball" else frames.normalise(position),
         velocity=velocity,
@@ -151,7 +152,6 @@ def _joint(sim: DartSimulation, joint: Any, index: int, q: np.ndarray, v: np.nda
         position_limits=limits if joint.areLimitsEnforced() else None,
         effort_limit=bound(joint.getForceUpperLimit(0)),
         dry_friction=joint.getCoulombFriction(0),
-        armature=float(efforts.armature[dof]),
         spring_rest=float(efforts.rest[dof]),
     )
 

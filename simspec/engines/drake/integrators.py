@@ -14,7 +14,7 @@ from simspec.engines.kit.methods import IntegrationMethod, integration
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.support.classes import AS_ARMATURE, only_axes_damped
+from simspec.support.classes import AS_ARMATURE, no_armed_ball
 from simspec.support.declarations import Refinement, Support, exact, unsupported_if
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import World
@@ -139,7 +139,7 @@ SUPPORT = _support()
 def _implicit_damping(world: World) -> Refinement | None:
     if (named := chosen(world)) != COMMON_METHOD:
         return unsupported_if(f"the integrator {named} has damping of Drake's, to which dt × damping would add")
-    return only_axes_damped(world)
+    return no_armed_ball(world)
 
 
 IMPLICIT_DAMPING = exact(AS_ARMATURE, refine=_implicit_damping)

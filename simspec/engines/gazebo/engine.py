@@ -194,7 +194,7 @@ class Gazebo(WorldEngine[GazeboSimulation]):
         Feature.LIMIT_POSITION: STOPS,
         Feature.LIMIT_VELOCITY: NO_VELOCITY_LIMITS,
         **for_each(classes.explicit("DART"), *features.DAMPERS_AND_SPRINGS),
-        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE),
+        Feature.DAMPING_IMPLICIT: native_implicit_damping(TITLE, balls=False),
         Feature.ARMATURE: implicit_damping_armature(
             TITLE, "simspec substitutes implicit damping and an opposite effort for armature at every step"
         ),

@@ -228,7 +228,8 @@ class GzSim(GivenEngine[GzSimSimulation]):
         ),
         **for_each(
             never("simspec does not implement it for gz sim"),
-            *(Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.KINEMATIC),
+            *(Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.BALL_ARMATURE),
+            *(Feature.FREE_ARMATURE, Feature.KINEMATIC),
         ),
         Feature.JOINT_SEVERAL: classes.NO_MASSLESS,
         Feature.LIMIT_POSITION: STOPS,

@@ -208,6 +208,10 @@ def _named_partners(world: World, of_body: Mapping[str, set[str]]) -> dict[str, 
 LABELS = ("schema", "dialect", "format", "engine", "world", "friction_cone")
 
 
+WORLD_LABEL = "sidecar.world"
+"""The hash of the world that files are made of, among those labels."""
+
+
 def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, EngineValue]:
     """The labels and settings of a sidecar, by the names that inventories give them."""
     labels: dict[str, EngineValue] = {f"sidecar.{name}": sidecar[name] for name in LABELS}

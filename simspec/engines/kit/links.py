@@ -196,7 +196,9 @@ def tree_joint(
     found = Joint(given.name, given.kind, parent, origin, position=tuple(position), velocity=tuple(velocity))
     if isinstance(given, FixedJoint):
         return found
-    found = replace(found, damping=read("damping"), spring_stiffness=read("spring_stiffness"))
+    found = replace(
+        found, damping=read("damping"), armature=read("armature"), spring_stiffness=read("spring_stiffness")
+    )
     if isinstance(given, BallJoint):
         return found
     return replace(
@@ -206,7 +208,6 @@ def tree_joint(
         velocity_limit=bound(read("velocity_limit")),
         effort_limit=bound(read("effort_limit")),
         dry_friction=read("friction"),
-        armature=read("armature"),
         spring_rest=read("spring_rest"),
     )
 

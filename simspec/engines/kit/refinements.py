@@ -173,15 +173,15 @@ def _rough_or_limited(_: str, bodies: Sequence[Body]) -> str | None:
     return None
 
 
-def native_implicit_damping(title: str) -> Support:
+def native_implicit_damping(title: str, balls: bool) -> Support:
     """Implicit damping by that of an engine (``title``) whose impulses meet the mass matrix without dt D: exact where there are
-    no impulses, else accepted by name."""
+    no impulses, else accepted by name. ``balls``: of ball joints whose parents move, too."""
     how = f"{title} integrates damping implicitly"
     late = "damping is implicit, but impulses of contact, limits and dry friction meet the mass matrix without dt × damping"
 
     def refine(world: World) -> Refinement | None:
-        if (axes := classes.only_axes_damped(world)) is not None:
-            return axes
+        if not balls and (armed := classes.no_armed_ball(world)) is not None:
+            return armed
         unfelt = _unfelt(world, title, _rough_or_limited)
         return None if unfelt is None else Refinement(Level.APPROXIMATE, late, IMPULSES_UNDAMPED)
 
@@ -191,13 +191,30 @@ def native_implicit_damping(title: str) -> Support:
 IMPULSES_UNDAMPED: Final = "impulses of contact, limits and dry friction ignore dt × damping"
 
 
+BY_IMPLICIT_DAMPING: Final = (
+    "simspec adds implicit damping A/dt and the opposite effort (A/dt) v, which together act as the armature A"
+)
+
+
 def implicit_damping_armature(title: str, short: str) -> Support:
     """Armature by an engine's implicit damping; not where impulses of dry friction or limits would ignore it."""
     return outside(
-        "simspec adds implicit damping A/dt and the opposite effort (A/dt) v, which together act as the armature A",
+        BY_IMPLICIT_DAMPING,
         lambda world: armature_felt(world, title, _rough_or_limited),
         short,
     )
+
+
+def implicit_damping_ball_armature(title: str, short: str) -> Support:
+    """That of balls: the same where the parent of a ball moves, and otherwise inertia of the body."""
+
+    def refine(world: World) -> Refinement | None:
+        if classes.no_armed_ball(world) is None:
+            return None
+        unfelt = armature_felt(world, title, _rough_or_limited)
+        return unfelt or Refinement(Level.OUTSIDE, BY_IMPLICIT_DAMPING, short)
+
+    return exact(classes.AS_INERTIA, refine, (Refinement(Level.OUTSIDE, BY_IMPLICIT_DAMPING, short),))
 
 
 # Detectors that find the distance of convex shapes by iterations: these end before the nearest point of a side that is curved,

@@ -110,7 +110,8 @@ class NewtonBuild:
             return int(b.add_joint_fixed(parent, link, **named))
         named["damping"] = checked_singles(NAME, (joint.damping,), f"damping of {joint.name}")[0]
         if isinstance(joint, BallJoint):
-            return int(b.add_joint_ball(parent, link, **named))
+            armature = checked_singles(NAME, (joint.armature or 0.0,), f"armature of {joint.name}")[0]
+            return int(b.add_joint_ball(parent, link, armature=armature, **named))
         return int(self._axis(parent, link, joint, named))
 
     def _axis(self, parent: int, link: int, joint: AxisJoint, named: dict[str, Any]) -> int:

@@ -163,7 +163,8 @@ class Newton(WorldEngine[NewtonSimulation]):
         ),
         Feature.SHAPE_PLANE: static_planes("simspec passes only static planes to Newton, and {name} moves"),
         Feature.LIMIT_POSITION: exact("Newton stops joints within the step in which they reach a limit"),
-        **exactly(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE),
+        **exactly(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.BALL_ARMATURE),
+        Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         **for_each(
             via_api("Newton's solver leaves springs out; simspec applies explicit efforts before each step"),
             *(Feature.SPRING, Feature.BALL_SPRING),

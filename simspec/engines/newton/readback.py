@@ -158,15 +158,16 @@ DOF = Items[ArrayRows, Body].named(
 )
 OTHERS = (
     "joint_friction",
-    "joint_armature",
     "joint_limit_lower",
     "joint_limit_upper",
     "joint_velocity_limit",
     "joint_effort_limit",
 )
 """Arrays that are fields of the read-back for hinges and slides."""
-BALL = DOF | Items[ArrayRows, Body].named(ArrayRows.read, dict.fromkeys(OTHERS, NEUTRAL))
-FREE = BALL | Items[ArrayRows, Body].named(ArrayRows.read, {"joint_damping": NEUTRAL})
+BALL = DOF | Items[ArrayRows, Body].named(
+    ArrayRows.read, {**dict.fromkeys(OTHERS, NEUTRAL), "joint_armature": lambda body: (body.joint.armature,) * 3}
+)
+FREE = BALL | Items[ArrayRows, Body].named(ArrayRows.read, dict.fromkeys(("joint_armature", "joint_damping"), NEUTRAL))
 DOFS = {"hinge": DOF, "slide": DOF, "ball": BALL, "free": FREE}
 SHAPE = Items[ArrayRows, Shape].named(
     ArrayRows.read,

@@ -71,6 +71,7 @@ from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support import classes, features
 from simspec.support.declarations import (
+    Level,
     Refinement,
     Table,
     approximate,
@@ -92,6 +93,13 @@ def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where a computed torque is not exact."""
     constraints = {name for constraint in world.constraints for name in members(constraint)}
     return armature_felt(world, PyBullet.TITLE, functools.partial(_not_felt, constraints))
+
+
+def _damping_covered(world: World) -> Refinement | None:
+    """The same of implicit damping; exact where all of it is inertia of bodies. ``world``: as the engine has it."""
+    if not any(body.joint.armature for body in world.bodies):
+        return Refinement(Level.EXACT, classes.AS_INERTIA)
+    return classes.no_armed_ball(world) or _armature_covered(world)
 
 
 def _not_felt(constrained: Container[str], armed: str, bodies: Sequence[Body]) -> str | None:
@@ -138,7 +146,7 @@ class PyBullet(SimulatedEngine[PybulletSimulation]):
         Feature.DRY_FRICTION: via_api(classes.ZERO_VELOCITY_MOTOR),
         Feature.DAMPING_IMPLICIT: outside(
             "simspec applies the effort τ − dt D v̇, with (M + dt D) v̇ = τ − D v − h, from PyBullet's state before each step",
-            _armature_covered,
+            _damping_covered,
             "simspec replaces implicit damping by an effort before each step",
         ),
         Feature.ARMATURE: outside(
@@ -170,9 +178,6 @@ class PyBullet(SimulatedEngine[PybulletSimulation]):
             cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),
         Feature.SHAPE_HEIGHTFIELD: exact(GROUND, refine=_ground_supported),
-        Feature.BALL_ARMATURE: never(
-            "PyBullet has no armature, and simspec's substitute acts on joints of one axis only"
-        ),
         Feature.SURFACE_VELOCITY: never(NO_BELTS),
         **for_each(
             COPIES,

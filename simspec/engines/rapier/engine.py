@@ -339,7 +339,9 @@ class Rapier(WorldEngine[RapierSimulation]):
     }
     SUPPORT: ClassVar[Table] = {
         **classes.driven(_TITLE),
-        **exactly(Feature.HARDNESS_COMMON, Feature.ARMATURE, Feature.GRAVITY_SCALE, *features.FILTERS),
+        **exactly(Feature.HARDNESS_COMMON, Feature.GRAVITY_SCALE, *features.FILTERS),
+        **exactly(Feature.ARMATURE, Feature.BALL_ARMATURE),
+        Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         **for_each(_JOINTS, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL),
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
         Feature.LIMIT_POSITION: _STOPS,

@@ -24,9 +24,9 @@ from simspec.engines.kit.arrays import checked_singles
 from simspec.engines.kit.building import PlacedBody, Walk
 from simspec.engines.rapier.units import NAME, SCALE, SQUARE, isometry, mass_properties
 from simspec.errors import EngineError
-from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, JsonBody
+from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, JsonBody
 from simspec.world import frames
-from simspec.world.types import Pose, Quaternion, Vector3
+from simspec.world.types import VELOCITY_SIZE, Pose, Quaternion, Vector3
 
 ANCHOR = -1
 """The link that a link is connected to, where that is the anchor of its multibody."""
@@ -270,9 +270,10 @@ class Multibodies:
         begin = self.starts[tree]
         damping[self.wheel_places[tree] - begin] = WHEEL_DAMPING / self.timestep
         for link, place in zip(self.links, self.places, strict=True):
-            if link.tree == tree and isinstance(link.joint, AxisJoint):
-                value = inertia_unit_of(link.kind) * link.joint.armature
-                armature[place - begin] = checked_singles(NAME, (value,), f"armature of {link.joint.name}")[0]
+            if link.tree == tree and isinstance(link.joint, (AxisJoint, BallJoint)):
+                value = inertia_unit_of(link.kind) * (link.joint.armature or 0.0)
+                given = checked_singles(NAME, (value,), f"armature of {link.joint.name}")[0]
+                armature[place - begin : place - begin + VELOCITY_SIZE[link.kind]] = given
         multibody.set_damping(damping.tolist())
         multibody.set_armature(armature.tolist())
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from simspec.engines.kit.building import STATIC, range_of
@@ -24,7 +25,8 @@ from simspec.engines.rapier.multibodies import (
     unit_of,
 )
 from simspec.engines.rapier.simulation import RapierSimulation
-from simspec.engines.rapier.units import SCALE, inertia_of, pose_of, states_of
+from simspec.engines.rapier.units import NAME, SCALE, inertia_of, pose_of, states_of
+from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, FreeJoint, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
@@ -120,11 +122,14 @@ def _of_link(sim: RapierSimulation, number: int, position: list[float], velocity
     if at.stop > at.start:
         damping, stiffness = sim.losses.damping[at.start], sim.losses.stiffness[at.start]
         found = dataclasses.replace(found, damping=float(damping), spring_stiffness=float(stiffness))
+    rotors = sim.links.multibodies[link.tree].armature()
+    place = built.places[number] - built.starts[link.tree]
+    if kind == "ball":
+        return dataclasses.replace(found, armature=_same(rotors[place : place + 3], given.name) / inertia_unit_of(kind))
     if kind not in AXIS_OF or not isinstance(given, AxisJoint):
         return found
     axis = getattr(sim.rapier.JointAxis, AXIS_OF[kind])
     limits, motor = data.limits(axis), data.motor(axis)
-    armature = sim.links.multibodies[link.tree].armature()[built.places[number] - built.starts[link.tree]]
     return dataclasses.replace(
         found,
         axis=frames.rotate(pose_of(data.local_frame2).quaternion, (1.0, 0.0, 0.0)),
@@ -132,9 +137,17 @@ def _of_link(sim: RapierSimulation, number: int, position: list[float], velocity
         velocity_limit=given.velocity_limit,
         effort_limit=given.effort_limit,
         dry_friction=0.0 if motor is None else motor.max_force / effort_unit_of(kind),
-        armature=armature / inertia_unit_of(kind),
+        armature=rotors[place] / inertia_unit_of(kind),
         spring_rest=float(sim.losses.rest[at.start]),
     )
+
+
+def _same(values: Sequence[float], name: str) -> float:
+    """The one armature about all axes of a ball joint."""
+    first, *others = values
+    if any(value != first for value in others):
+        raise EngineError(NAME, f"joint {name!r} has different armatures about its axes")
+    return first
 
 
 def _end(value: float, kind: str) -> float:

@@ -16,7 +16,7 @@ from simspec.support.declarations import Level, Table, check_total
 from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.frames import direction
-from simspec.world.inertia import lumped, lumped_gravity_scale
+from simspec.world.inertia import gathered
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 
@@ -176,29 +176,15 @@ def _quaternion(values: Sequence[float]) -> Quaternion:
     return (w, x, y, z)
 
 
-def gather(world: World) -> World:
-    """The world with the inertia of rigid groups gathered on their topmost bodies where engines ask for it."""
-    inertials = lumped(world)
-    if not inertials:
-        return world
-    bodies = (
-        dataclasses.replace(
-            body, inertial=inertials.get(body.name, body.inertial), gravity_scale=lumped_gravity_scale(world, body)
-        )
-        for body in world.bodies
-    )
-    return dataclasses.replace(world, bodies=tuple(bodies))
-
-
 def recentre_free_roots(world: World) -> tuple[World, dict[str, Vector3]]:
-    """Put every free root's frame at its centre of mass, after gathering inertias (:func:`gather`).
+    """Put every free root's frame at its centre of mass, after gathering inertias (:func:`gathered`).
 
     Returns the world with moved frames, and for each moved body the position of the new frame in the old one (its
     centre of mass). Axes stay parallel. Shapes, children and the initial state move along, so that the world is
     physically the same. Why: engines integrate the frame of a free root or its centre of mass; only when both are one
     point do all of them do the same (see ``world/kinematics.py``).
     """
-    world = gather(world)
+    world = gathered(world)
     offsets = {
         body.name: body.inertial.centre_of_mass
         for body in world.bodies

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 
 from simspec.control.reference import drives
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, gather, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, PlainFiles, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import environment, hulls_of, mesh_files
 from simspec.formats.mjcf import tree
@@ -160,7 +160,7 @@ SUPPORT: Final[Table] = {
 def model_and_losses(world: World) -> tuple[MjcfModel, tuple[Loss, ...]]:
     """The file of a world, and what is lost beyond the table. Raises UnsupportedError for joints that the language refuses."""
     _check(world)
-    world = without_implicit_damping(gather(world))
+    world = without_implicit_damping(gathered(world))
     laws = meeting_laws(world)
     masks, group_excludes = collision_masks(world)
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
