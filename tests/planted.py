@@ -5,8 +5,6 @@ from __future__ import annotations
 from simspec.proof.selftest_worlds import WORLDS
 
 MUJOCO_ALONE = {
-    "ball armature": "joint.ball.armature",
-    "free armature": "joint.free.armature",
     "ball limit": "joint.limits.angle",
     "belts": "shape.surface_velocity",
     "margins": "shape.margin",
@@ -14,5 +12,7 @@ MUJOCO_ALONE = {
     "sum limits": "constraint.sum.limits",
 }
 """By name, with the feature that the others lack."""
-SHARED = {name: make for name, make in WORLDS.items() if name not in MUJOCO_ALONE}
+AS_INERTIA = ("ball armature", "free armature")
+"""Worlds that dialects receive as others (``Dialect.received``)."""
+SHARED = {name: make for name, make in WORLDS.items() if name not in (*MUJOCO_ALONE, *AS_INERTIA)}
 """The other worlds, by name."""

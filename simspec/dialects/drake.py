@@ -23,8 +23,6 @@ class DrakeDialect(WorldDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
-    "free armature": "Drake has no armature of free bodies",
-    "ball armature": "Drake has no armature of balls",
     "mesh, margin": "Drake has no margin around hulls that touch at points, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Drake's contact begins where shapes touch"),
     **dict.fromkeys(GROUND, "simspec gives Drake no height fields"),

@@ -26,8 +26,6 @@ class GazeboDialect(WorldDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
-    "free armature": "DART has no armature of free bodies",
-    "ball armature": "DART has no armature of balls",
     "torsional friction": "DART's contacts have no torque",
     "rolling friction": "DART's contacts have no torque",
     "mesh, margin": "DART has no margin around hulls, and no file has a number for one",

@@ -71,8 +71,6 @@ class NewtonDialect(WorldDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
-    "free armature": "world.json has no armature of free bodies",
-    "ball armature": "world.json has no armature of balls",
     "torsional friction": "Newton's contacts have no torque on a processor",
     "rolling friction": "Newton's contacts have no torque on a processor",
     "hardness": "simspec gives Newton's contacts the common hardness alone, without parameters",

@@ -21,8 +21,6 @@ class OdeDialect(LawDialect):
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
     "hardness": "ODE's contacts have only the common hardness, which has no parameters",
-    "free armature": "ODE has no armature of free bodies",
-    "ball armature": "ODE has no armature of balls",
     **dict.fromkeys(GROUND, "simspec gives ODE no height fields"),
     "mesh, margin": "ODE has no margin around hulls, and no file has a number for one",
     **dict.fromkeys(MARGINS, "ODE's contact begins where shapes touch"),

@@ -88,8 +88,6 @@ class PhysxDialect(WorldDialect):
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
-    "free armature": "PhysX has no armature of free bodies",
-    "ball armature": "PhysX has no armature of balls",
     "torsional friction": "PhysX's contacts have no torque",
     "rolling friction": "PhysX's contacts have no torque",
     "hardness": "PhysX's contacts have the common hardness alone, without parameters",

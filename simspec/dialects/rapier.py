@@ -30,8 +30,6 @@ class RapierDialect(LawDialect):
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
     "hardness": "Rapier's contacts have the common hardness alone, without parameters",
-    "free armature": "Rapier has no armature of free bodies",
-    "ball armature": "Rapier has no armature of balls",
     **dict.fromkeys(GROUND, "simspec gives Rapier no height fields"),
     "mesh, margin": "Rapier's hulls are given without a margin, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),

@@ -13,10 +13,12 @@ from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof.building import fixed, free, single_material, slab, with_bodies, with_shapes
 from simspec.proof.selftest_worlds import CONTACT, EVERY, FRICTION, PHYSICS, SMALLER, TENSOR, bench
 from simspec.world.actions import JointController, JointTrajectory
+from simspec.world.damping import IMPLICIT, with_implicit_damping
 from simspec.world.kinematics import joined
 from simspec.world.shapes import heightfield_size
 from simspec.world.types import (
     Body,
+    Contact,
     EngineOptions,
     Hardness,
     Inertial,
@@ -53,6 +55,28 @@ def uneven(name: str) -> Callable[[str], World]:
 
 def _unevenly(body: Body) -> Body:
     return replace(body, inertial=replace(body.inertial, inertia=TENSOR)) if body.joint.kind == "free" else body
+
+
+def armature(engine: str) -> World:
+    """The bench with armature and implicit damping, which adds to it."""
+    world = bench(engine, armature=0.03, damping=0.4)
+    (options,) = world.engines
+    options = replace(options, outside=("joint.armature", "joint.damping.implicit"))
+    physics = replace(world.physics, damping=IMPLICIT)
+    return with_implicit_damping(replace(world, name="self-test-damped-armature", physics=physics, engines=(options,)))
+
+
+def ball_armature(engine: str) -> World:
+    """A body on a ball joint with armature, at the end of an arm that moves."""
+    world = EVERY["ball armature"](engine)
+    (bob,) = world.bodies
+    swing = Joint("arm_joint", "hinge", None, Pose(AT), (0.6, 0.0, 0.8), position=(0.2,), velocity=(0.1,))
+    arm = Body("arm", "arm", Inertial(0.7, (0.0, 0.03, 0.05), TENSOR), swing)
+    bob = replace(bob, model="arm", joint=replace(bob.joint, parent="arm"))
+    contact = Contact(excluded_bodies=(("arm", "bob"),))
+    options = EngineOptions(engine, outside=("joint.ball.armature",))
+    name = "self-test-carried-ball-armature"
+    return replace(world, name=name, bodies=(arm, bob), contact=contact, engines=(options,))
 
 
 def native(engine: str) -> World:
@@ -301,6 +325,9 @@ def _other(setting: Setting) -> bool | int | float | str:
 
 WORLDS: Mapping[str, Callable[[str], World]] = {
     **EVERY,
+    "armature": armature,
+    "ball armature": ball_armature,
+    "ball armature at rest": EVERY["ball armature"],
     "bouncing": bouncing,
     "rolling": uneven("rolling"),
     "native control": native,
@@ -333,5 +360,6 @@ STAND_INS: Mapping[str, str] = {
     "light shapes": "shapes but cylinders",
     "shapes but cylinders": "heavy shapes but cylinders",
     "settings": "settings on a floor",
+    "ball armature": "ball armature at rest",
 }
 """The world that takes another's place where an engine refuses that one; it comes after that."""

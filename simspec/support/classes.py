@@ -61,7 +61,7 @@ AS_ARMATURE = "simspec adds dt × damping to the armature, with which explicit d
 """Of implicit damping, in engines with armature and explicit damping (``world/damping.py``)."""
 
 
-AS_INERTIA = "simspec adds it to the inertia of the body, and takes the weight of the added mass away"
+AS_INERTIA = "simspec adds it to the inertia of the body, without the weight of the added mass"
 """Of armature of free joints, and of balls whose parents cannot move (``world/armature.py``)."""
 
 

@@ -2,8 +2,8 @@
 
 The armature of a free joint has the kinetic energy ½ a |v|² + ½ b |ω|², with the velocity v of the body's centre of mass and
 its angular velocity ω, both absolute. That is the energy of a mass a at the centre of mass and of the isotropic tensor b 1.
-The tensor adds no bias force, since ω × b ω = 0. The mass adds its weight alone, which ``gravity_scale`` takes away. Mass matrix,
-bias force and potential are the same, and impulses of contact and constraints meet the same mass matrix.
+The tensor adds no bias force, since ω × b ω = 0. The mass adds its weight alone, which ``gravity_scale`` takes away. Mass
+matrix, bias force and potential are the same, and impulses of contact and constraints meet the same mass matrix.
 
 That of a ball joint is ½ a |ω|² of the angular velocity relative to the parent. Where the parent cannot move, this is the
 isotropic tensor a 1 of the child. Where it moves, the energy contains the product of two angular velocities, which no tensor of
@@ -29,12 +29,6 @@ def as_inertia(world: World, only_differences: bool = False) -> World:
     """
     changed = _changed(world, only_differences)
     return world if changed is None else changed
-
-
-def armed_ball(world: World) -> str | None:
-    """The name of a body on a ball joint whose armature is no inertia of the body; None where there is none."""
-    balls = (body for body in as_inertia(world).bodies if body.joint.kind == "ball")
-    return next((body.name for body in balls if body.joint.armature), None)
 
 
 def weightless(world: World, received: World) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from simspec.world.types import World
 NOT_IN_FILES = {
     **dict.fromkeys(("control", "forces", "body.kinematic"), "computed outside the engine, from the request"),
     **dict.fromkeys(("tree.size", "tree.depth"), "how large a tree is"),
-    "joint.damping.implicit": "larger armature: of worlds with armature",
     "contact.touch": "which shapes may touch at all, of worlds of any contact",
     "contact.mass-ratio": "how engines solve stacks: of worlds of any masses",
     "contact.friction.carried": "how engines hold what is carried: of worlds of any friction",
@@ -32,7 +31,6 @@ NOT_IN_FILES = {
 }
 UNSAID = {
     "Physics.timestep": "written for any value",
-    **dict.fromkeys(("Physics.damping", "Joint.written_armature"), "part of the armature, which is in files"),
     "Physics.integrator": "selects a setting of each engine, which is in their files",
     "Shape.rounding": "of engines, for a read-back",
     "Shape.drawn": "of pages",

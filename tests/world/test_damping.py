@@ -18,7 +18,7 @@ from simspec.proof.verify import verify
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
 from simspec.testing import worlds
-from simspec.world.damping import retimed, without_implicit_damping
+from simspec.world.damping import retimed, with_implicit_damping, without_implicit_damping
 from simspec.world.kinematics import initial_state
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -97,6 +97,16 @@ def test_it_is_proven_in_engines_and_planted_explicit_damping_is_caught():
     assert {check.level for check in proof.checks if not check.passed} >= {"L3", "L6"}
 
 
+@pytest.mark.parametrize(
+    ("engine", "kinds"), [("dart", ["fixed", "hinge", "ball"]), ("ode", ["fixed", "ball", "hinge"])]
+)
+def test_balls_have_it_too(engine, kinds):
+    """By the engine's implicit damping, and as inertia of a body on a ball whose parent is at rest."""
+    world = with_implicit_damping(worlds.world(worlds.tree(kinds, 3, damping=2.0), "ball", physics=WORLD.physics))
+    proof = verify(world, [engine], levels=LEVELS).engines[engine]
+    assert proof.valid, [check for check in proof.checks if not check.passed]
+
+
 def test_it_is_the_implicit_damping_of_the_exported_file(tmp_path):
     """The plain file has the armature of the spec, and the reader's own implicit damping: another computation of one motion."""
     mujoco = pytest.importorskip("mujoco")
@@ -122,10 +132,11 @@ def test_other_files_have_the_armature_of_the_spec():
 
 
 def test_refusals_say_why():
-    ball = worlds.world(worlds.tree(["fixed", "ball"], 3, damping=0.1), physics=WORLD.physics)
+    ball = worlds.world(worlds.tree(["fixed", "slide", "ball"], 3, damping=0.1), physics=WORLD.physics)
+    ball = with_implicit_damping(ball)
     with pytest.raises(UnsupportedError, match="no armature of ball joints"):
-        compile_world(ball, ["dart"])
-    compile_world(ball, ["mujoco"])
+        compile_world(ball, ["drake"])
+    compile_world(ball, ["mujoco", "dart"])
     other = worlds.with_options(WORLD, "mujoco", settings=(("integrator", "implicitfast"),))
     with pytest.raises(UnsupportedError, match="implicitfast has damping of its own"):
         compile_world(other, ["mujoco"])

@@ -139,7 +139,7 @@ class Dialect:
         return as_inertia(world)
 
     def lower(self, world: World, target: Target) -> Lowered:
-        """A world (:meth:`received`) as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""
+        """A world (:meth:`received`) as the engine is to read it. Raises UnsupportedError with all that it cannot have."""
         raise NotImplementedError
 
     def raise_(self, document: Any, sidecar: Any) -> ReadBack:

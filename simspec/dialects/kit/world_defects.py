@@ -175,7 +175,7 @@ def _timestep(content: dict[str, Any]) -> None:
     content["timestep"] *= 1.0 + STEP
 
 
-UNSAID = ("free armature", "ball armature", "hardness", "mesh, margin", *MARGINS, *BELTS, *GROUND)
+UNSAID = ("hardness", "mesh, margin", *MARGINS, *BELTS, *GROUND)
 """What ``world.json`` has no number for."""
 
 DEFECTS: Mapping[str, Plant | str] = {
@@ -203,6 +203,8 @@ DEFECTS: Mapping[str, Plant | str] = {
     "spring rest": number("lower", "joint", "spring_rest"),
     "dry friction": number("upper", "joint", "dry_friction", times=1.0 + STEP),
     "armature": number("upper", "joint", "armature"),
+    "free armature": number("kite", "mass", times=1.0 + STEP),
+    "ball armature": number("bob", "inertia", 0, times=1.0 + STEP),
     "ball damping": number("bob", "joint", "damping"),
     "ball spring": number("bob", "joint", "spring_stiffness"),
     "initial position": number("upper", "joint", "position", 0),
@@ -279,4 +281,4 @@ LAW_DEFECTS: Mapping[str, Plant | str] = {
     "copy filter": sidecar(_exchanged_laws),
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
 }
-"""Defects of all of them; ``GROUND``, margins, hardness and armature are each engine's own."""
+"""Defects of all of them; ``GROUND``, margins and hardness are each engine's own."""

@@ -311,7 +311,7 @@ class MujocoDialect(Dialect):
         Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
         Feature.FREE_DAMPING: exact(SINGLE_NUMBER, refine=functools.partial(single_number, "damping")),
         Feature.FREE_ARMATURE: exact(
-            f"{SINGLE_NUMBER}; simspec adds the difference to the inertia of the body, and takes the weight of the added mass away"
+            f"{SINGLE_NUMBER}; simspec adds a difference to the inertia of the body, without the weight of the added mass"
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **classes.LUMPED,

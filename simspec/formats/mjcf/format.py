@@ -58,6 +58,7 @@ from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.damping import implicitly_damped, without_implicit_damping
+from simspec.world.inertia import gathered
 from simspec.world.kinematics import absorbed, is_carrier
 from simspec.world.types import Joint, Pair, PairContact, Pose, Shape, World
 
