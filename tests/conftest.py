@@ -17,6 +17,7 @@ from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.kit.warm import WarmProcesses
 from tests import nightly
 from tests.installed import LEFT_OUT
+from tests.readers import WarmReaders, patched
 
 settings.register_profile("simspec", deadline=None)
 settings.load_profile("simspec")
@@ -133,4 +134,20 @@ def warm_engines(warm_processes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "Running", forked)
         patch.setattr(process, "begin", lambda engine, python, warm: None)
+        yield
+
+
+@pytest.fixture(scope="session")
+def warm_reader_processes():
+    """Processes that have imported a reader of files, for all tests of this pytest process."""
+    with WarmReaders() as warm:
+        yield warm
+
+
+@pytest.fixture(scope="module")
+def warm_readers(warm_reader_processes):
+    """Forks every reader of files of unknown origin of the module's tests from a warm process of all tests. For modules that
+    test the content of files; tests of limits and of confinement start new processes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patched(patch, warm_reader_processes)
         yield

@@ -11,7 +11,7 @@ from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions
 from tests.meshes.solids import box, stl
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
+pytestmark = pytest.mark.usefixtures("warm_engines", "warm_readers")
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'
 MESH = '<collision><geometry><mesh filename="package://far_description/{0}.stl"/></geometry></collision>'

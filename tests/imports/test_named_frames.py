@@ -17,6 +17,8 @@ from simspec.world import frames
 from simspec.world.kinematics import poses
 from simspec.world.types import World
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 LIGHT = "{mass: 0.2, centre_of_mass: [0.02, 0, 0.01], inertia: {principal: [0.001, 0.001, 0.001]}"
 TEXT = f"""simspec: 1
 name: arm

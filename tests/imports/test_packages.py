@@ -18,6 +18,8 @@ from simspec.imports.elements import Element
 from simspec.imports.files import ENVIRONMENT, Files, MissingFileError, Packages
 from simspec.language.foreign import ImportOptions
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 ASKING = Element("mesh", {}, Location("r.urdf", 3, 1), "", None)
 
 

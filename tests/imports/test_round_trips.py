@@ -13,6 +13,8 @@ from simspec.language.load import load
 from tests.files import write
 from tests.robots import assert_same, robot
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 TOLERANCE = 1e-12
 """Angles of URDF, and principal axes of MJCF, are not those that the world has: round-off of turning one into the other."""
 

@@ -23,6 +23,8 @@ from simspec.world.canonical import canonical_json, sha256
 from tests.meshes.solids import box, obj
 from tests.runner.synthetic import run
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 RED, BLUE = (0.8, 0.0, 0.0, 1.0), (0.0, 0.0, 0.8, 1.0)
 MATERIALS = "newmtl red\nKd 0.8 0 0\nnewmtl blue\nKd 0 0 0.8\n"
 SPEC = """

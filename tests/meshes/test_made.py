@@ -22,6 +22,8 @@ from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
 from tests.meshes.solids import BOX_FACES, box, l_profile, stl
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 HULL = MeshOptions()
 
 

@@ -8,6 +8,8 @@ from simspec.meshes import hulls as module
 from simspec.meshes.hulls import EQUAL, reduced
 from simspec.world.hull import corners
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def greedy(vertices, most):
     """The same choice, every distance anew."""

@@ -9,6 +9,8 @@ import pytest
 from simspec.plausibility.findings import RULES, Grade
 from tests.plausibility.files import LANGUAGES, examined, moments, of_rule, urdf
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def six(values: tuple[float, float, float]) -> str:
     """Principal moments as a text."""

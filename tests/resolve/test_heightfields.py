@@ -14,6 +14,8 @@ from simspec.meshes.reading import MeshError
 from simspec.world.shapes import HEIGHTFIELD_HEAD, field_of
 from tests.pictures import png
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def ground(folder, field, **more):
     body = {"fixed": True, "shapes": [{"heightfield": field}], **more}

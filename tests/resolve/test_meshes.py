@@ -16,6 +16,8 @@ from simspec.world.shapes import SHAPES
 from simspec.world.types import World
 from tests.meshes.solids import box, l_profile, obj, stl
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 @pytest.fixture(autouse=True)
 def files(tmp_path, monkeypatch):

@@ -18,6 +18,8 @@ from simspec.formats.usd.format import WORLD, Usd
 from simspec.language.load import load
 
 pytest.importorskip("pxr")
+
+pytestmark = pytest.mark.usefixtures("warm_readers")
 SCENARIO = "coupled-gripper"
 BODY = (
     b'#usda 1.0\n(defaultPrim = "a")\ndef Sphere "a" (apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsCollisionAPI"]) {}\n'

@@ -26,6 +26,8 @@ from simspec.world.kinematics import poses
 from tests import worlds
 from tests.random_specs import spec
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 pxr = pytest.importorskip("pxr")
 PROFILES = Usd.PROFILES
 

@@ -11,6 +11,8 @@ from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.load import load
 from tests.imports.mjcf.models import ARM, lost, read, written
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 COMMANDS = {"p": 0.4, "v": 0.2, "g": 0.6, "m": 0.1}
 DRIVEN = """<mujoco model="arm">
   <option timestep="0.001" integrator="Euler"><flag contact="disable" eulerdamp="disable"/></option>

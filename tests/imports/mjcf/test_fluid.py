@@ -10,6 +10,8 @@ from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.foreign import ImportOptions, LossSeverity
 from tests.imports.mjcf.models import read, written
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 SWIMMER = """<mujoco><option density="4000" viscosity="0.1" wind="0.1 0.2 0.3" timestep="0.01"/><worldbody><body name="torso">
 <joint axis="1 0 0" type="slide"/><joint axis="0 1 0" type="slide"/><joint axis="0 0 1"/>
 <geom name="head" fromto="1.5 0 0 0.5 0 0" size="0.1" type="capsule"/><body name="mid" pos="0.5 0 0"><joint axis="0 0 1"/>

@@ -12,6 +12,8 @@ from simspec.world.shapes import field_of
 from tests.imports.mjcf.models import lost, read, written
 from tests.pictures import png
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 mujoco = pytest.importorskip("mujoco")
 NUMBERS = np.random.default_rng(3).uniform(-2.0, 5.0, (4, 6))
 TEXT = """<mujoco>

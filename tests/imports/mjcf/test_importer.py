@@ -23,6 +23,8 @@ from simspec.world.contact_pairs import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
 from tests.meshes.solids import box, stl
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 SAME = 1e-9
 
 

@@ -8,6 +8,8 @@ from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.load import load
 from tests.imports.mjcf.models import lost, read, written
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 LIFT = """<mujoco><compiler angle="radian"/><worldbody>
 <body name="target" mocap="true" pos="{mocap}"><geom size=".1" mass="1" contype="0" conaffinity="0"/></body>
 <body name="lift"><joint type="slide" axis="0 0 1" range=".1 1"/><geom size=".1"/>

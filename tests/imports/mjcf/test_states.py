@@ -9,6 +9,8 @@ import simspec
 from simspec.language.foreign import Fate
 from simspec.world.kinematics import initial_state
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 MODEL = """<mujoco model="walker"><compiler angle="radian"/><worldbody>
   <body name="trunk" pos="0 0 0.5"><freejoint/><inertial pos="0.1 0 0" mass="5" diaginertia=".1 .1 .1"/>
     <body name="hip" pos="0.2 0 0"><joint name="swing" axis="0 1 0" ref="0.3" range="-1 1" limited="true"/>

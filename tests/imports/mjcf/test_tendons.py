@@ -12,6 +12,8 @@ from simspec.language.foreign import ImportOptions
 from simspec.language.load import load
 from tests.imports.mjcf.models import lost, read, written
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 MODEL = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9"/><worldbody><body name="base"><geom size=".1" mass="1"/>
 <body name="one" pos="0 0 1"><joint name="a" axis="0 1 0" ref=".1" range="-1 1.1"/><geom size=".1" pos="1 0 0"/></body>
 <body name="two" pos="0 1 1"><joint name="b" axis="0 1 0" range="-1 1"/><geom size=".1" pos="1 0 0"/></body>

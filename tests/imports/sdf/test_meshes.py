@@ -10,6 +10,8 @@ from simspec.language.load import load
 from tests.imports.sdf.texts import imported, link, lost, model
 from tests.meshes.solids import box, obj
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def shape(tag, uri, more="", words=""):
     geometry = f"<geometry><mesh {words}><uri>{uri}</uri>{more}</mesh></geometry>"

@@ -12,6 +12,8 @@ from simspec.language.load import load
 from tests.imports.urdf.robots import SOLID, read, refused, two_links, watched
 from tests.meshes.solids import box, stl
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def mesh(tag: str, name: str, more: str = "") -> str:
     return f'<{tag}><geometry><mesh filename="{name}" {more}/></geometry></{tag}>'

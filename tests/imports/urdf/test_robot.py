@@ -13,6 +13,8 @@ from simspec.world import frames
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
 from tests.meshes.solids import box, stl
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 FOLLOW = {"joint": "shoulder", "leader": "wrist", "ratio": 2, "offset": 0.5}
 COUPLING = {"constraints": {"shoulder": {"follow": FOLLOW}}}
 

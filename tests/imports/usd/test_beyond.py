@@ -10,6 +10,8 @@ from tests.imports.usd.stages import BALL, JOINT, hinge, lost, stage
 
 pytest.importorskip("pxr")
 
+pytestmark = pytest.mark.usefixtures("warm_readers")
+
 
 def test_effects_in_addition_to_a_drive_are_carried(tmp_path):
     spec, joint = hinge(

@@ -13,6 +13,8 @@ from simspec.language.load import load
 from tests.imports.usd.stages import BALL, hinge, lost, stage
 
 pytest.importorskip("pxr")
+
+pytestmark = pytest.mark.usefixtures("warm_readers")
 DEGREE = math.pi / 180.0
 
 
