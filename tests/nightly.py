@@ -132,6 +132,7 @@ WHOLE = (
     "engines/drake/test_hydroelastic.py::test_the_probes_of_boxes_hold_without_a_deviation",
     "engines/gzsim/test_engine.py::test_every_level_that_can_be_queried_is_valid_on_the_stand_in",
     "engines/pybullet/test_beside.py::test_frames_of_large_trees_are_in_the_sidecar_on_request",
+    "engines/test_fake.py::test_it_passes_the_shipped_suite",
     "engines/test_first_engine.py::test_the_example_moves_as_mujoco_does",
     "engines/test_second_environment.py::test_two_versions_and_another_engine_in_a_single_run",
     "engines/webots/test_running.py::test_a_proof_queries_it",
@@ -141,6 +142,7 @@ WHOLE = (
     "imports/test_panda.py::test_a_panda_with_meshes_and_coupled_fingers_picks_a_cube",
     "proof/test_chaos.py::test_growing_errors_are_chaos_and_a_narrow_range_is_not",
     "proof/test_contact_scenes.py::test_a_tower_of_cylinders_needs_a_sound_detector",
+    "report/viewer/test_live.py::test_sliders_move_the_model",
     "report/test_study_analysis.py::test_consistency_is_the_drift_of_free_fall",
     "test_ci_example.py::test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change",
 )
