@@ -28,4 +28,4 @@ def test_the_versions_of_the_step_are_those_that_the_package_names():
     assert named == {"3.11", "3.12", "3.13"}
     assert all(SpecifierSet(project["requires-python"]).contains(version) for version in named)
     assert "for version in 3.13 3.12; do" in SCRIPT.read_text(encoding="utf-8")
-    assert "\nmake newest\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "\nmake --no-print-directory newest >" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
