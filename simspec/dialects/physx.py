@@ -108,6 +108,7 @@ TABLE = table(
     (
         *PASSIVE_BY_NAME,
         *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
+        Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json"),
         *in_single_precision(SPREAD),
     ),
 )
