@@ -37,6 +37,7 @@ SETTINGS = {
     "drake": (("integrator", "runge_kutta3"),),
     "mujoco": (("integrator", "implicit"),),
     "ode": (("native_motion", True),),
+    "rapier": (("native_motion", True),),
 }
 """Settings that select another method of integration than semi-implicit Euler."""
 

@@ -44,6 +44,7 @@ TABLE = table(
     (
         FileAddition("", "9.81", "strength"),
         FileAddition("settings", "true", "sleeping"),
+        FileAddition("settings", "true", "native_motion"),
         FileAddition("laws", ADDED_LAW),
         FileAddition("laws.*", "0.1", "adhesion"),
     ),

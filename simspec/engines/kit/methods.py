@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from simspec.support.declarations import Level, Refinement, Support, exact
+from simspec.support.classes import AS_ARMATURE
+from simspec.support.declarations import Level, Refinement, Support, exact, unsupported_if
 from simspec.world.types import World
 
 
@@ -52,6 +53,17 @@ def integration(method_of: MethodOf, *known: IntegrationMethod) -> Support:
     names = ", ".join(dict.fromkeys(method.name for method in known))
     how = f"semi-implicit Euler. Other methods are proven in the limit of small timesteps: {names}"
     return exact(how, refine, tuple(_refinement(method) for method in known))
+
+
+def implicit_damping(method_in_words: Callable[[World], str], how: str = AS_ARMATURE) -> Support:
+    """Of ``physics.damping: implicit``: exact, or in worlds that an engine integrates by a method of its own (the setting, as
+    in a sentence; "": it does not) not supported."""
+
+    def refine(world: World) -> Refinement | None:
+        named = method_in_words(world)
+        return unsupported_if(f"{named} has damping of its own, to which dt × damping would add") if named else None
+
+    return exact(how, refine=refine)
 
 
 def _refinement(method: IntegrationMethod, requested: bool = False) -> Refinement:

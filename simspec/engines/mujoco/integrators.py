@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from simspec.dialects.mujoco.sidecar import COULOMB, RK4
-from simspec.engines.kit.methods import IntegrationMethod, integration
+from simspec.engines.kit.methods import IntegrationMethod, implicit_damping, integration
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import COMMON_METHOD, Setting, SettingGroup, resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.support.classes import AS_ARMATURE
-from simspec.support.declarations import Refinement, Support, exact, unsupported_if
+from simspec.support.declarations import Refinement, Support, unsupported_if
 from simspec.world.types import World
 
 METHODS: Mapping[str, IntegrationMethod] = {
@@ -96,16 +96,13 @@ def _support() -> Support:
 SUPPORT = _support()
 
 
-def _native_damping(world: World) -> Refinement | None:
+def _in_words(world: World) -> str:
     named = chosen(world)
-    if named == COMMON_METHOD:
-        return None
-    return unsupported_if(f"the integrator {named} has damping of its own, to which dt × damping would add")
+    return "" if named == COMMON_METHOD else f"the integrator {named}"
 
 
-IMPLICIT_DAMPING = exact(
-    f"{AS_ARMATURE}. Without contact, limits and friction this is MuJoCo's Euler with its flag eulerdamp",
-    refine=_native_damping,
+IMPLICIT_DAMPING = implicit_damping(
+    _in_words, f"{AS_ARMATURE}. Without contact, limits and friction this is MuJoCo's Euler with its flag eulerdamp"
 )
 
 

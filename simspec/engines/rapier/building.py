@@ -176,6 +176,13 @@ class RapierBuild:
         self._set_masses()
         self.multibodies.connect(self.world)
 
+    def release(self) -> None:
+        """Leave the integration to Rapier: its gyroscopic torques and dampings, and no flywheels."""
+        for handle in dict.fromkeys([*self.bodies, *self.multibodies.bodies]):
+            if (body := self.world.rigid_bodies[handle]).is_dynamic:
+                body.gyroscopic_forces_enabled = True
+        self.multibodies.release(self.world)
+
     def _set_masses(self) -> None:
         """Give the bodies their masses to the last bit. Rapier adds those of colliders, which are zero, and where a collider is
         turned or displaced computes the principal axes of the sum, with half of the digits (0.42 of a tilted capsule's inertia

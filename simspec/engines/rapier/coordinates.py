@@ -98,8 +98,8 @@ class LinkPlaces:
 class LiveMultibodies:
     """The multibodies of one of Rapier's worlds. Rapier's views of them belong to that world."""
 
-    def __init__(self, built: Multibodies, places: LinkPlaces, world: Any):
-        self.built, self.places, self.world = built, places, world
+    def __init__(self, built: Multibodies, places: LinkPlaces, world: Any, wheel_speed: float = WHEEL_SPEED):
+        self.built, self.places, self.world, self.wheel_speed = built, places, world, wheel_speed
         self.multibodies = [world.multibody_joints.multibody(handle) for handle in built.wheels]
         self.bodies = [world.rigid_bodies[handle] for handle in built.bodies]
         self.armed: set[int] = set()
@@ -196,7 +196,7 @@ class LiveMultibodies:
             for tree, multibody in enumerate(self.multibodies):
                 multibody.apply_displacements(self._part(away, tree))
         rates = np.zeros(places.size)
-        rates[places.wheels] = WHEEL_SPEED
+        rates[places.wheels] = self.wheel_speed
         rates[places.at] = places.units * v[places.v]
         for _, free, at_q, at_v, at in places.turning:
             if free:
@@ -332,9 +332,11 @@ class LinkWrenches:
 
 
 class JointLosses:
-    """Damping and springs of the links' joints, which simspec applies as explicit efforts."""
+    """Damping and springs of the links' joints, which simspec applies as explicit efforts. ``damped``: whether Rapier damps."""
 
-    def __init__(self, built: Multibodies, q_places: Sequence[slice], v_places: Sequence[slice], nv: int):
+    def __init__(
+        self, built: Multibodies, q_places: Sequence[slice], v_places: Sequence[slice], nv: int, damped: bool = False
+    ):
         self.damping, self.stiffness, self.rest = np.zeros((3, nv))
         self._balls: list[tuple[int, int]] = []
         scalar: list[tuple[int, int]] = []
@@ -342,7 +344,7 @@ class JointLosses:
             row, joint = link.placed.row, link.joint
             at = v_places[row]
             if isinstance(joint, (AxisJoint, BallJoint)):
-                self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
+                self.damping[at], self.stiffness[at] = 0.0 if damped else joint.damping, joint.spring_stiffness
             if isinstance(joint, AxisJoint):
                 self.rest[at] = joint.spring_rest
                 scalar.append((q_places[row].start, at.start))

@@ -26,12 +26,14 @@ from simspec.engines.kit.capabilities import (
     coarse,
     read_deviations,
 )
+from simspec.engines.kit.methods import IntegrationMethod
 from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.engines.rapier import integration
 from simspec.engines.rapier.inventory import expected, inventory, neutral
 from simspec.engines.rapier.readback import read_back
-from simspec.engines.rapier.simulation import RapierSimulation
+from simspec.engines.rapier.simulation import NATIVE_MOTION, RapierSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
     Attempt,
@@ -341,7 +343,8 @@ class Rapier(WorldEngine[RapierSimulation]):
         **classes.driven(_TITLE),
         **exactly(Feature.HARDNESS_COMMON, Feature.GRAVITY_SCALE, *features.FILTERS),
         **exactly(Feature.ARMATURE, Feature.BALL_ARMATURE),
-        Feature.DAMPING_IMPLICIT: exact(classes.AS_ARMATURE),
+        Feature.INTEGRATOR: integration.SUPPORT,
+        Feature.DAMPING_IMPLICIT: integration.IMPLICIT_DAMPING,
         **for_each(_JOINTS, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL),
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
         Feature.LIMIT_POSITION: _STOPS,
@@ -394,7 +397,8 @@ class Rapier(WorldEngine[RapierSimulation]):
             minimum=1,
             group=SettingGroup.ACCURACY,
             finer=1000,
-        )
+        ),
+        NATIVE_MOTION: integration.SETTING,
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
@@ -406,6 +410,10 @@ class Rapier(WorldEngine[RapierSimulation]):
     }
 
     PARTS: ClassVar[Parts[RapierSimulation]] = Parts(RapierSimulation, read_back, inventory, neutral, expected)
+
+    @classmethod
+    def method(cls, world: World) -> IntegrationMethod | None:
+        return integration.method(world)
 
     @classmethod
     def prepare(cls) -> None:

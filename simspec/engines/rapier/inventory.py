@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from simspec.contact import ContactPlan
 from simspec.engines.kit.inventory import (
     NEUTRAL,
@@ -143,7 +145,7 @@ BODY = Items[Any, Body].named(
         "sleeps": (lambda body: bool(body.is_sleeping) or body.activation.linear_threshold >= 0.0, NEUTRAL),
     }
 )
-DYNAMIC: Mapping[str, EngineValue] = {"gyroscopic_forces_enabled": False, "allow_fast_rotation": True, "sleeps": False}
+DYNAMIC: Mapping[str, EngineValue] = {"allow_fast_rotation": True, "sleeps": False}
 """Values of bodies that move, in place of Rapier's defaults."""
 
 
@@ -243,12 +245,21 @@ def _joint_softness(data: Any) -> tuple[float, float]:
     return (data.softness.natural_frequency, data.softness.damping_ratio)
 
 
+def _native(of: Parameters) -> bool:
+    """Whether Rapier integrates by its own method."""
+    return bool(of.settings.get("native_motion", False))
+
+
 def _damping(link: RapierLink) -> float:
-    """The largest damping of a link's coordinates."""
+    """The largest damping of a link's coordinates that the read-back of its joint does not contain. By Rapier's own method that
+    of a ball is the same about all axes."""
     built = link.sim.built.multibodies
     begin = built.places[link.number] - built.starts[built.links[link.number].tree]
     count = link.multibody.get_link(built.numbers[link.number]).ndofs
-    return max(map(abs, link.multibody.damping()[begin : begin + count]), default=0.0)
+    values = np.array(link.multibody.damping()[begin : begin + count])
+    if link.sim.native and count:
+        values -= values[0]
+    return float(np.abs(values).max(initial=0.0))
 
 
 MOTOR: Mapping[str, EngineValue] = {
@@ -304,6 +315,8 @@ class RapierWheel(NamedTuple):
         return multibody.damping()[place], multibody.armature()[place]
 
 
+LARGEST = float(np.finfo(np.float32).max)
+"""Rapier's default of the largest force of a motor."""
 WHEEL = Items[RapierWheel, Parameters](
     {
         "mass": (lambda wheel: (wheel.body.mass, *wheel.body.mass_properties.principal_inertia), (1.0, 1.0, 1.0, 1.0)),
@@ -312,8 +325,12 @@ WHEEL = Items[RapierWheel, Parameters](
         "motor.target_vel": (lambda wheel: wheel.motor.target_vel, 1e6),
         "motor.stiffness": (lambda wheel: wheel.motor.stiffness, 0.0),
         "motor.damping": (lambda wheel: wheel.motor.damping, 1e30),
+        "motor.max_force": (lambda wheel: wheel.motor.max_force, lambda of: 0.0 if _native(of) else LARGEST),
         "model": (lambda wheel: word(wheel.motor.model), "ACCELERATION_BASED"),
-        "damping": (lambda wheel: wheel.values[0], lambda of: 1e12 / of.world.physics.timestep),
+        "damping": (
+            lambda wheel: wheel.values[0],
+            lambda of: 1e-6 if _native(of) else 1e12 / of.world.physics.timestep,
+        ),
         "armature": (lambda wheel: wheel.values[1], 0.0),
     }
 )
@@ -395,6 +412,7 @@ def expected(
             found[f"{at}.mass"] = body.inertial.mass
         elif _separate(world, body):
             found |= {f"{at}.{name}": value for name, value in DYNAMIC.items()}
+            found[f"{at}.gyroscopic_forces_enabled"] = _native(parameters)
         for shape in solid_shapes(body):
             solid = RapierSolid(len(carriers), body, shape, law, _filtered(world, body, shape.material))
             carriers.append(FilterCarrier(f"{shape.name}.0", body.name, shape.material, 0))

@@ -8,7 +8,7 @@ Rapier solves (M + dt C) a = τ − h with a Coriolis matrix C, unless that adds
 − h, which is simspec's law of motion. So each multibody has a *flywheel*, a link on the anchor that acts on no other. A motor
 turns it, and a damper brakes it so hard that Rapier counts energy in every step. The motion is then semi-implicit Euler to the
 round-off of single precision: two hinges are 6e-7 off after 2,000 steps, without a flywheel 4e-4
-(docs/records/rapier-joints.md).
+(docs/records/rapier-joints.md). Where a spec selects Rapier's own method, the flywheel idles.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ WHEEL_SPEED = 1e6
 """rad/s of a flywheel. Rapier's count of energy then exceeds a hundredth of any other energy, which is its margin."""
 WHEEL_DAMPING = 1e12
 """The damping of a flywheel times the timestep (kg, 1/1024 m); its moment is 1."""
+IDLE_SPEED = 1.0
+"""rad/s of a flywheel that idles: its energy is 5e-7 J."""
+IDLE_DAMPING = 1e-6
+"""The damping (1/s) by which it still has an acceleration, which is zero where Rapier dropped those of a multibody."""
 RIGID_MOTOR = 1e30
 """Damping of a motor that attains its velocity in one step, within its largest force."""
 UNLIMITED = 1e30
@@ -143,7 +147,7 @@ def effort_unit_of(kind: str) -> float:
 
 
 def inertia_unit_of(kind: str) -> float:
-    """The same of an armature."""
+    """The same of an armature and a damping."""
     return 1.0 if kind == "slide" else SQUARE
 
 
@@ -221,6 +225,20 @@ class Multibodies:
         self.starts = starts
         for tree, wheel in enumerate(self.wheels):
             self._give(joints.multibody(wheel), tree)
+
+    def release(self, world: Any) -> None:
+        """Leave the integration to Rapier: flywheels idle, and Rapier damps the joints, implicitly."""
+        for tree, wheel in enumerate(self.wheels):
+            world.multibody_joints[wheel].data.set_motor_max_force(self.rapier.JointAxis.ANG_X, 0.0)
+            multibody, begin = world.multibody_joints.multibody(wheel), self.starts[tree]
+            damping = np.zeros(self.sizes[tree])
+            damping[self.wheel_places[tree] - begin] = IDLE_DAMPING
+            for link, place in zip(self.links, self.places, strict=True):
+                if link.tree == tree and isinstance(link.joint, (AxisJoint, BallJoint)):
+                    value = inertia_unit_of(link.kind) * link.joint.damping
+                    given = checked_singles(NAME, (value,), f"damping of {link.joint.name}")[0]
+                    damping[place - begin : place - begin + VELOCITY_SIZE[link.kind]] = given
+            multibody.set_damping(damping.tolist())
 
     @staticmethod
     def _assembly(joints: Any, handle: Any) -> tuple[int, int]:

@@ -118,12 +118,13 @@ def _of_link(sim: RapierSimulation, number: int, position: list[float], velocity
     found = Joint(
         given.name, kind, parent_of(given), _origin(sim, link, data), position=tuple(position), velocity=tuple(velocity)
     )
-    at = sim.v_places[link.placed.row]
+    at, place, multibody = sim.v_places[link.placed.row], built.places[number] - built.starts[link.tree], link.tree
+    rotors = sim.links.multibodies[multibody].armature()
     if at.stop > at.start:
         damping, stiffness = sim.losses.damping[at.start], sim.losses.stiffness[at.start]
+        if sim.native:
+            damping = sim.links.multibodies[multibody].damping()[place] / inertia_unit_of(kind)
         found = dataclasses.replace(found, damping=float(damping), spring_stiffness=float(stiffness))
-    rotors = sim.links.multibodies[link.tree].armature()
-    place = built.places[number] - built.starts[link.tree]
     if kind == "ball":
         return dataclasses.replace(found, armature=_same(rotors[place : place + 3], given.name) / inertia_unit_of(kind))
     if kind not in AXIS_OF or not isinstance(given, AxisJoint):

@@ -17,7 +17,7 @@ from simspec.engines.kit.world_simulation import WorldSimulation, unit_responses
 from simspec.engines.rapier.building import RapierBuild, configure
 from simspec.engines.rapier.coordinates import JointLosses, LinkPlaces, LinkWrenches, LiveMultibodies
 from simspec.engines.rapier.free_bodies import LiveFreeBodies, spinning
-from simspec.engines.rapier.multibodies import AXIS_OF
+from simspec.engines.rapier.multibodies import AXIS_OF, IDLE_SPEED, WHEEL_SPEED
 from simspec.engines.rapier.stops import JointStops
 from simspec.engines.rapier.units import NAME, SCALE, SQUARE, quaternion_of, states_of
 from simspec.errors import EngineError
@@ -26,6 +26,8 @@ from simspec.world import frames
 from simspec.world.rotations import cross, exponential_of, multiply_of, rotate
 from simspec.world.types import Quaternion, Vector3
 
+NATIVE_MOTION = "native_motion"
+"""The setting that leaves the integration to Rapier."""
 LONG = 1.0
 """The step (s) that measures accelerations: the change of a velocity in 1 ms has few digits."""
 REFINEMENTS = 3
@@ -57,7 +59,9 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
         self._free_q = _places([self.q_places[row].start for row in self.free], 7)
         self._free_v = _places([self.v_places[row].start for row in self.free], 6)
         self._places = LinkPlaces(links, self.q_places, self.v_places)
-        self.losses = JointLosses(links, self.q_places, self.v_places, self.nv)
+        self.native = bool(self.settings.get(NATIVE_MOTION, False))
+        """Whether Rapier integrates by its own method."""
+        self.losses = JointLosses(links, self.q_places, self.v_places, self.nv, damped=self.native)
         self._stops = JointStops(links)
         rigid = built.world.rigid_bodies
         self._spins = spinning([rigid[built.bodies[row]] for row in self.free])
@@ -68,7 +72,11 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
         """The links' bodies that have forces or torques in Rapier."""
         self._before: dict[Any, tuple[Vector3, Quaternion]] = {}
         """Where the links' bodies were, and how they were turned, before the last step, by handle (1/1024 m)."""
-        self._pristine = built.world.snapshot()
+        self._pristine = self._common = built.world.snapshot()
+        """The world as it was built, and by semi-implicit Euler."""
+        if self.native:
+            built.release()
+            self._pristine = built.world.snapshot()
         self._take(built.world)
         self._wrenches = LinkWrenches(links, self.v_places, self.links.centres())
         self.set_state(*map(np.array, initial_coordinates(self.document)))
@@ -79,8 +87,10 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
         world.set_num_threads(1)
         world.physics_hooks = self.built.laws
         handles = [self.built.bodies[row] for row in self.free]
-        self.bodies = LiveFreeBodies(self.rapier, world, handles, self._touched, self._spins)
-        self.links = LiveMultibodies(self.built.multibodies, self._places, world)
+        spins = () if self.native else self._spins
+        self.bodies = LiveFreeBodies(self.rapier, world, handles, self._touched, spins)
+        speed = IDLE_SPEED if self.native else WHEEL_SPEED
+        self.links = LiveMultibodies(self.built.multibodies, self._places, world, speed)
         self._pushed_links = []
 
     # --- state ------------------------------------------------------------------------------------------------
@@ -155,7 +165,7 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
                 if not left and self._solid_links:
                     self._remember()
             self.world.step()
-            if self.bodies.watched:
+            if self.bodies.watched and not self.native:
                 self.bodies.turn_on()
             if self._places.turning:
                 self.links.shorten()
@@ -227,10 +237,11 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
     # --- dynamics ---------------------------------------------------------------------------------------------
 
     def _probe(self) -> RapierSimulation:
-        """A copy of this simulation without contact, whose step is ``LONG``."""
+        """A copy of this simulation without contact, by semi-implicit Euler, whose step is ``LONG``."""
         probe = object.__new__(RapierSimulation)
         probe.__dict__.update(self.__dict__)
-        world = self.rapier.PhysicsWorld.restore(self._pristine)
+        probe.native = False
+        world = self.rapier.PhysicsWorld.restore(self._common)
         world.integration_parameters.dt = LONG
         for handle in self.built.colliders:
             world.colliders[handle].is_enabled = False
