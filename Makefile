@@ -30,13 +30,16 @@ unexport PYTHONDONTWRITEBYTECODE
 
 setup: .venv/ready
 
-# --no-compile: most modules of the packages are never imported, and Python compiles the others when they are: a third of the time
-# The former name of the distribution is uninstalled: an older environment would list every plug-in twice
-.venv/ready: pyproject.toml constraints.txt
+# the environment, and its installer, with which tools/newest.sh fills another one meanwhile (tools/install.sh says what follows without)
+.venv/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info[:2] == (3, 11) else "simspec needs Python 3.11 (wheels of pybullet end there); say make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv .venv
+	-PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --no-compile uv
+
+# The former name of the distribution is uninstalled: an older environment would list every plug-in twice
+.venv/ready: pyproject.toml constraints.txt | .venv/bin/pip
 	@$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes simspec 2>/dev/null
-	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable '.[all,test,rapier]'
+	tools/install.sh .venv '.[all,test,rapier]'
 	@# processes that read the files of strangers write nothing, not even what they compile
 	$(BIN)/python -c 'import mujoco; from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt'
 	touch $@

@@ -17,8 +17,7 @@ fi
 "$python" --version
 place=.venv-newest
 [ -x "$place/bin/simspec" ] || "$python" -m venv --clear "$place"
-PIP_CONSTRAINT=$PWD/constraints.txt "$place/bin/pip" install --quiet --disable-pip-version-check --no-compile --editable '.[mujoco,dart,testing]' \
-  hypothesis jsonschema lxml pint syrupy
+UV=$PWD/.venv/bin/uv tools/install.sh "$place" '.[mujoco,dart,testing]' hypothesis jsonschema lxml pint syrupy
 program=$PWD/$place/bin/simspec
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
