@@ -12,8 +12,8 @@ from tests import nightly
 
 @pytest.mark.parametrize(
     "listed",
-    [tuple(nightly.ENGINES), tuple(nightly.CASES), tuple(nightly.DIAGONALS), nightly.WHOLE],
-    ids=["engines", "cases", "diagonals", "whole"],
+    [tuple(nightly.ENGINES), tuple(nightly.CASES), tuple(nightly.NAMED), tuple(nightly.DIAGONALS), nightly.WHOLE],
+    ids=["engines", "cases", "named", "diagonals", "whole"],
 )
 def test_listed_tests_exist(listed):
     suites = "".join(
@@ -54,3 +54,30 @@ def test_diagonals_have_every_value_of_either_parameter(rows, columns):
     kept = [pair for pair, item in items.items() if item not in left]
     assert len(kept) == max(rows, columns)
     assert [set(values) for values in zip(*kept, strict=True)] == [set(range(rows)), set(range(columns))]
+
+
+def test_each_world_of_the_suite_is_run_in_every_second_engine_and_the_first_in_all():
+    known = [f"engine{place}" for place in range(6)]
+    items = {}
+    for engine, row in itertools.product(known, range(15)):
+        items[engine, row] = case("engines/test_engine_suite.py::test_its_bias_force", row, engine=engine)
+        items[engine, row].callspec.indices = {nightly.WORLDS: row}
+    left = list(nightly.left_out(items.values(), known))
+    of_row = [[engine for engine in known if items[engine, row] not in left] for row in range(15)]
+    assert of_row == [known] + [known[1::2], known[0::2]] * 7
+
+
+def test_cases_are_counted_among_those_that_are_left():
+    name = "engines/test_engine_suite.py::test_the_engine_holds_the_world"
+    items = []
+    for row in range(15):
+        items.append(case(name, row, engine="engine0"))
+        items[-1].callspec.indices = {nightly.WORLDS: row}
+    left = list(nightly.left_out(items, ["engine0", "engine1"]))
+    assert [row for row, item in enumerate(items) if item not in left] == [0, 6, 12]
+
+
+def test_cases_are_left_out_by_words():
+    name, (words, *_) = next(iter(nightly.NAMED.items()))
+    items = [case(name, text) for text in (f"simspec {words} --engine mujoco", "simspec engines")]
+    assert list(nightly.left_out(items, ())) == items[:1]

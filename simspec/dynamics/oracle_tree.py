@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dynamics.oracle_rows import ConstraintRows, whole
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.actions import Fluid
@@ -16,7 +17,7 @@ from simspec.world.constraints import JointSums, Violation, impulse
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of, within
 from simspec.world.rotations import logarithm
-from simspec.world.types import Body, FollowConstraint, Pose, WeldConstraint, World
+from simspec.world.types import Body, Pose, World
 
 # The force of a fluid on one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face.
 
@@ -77,11 +78,6 @@ def _depth_first(bodies: Sequence[Body]) -> list[Body]:
     return ordered
 
 
-def _whole(jacobian: np.ndarray) -> np.ndarray:
-    """(6, nv): of one coordinate Pinocchio gives a vector (measured)."""
-    return jacobian.reshape(6, -1)
-
-
 class OracleTree:
     """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates. The world's
     constraints have a part in ``step`` and ``settled`` alone, and only where ``constrained``: all else is of the trees as such.
@@ -115,6 +111,9 @@ class OracleTree:
         self._read_efforts()
         self.violation = Violation(world.bodies, world.constraints) if constrained and world.constraints else None
         """The constraints that act in a step; None: there are none."""
+        places = {body.joint.name: at for body, at in zip(world.bodies, self.layout.velocity, strict=True)}
+        acting = world.constraints if self.violation is not None else ()
+        self._rows = ConstraintRows(pinocchio, self.model, self.data, self.v_index, acting, places, self._joint_of)
 
     def _placement(self, pose: Pose) -> Any:
         return self.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
@@ -199,6 +198,7 @@ class OracleTree:
         self.model.armature = spread
         self._upper = np.triu(np.ones((self.model.nv, self.model.nv), dtype=bool))
         """The entries of M that Pinocchio computes."""
+        self._entries = np.ix_(self.v_index, self.v_index)
         self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
         self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
 
@@ -211,16 +211,20 @@ class OracleTree:
 
     def _jacobian_of(self, joint: int, frame: Any) -> np.ndarray:
         """(6, nv) in Pinocchio's order, by the Jacobians computed last."""
-        return _whole(self.pin.getJointJacobian(self.model, self.data, joint, frame))
+        return whole(self.pin.getJointJacobian(self.model, self.data, joint, frame))
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.body_poses`."""
+        return self._poses(q, range(len(self.world.bodies)))
+
+    def _poses(self, q: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
+        """The same of some bodies; zeros of the others."""
         self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
-        poses = np.empty((len(self.world.bodies), 7))
-        for row, joint, placement in zip(poses, self.body_joint, self.body_placement, strict=True):
-            pose = self.data.oMi[joint] * placement
+        poses = np.zeros((len(self.world.bodies), 7))
+        for body in bodies:
+            pose = self.data.oMi[self.body_joint[body]] * self.body_placement[body]
             x, y, z, w = self.pin.Quaternion(pose.rotation).coeffs()
-            row[:3], row[3:] = pose.translation, (w, x, y, z)
+            poses[body, :3], poses[body, 3:] = pose.translation, (w, x, y, z)
         return poses
 
     def effort_of(self, q: np.ndarray, body: str, at: np.ndarray, force: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -231,7 +235,7 @@ class OracleTree:
             return effort
         self.pin.forwardKinematics(self.model, self.data, values)
         # in the joint's own axes
-        jacobian = _whole(self.pin.computeJointJacobian(self.model, self.data, values, index))
+        jacobian = whole(self.pin.computeJointJacobian(self.model, self.data, values, index))
         turn = self.data.oMi[index].rotation.T
         point = placement.act(at)
         wrench = np.concatenate([turn @ force, np.cross(point, turn @ force) + turn @ torque])
@@ -253,7 +257,7 @@ class OracleTree:
         """M (nv, nv), armature included."""
         full = self.pin.crba(self.model, self.data, self.spread(q)[0])
         full = np.where(self._upper, full, full.T)
-        matrix: np.ndarray = full[np.ix_(self.v_index, self.v_index)]
+        matrix: np.ndarray = full[self._entries]
         return matrix
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -400,64 +404,33 @@ class OracleTree:
         """One step of semi-implicit Euler; returns the new (q, v)."""
         v = v + self.timestep * self.acceleration(q, v, effort)
         if self.violation is not None:
-            violation = self.violation.of(q, self.body_poses(q))
+            violation = self._violated(self.violation, q)
             v = v + impulse(self.mass_matrix(q), self.jacobian(q), v, violation, self.timestep)
         ours_q, ours_v = self.spread(q, v)
         return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """J (rows, nv) of the constraints (``world/constraints.py``), by Pinocchio's Jacobians of joints."""
-        if self.violation is None:
-            return np.zeros((0, self.nv))
-        pin = self.pin
-        pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
-        joints = {body.joint.name: at for body, at in zip(self.world.bodies, self.layout.velocity, strict=True)}
-        bodies = {body.name: row for row, body in enumerate(self.world.bodies)}
-        parts = [np.zeros((0, self.nv))]
-        for constraint in self.violation.constraints:
-            if isinstance(constraint, FollowConstraint):
-                row = np.zeros((1, self.nv))
-                row[0, joints[constraint.joint]] += 1.0
-                row[0, joints[constraint.leader]] -= constraint.ratio
-                parts.append(row)
-                continue
-            weld = isinstance(constraint, WeldConstraint)
-            ends = (
-                (Pose(constraint.pose.position), Pose())
-                if isinstance(constraint, WeldConstraint)
-                else (Pose(constraint.first_point), Pose(constraint.second_point))
-            )
-            first, second = (
-                self._twist(bodies[name], end)[: 6 if weld else 3]
-                for name, end in zip((constraint.first, constraint.second), ends, strict=True)
-            )
-            parts.append(first - second)
-        return np.concatenate(parts)
+        return self._rows.at(self.spread(q)[0])
 
-    def _twist(self, body: int, end: Pose) -> np.ndarray:
-        """(6, nv): velocity of a point of a body, then its angular velocity, in world axes, by the Jacobians computed last."""
-        joint, placement = self.body_joint[body], self.body_placement[body] * self._placement(end)
-        if not joint:
-            return np.zeros((6, self.nv))
-        jacobian = self._jacobian_of(joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        arm = self.data.oMi[joint].rotation @ placement.translation
-        full = np.concatenate([jacobian[:3] - self.pin.skew(arm) @ jacobian[3:], jacobian[3:]])
-        turned: np.ndarray = full[:, self.v_index]
-        return turned
+    def _violated(self, violation: Violation, q: np.ndarray) -> np.ndarray:
+        """φ (rows,) at ``q``, from the poses of the bodies that have constraints."""
+        poses = self._poses(q, violation.ends) if violation.ends else np.zeros((0, 7))
+        return violation.of(q, poses)
 
     def settled(self, q: np.ndarray) -> np.ndarray | None:
         """A position near ``q`` (nq,) at which the constraints hold, by Gauss and Newton; None where that leads nowhere."""
         if self.violation is None:
             return q
         for _ in range(SETTLING):
-            violation = self.violation.of(q, self.body_poses(q))
+            violation = self._violated(self.violation, q)
             step = -np.linalg.pinv(self.jacobian(q), rcond=SETTLED_RANK) @ violation
             if not np.isfinite(step).all():
                 return None
             ours_q, ours_v = self.spread(q, step)
             q = np.asarray(self.pin.integrate(self.model, ours_q, ours_v)[self.q_index])
             if np.abs(step).max(initial=0.0) < SETTLED:
-                close = np.abs(self.violation.of(q, self.body_poses(q))).max(initial=0.0) < SETTLED
+                close = np.abs(self._violated(self.violation, q)).max(initial=0.0) < SETTLED
                 return q if close else None
         return None
 

@@ -77,6 +77,8 @@ class Violation:
             np.array(column, dtype=np.intp) for column in columns[:3]
         )
         self._ratio, self._offset = (np.array(column, dtype=float) for column in columns[3:])
+        self.ends = sorted({body for body, _, _ in ends})
+        """The bodies whose poses matter, by number."""
         self._end_body = np.array([body for body, _, _ in ends], dtype=np.intp)
         self._end_point = np.array([point for _, point, _ in ends], dtype=float).reshape(-1, 3)
         self._end_rows = np.array([begin for _, _, begin in ends], dtype=np.intp)[::2, None] + np.arange(3)

@@ -18,6 +18,7 @@ from simspec.runner.expectations import MEASURES, evaluate
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
 from simspec.world.types import Expectation
+from tests.nightly import EVERYTHING
 from tests.runner.synthetic import free_body, run, world
 
 NAMES = ("ball", "cube", "rod")
@@ -104,7 +105,7 @@ def assert_same(found, expected):
         assert found == expected
 
 
-@settings(max_examples=8)
+@settings(max_examples=8 if EVERYTHING else 3)
 @given(
     seed=st.integers(0, 10**6),
     rows=st.integers(40, 150),
