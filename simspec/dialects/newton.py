@@ -10,7 +10,9 @@ from typing import Any, ClassVar
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import (
+    INERTIAL,
     PASSIVE_BY_NAME,
+    WORLD,
     FileAddition,
     Inert,
     in_single_precision,
@@ -80,6 +82,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
 }
 
+MASSLESS = "mass properties of bodies that cannot move have no effect in Newton"
 SPREAD = 0.1
 
 TABLE = table(
@@ -87,6 +90,7 @@ TABLE = table(
     (FileAddition("", "9.81", "strength"), FileAddition("settings", "true", "sleeping")),
     (
         *PASSIVE_BY_NAME,
+        *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
         Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-4),
         *in_single_precision(SPREAD),
     ),

@@ -129,6 +129,11 @@ def checked_singles(engine: str, values: Iterable[float], what: str) -> tuple[fl
     return found
 
 
+def checked_limit(engine: str, value: float | None, what: str) -> float:
+    """A limit that ``engine`` can hold, infinite for None. Raises EngineError for others."""
+    return math.inf if value is None else checked_singles(engine, (value,), what)[0]
+
+
 def demand_singles(engine: str, values: np.ndarray, what: str) -> None:
     """Raise EngineError for a state or an effort that ``engine`` cannot hold. A value below its smallest number becomes zero
     there, which is right to 1e-38 of its unit: other engines' states have such rests."""

@@ -9,19 +9,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from simspec.engines.kit.arrays import checked_singles
+from simspec.engines.kit.world_simulation import positive_definite
 from simspec.errors import EngineError
-from simspec.formats.world import AxisJoint, FixedJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
+from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
 from simspec.world import frames
+from simspec.world.hull import HullError, hull_of
 from simspec.world.types import Inertial, Pose, Shape, Surface, Vector3
 
 STATIC = -1
 """The row of the world, as a parent, and as the carrier of a body that cannot move."""
+HALVED: Final[Mapping[str, tuple[float, ...]]] = {
+    "sphere": (1.0,),
+    "box": (0.5, 0.5, 0.5),
+    "capsule": (1.0, 0.5),
+    "cylinder": (1.0, 0.5),
+    "ellipsoid": (1.0, 1.0, 1.0),
+    "plane": (),
+}
+"""By kind of shape the factors of the numbers of its size in engines that have halves of edges and lengths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +133,22 @@ class Walk:
         return found
 
     @property
+    def lightest(self) -> dict[int, int]:
+        """By root of each tree whose root cannot move the lightest body with mass that moves."""
+        found: dict[int, int] = {}
+        for root, rows in self.trees.items():
+            moving = [row for row in rows if self.bodies[row].moves and self.bodies[row].body.mass]
+            if moving and not self.bodies[root].moves:
+                found[root] = min(moving, key=lambda row: self.bodies[row].body.mass)
+        return found
+
+    @property
+    def single(self) -> list[int]:
+        """The rows of the bodies that are trees by themselves and move freely."""
+        alone = [rows[0] for rows in self.trees.values() if len(rows) == 1]
+        return [row for row in alone if isinstance(self.bodies[row].body.joint, FreeJoint)]
+
+    @property
     def kinds(self) -> tuple[tuple[str, str, int], ...]:
         """The distinct kinds of units, in the order of their first units."""
         return tuple(dict.fromkeys(unit.kind for unit in self.units))
@@ -162,11 +190,13 @@ def refuse(
     servos: bool = True,
     moving_planes: bool = True,
     carried_mass: bool = True,
+    degenerate_mass: bool = True,
 ) -> None:
     """Raise EngineError for the first part of a document that ``engine`` does not support.
 
     ``cones``, ``joints``, ``shapes``: the kinds that it supports (None: all). ``servos``: its own controllers;
-    ``moving_planes``: planes on bodies that move; ``carried_mass``: masses of bodies that are fixed to bodies that move.
+    ``moving_planes``: planes on bodies that move; ``carried_mass``: masses of bodies that are fixed to bodies that move;
+    ``degenerate_mass``: free bodies without mass, and inertias of bodies that move which have no inverse.
     """
     if cones is not None and walk.document.friction_cone not in cones:
         raise EngineError(engine, f"does not support the friction cone {walk.document.friction_cone}")
@@ -183,12 +213,42 @@ def refuse(
             raise EngineError(
                 engine, f"does not support the mass of {body.name!r}, which is fixed to a body that moves"
             )
+        if not degenerate_mass and placed.moves:
+            if isinstance(joint, FreeJoint) and not body.mass > 0.0:
+                raise EngineError(engine, f"does not support {body.name!r}, which moves freely and has no mass")
+            if body.mass and not positive_definite(body.inertia):
+                raise EngineError(engine, f"does not support the inertia of {body.name!r}, which has no inverse")
     for solid in walk.shapes:
         kind, name = solid.shape.kind, solid.shape.name
         if shapes is not None and kind not in shapes:
             raise EngineError(engine, f"does not support the {kind} {name!r}")
         if kind == "plane" and solid.owner.moves and not moving_planes:
             raise EngineError(engine, f"does not support the plane {name!r} on a body that moves")
+
+
+def surface_numbers(engine: str, unit: ShapeUnit, size: Sequence[float]) -> tuple[float, float]:
+    """Friction and restitution of a copy, of an engine in single precision whose shapes have no other numbers. ``size``: the
+    shape's as the engine receives it. Raises EngineError where a part of it is 0, and for numbers that the engine does not
+    have."""
+    shape, copy = unit.of.shape, unit.copy
+    if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):
+        raise EngineError(engine, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
+    friction, restitution = checked_singles(engine, (copy.friction, copy.restitution), f"numbers of {shape.name}")
+    if friction < 0.0 or not 0.0 <= restitution <= 1.0:
+        raise EngineError(engine, f"does not support the numbers of {shape.name!r}: {friction:g} and {restitution:g}")
+    if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
+        raise EngineError(engine, f"does not support more than friction and restitution of {shape.name!r}")
+    return friction, restitution
+
+
+def hull_triangles(engine: str, name: str, size: Sequence[float]) -> np.ndarray:
+    """The triangles (n, 3) of the convex hull ``name`` (flat vertices). Raises EngineError where there is none."""
+    try:
+        return hull_of(size).triangles
+    except (HullError, ValueError) as error:
+        raise EngineError(engine, f"has no hull {name!r}: {error}") from error
+    except ImportError as error:
+        raise EngineError(engine, f"meshes need scipy: {error}") from error
 
 
 # Read-back: values of engines' APIs in the types of the world.
@@ -222,12 +282,12 @@ def range_of(lower: float, upper: float) -> tuple[float, float] | None:
 
 
 def shape_of_copies(
-    visual: Shape, forms: Sequence[tuple[str, tuple[float, ...], Pose]], surfaces: Sequence[Surface]
-) -> Shape | None:
+    engine: str, visual: Shape, forms: Sequence[tuple[str, tuple[float, ...], Pose]], surfaces: Sequence[Surface]
+) -> Shape:
     """A collision shape as an engine stores its copies, each with kind, size and pose; ``visual`` is the visual part of the
-    file. None where the copies differ."""
+    file. Raises EngineError where the copies differ."""
     if any(form != forms[0] for form in forms):
-        return None
+        raise EngineError(engine, f"holds copies of {visual.name!r} that differ")
     kind, size, pose = forms[0]
     return dataclasses.replace(visual, kind=kind, size=size, pose=pose, collision=True, surfaces=tuple(surfaces))
 

@@ -1,4 +1,4 @@
-"""Engines that store trees in arrays, with a joint for each link: coordinates, springs, energies and points of contact.
+"""Engines that store trees in arrays, with a joint for each link: coordinates, springs, energies and steps.
 
 Such engines have quaternions x y z w, and the angular velocities of free bodies and balls in the axes of the joint's parent
 (or the world), where simspec has w x y z and the axes of the child. The velocity of a link is that of its centre of mass.
@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
-from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_singles
+from simspec.engines.kit.arrays import checked_singles, demand_singles
 from simspec.engines.kit.building import ShapeUnit, Walk, bound, range_of
+from simspec.engines.kit.link_contacts import ContactRoom
 from simspec.engines.kit.world_simulation import SidecarType, WorldSimulation, visual_shape
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, JsonWorld, initial_coordinates
@@ -100,10 +100,12 @@ class JointSprings:
         balls: list[tuple[int, int, int]] = []
         for row, body in enumerate(document.bodies):
             joint = body.joint
-            if not isinstance(joint, AxisJoint | BallJoint) or not joint.spring_stiffness:
+            if not isinstance(joint, AxisJoint | BallJoint):
                 continue
             self.stiffness[row] = joint.spring_stiffness
             self.rest[row] = joint.spring_rest if isinstance(joint, AxisJoint) else 0.0
+            if not joint.spring_stiffness:
+                continue
             rows = scalar if isinstance(joint, AxisJoint) else balls
             rows.append((row, layout.position[row].start, layout.velocity[row].start))
         self.any = bool(scalar or balls)
@@ -141,12 +143,14 @@ class Midpoint:
     torque with which w is ω + dt I⁻¹ (τ − ω × I ω). In single precision w is 1e-7 off in each step, always to the same side
     (measured in one engine): bodies that touch nothing are given the velocity of the law.
 
-    ``links``: the engine's numbers of the bodies; ``tensors`` (n, 3, 3); ``q_starts`` and ``v_starts`` (n,): the first places
-    of their joints in the engine's positions and velocities.
+    ``links``: the engine's numbers of single free bodies; by those ``tensors`` (n, 3, 3), and ``q_starts`` and ``v_starts``
+    (n,): the first places of joints in the engine's positions and velocities.
     """
 
     def __init__(self, links: Sequence[int], tensors: np.ndarray, q_starts: np.ndarray, v_starts: np.ndarray):
-        self.any, self._links = bool(links), np.array(links, dtype=np.intp)
+        uneven = [link for link in links if not np.array_equal(tensors[link], tensors[link][0, 0] * np.eye(3))]
+        tensors, q_starts, v_starts = tensors[uneven], q_starts[uneven], v_starts[uneven]
+        self.any, self._links = bool(uneven), np.array(uneven, dtype=np.intp)
         self._tensors, self._inverse = tensors, np.linalg.inv(tensors)
         self._turns, self._spins = q_starts[:, None] + np.arange(3, 7), v_starts[:, None] + np.arange(3, 6)
 
@@ -244,60 +248,6 @@ class LinkStates:
         return 0.5 * float(kinetic), -float(masses @ (places @ gravity))
 
 
-@dataclass(frozen=True)
-class ContactPoints:
-    """Points of contact: ``units`` (n, 2), ``places`` (n, 3), ``normals`` (n, 3) from the first unit to the second,
-    ``distances`` (n,)."""
-
-    units: np.ndarray
-    places: np.ndarray
-    normals: np.ndarray
-    distances: np.ndarray
-
-    @classmethod
-    def between(cls, units: np.ndarray, poses: np.ndarray, local: Sequence[np.ndarray], normals: np.ndarray) -> Self:
-        """Points between the ends ``local`` (2 of (n, 3)) in the frames of two links at ``poses`` (n, 2, 7)."""
-        ends = [poses[:, end, :3] + rotate(from_xyzw(poses[:, end, 3:]), local[end]) for end in range(2)]
-        gaps = np.einsum("ni,ni->n", normals, ends[1] - ends[0])
-        return cls(units, 0.5 * (ends[0] + ends[1]), normals, gaps)
-
-    def arrays(self, forces: np.ndarray, bodies: Sequence[int]) -> dict[str, np.ndarray]:
-        """The arrays of :meth:`Engine.contacts`. ``forces`` (n,): normal forces; ``bodies``: by unit, the row of its body."""
-        rows: list[ContactRow] = []
-        for pair, at, normal, distance, force in zip(
-            self.units.tolist(), self.places, self.normals, self.distances.tolist(), forces.tolist(), strict=True
-        ):
-            if distance <= 0.0 or force > 0.0:
-                towards = -normal if pair[0] < pair[1] else normal
-                rows.append(((min(pair), max(pair)), at, towards, distance, max(0.0, force)))
-        return contact_arrays(rows, bodies)
-
-
-MOST_ROOM = 1 << 20
-"""Points of contact for which there is room at most."""
-
-
-@dataclass(frozen=True)
-class ContactRoom:
-    """For how many points of contact, and rows of trees, an engine has room that grows."""
-
-    contacts: int
-    rows: int
-
-    @classmethod
-    def first(cls, walk: Walk) -> ContactRoom:
-        """Room that most worlds never exceed: it costs memory, not time."""
-        limited = sum(isinstance(placed.body.joint, AxisJoint) for placed in walk.bodies)
-        contacts = 64 + 16 * len(walk.units)
-        return cls(contacts, 2 * limited + 3 * contacts)
-
-    def larger(self, engine: str) -> ContactRoom:
-        """Twice as much. Raises EngineError where that is too much."""
-        if self.contacts > MOST_ROOM:
-            raise EngineError(engine, f"has room for {self.contacts} points of contact")
-        return ContactRoom(2 * self.contacts, 2 * self.rows)
-
-
 def blocks(matrices: np.ndarray, starts: Sequence[int]) -> np.ndarray:
     """A matrix of the first rows and columns of ``matrices`` (n, m, m) along its diagonal: of each from its place in ``starts``
     (n + 1,) to the next."""
@@ -313,6 +263,7 @@ class LinkSimulation(WorldSimulation[SidecarType]):
     walk: Walk
     timestep: float
     """s."""
+    room: ContactRoom
     springs: JointSprings
     """Those that the engine does not have."""
 
@@ -333,8 +284,12 @@ class LinkSimulation(WorldSimulation[SidecarType]):
         """Let the engine compute the poses and velocities of its links from the coordinates."""
         raise NotImplementedError
 
-    def launch(self) -> None:
-        """One step of the engine."""
+    def launch(self) -> bool:
+        """One step of the engine; False where contacts or rows had no room."""
+        raise NotImplementedError
+
+    def make_anew(self) -> None:
+        """Let the next step be made anew, with the present room and timestep."""
         raise NotImplementedError
 
     def touched(self) -> np.ndarray:
@@ -405,13 +360,30 @@ class LinkSimulation(WorldSimulation[SidecarType]):
         for _ in range(count):
             after = self._give(effort) if each else None
             before = self.their_q[self.places.their_turns].astype(float)
-            self.launch()
+            self._step()
             if after is not None and middle is not None:
                 middle.settle(self.their_v, after, self.touched())
             self._turn_on(before)
         self.stepped = self.stepped or count > 0
         if count and not (np.isfinite(self.their_q).all() and np.isfinite(self.their_v).all()):
             raise EngineError(self.engine, "the state is no longer finite")
+
+    def _step(self) -> None:
+        """One step, again with more room where contacts or rows had none."""
+        begins = self.their_q.copy(), self.their_v.copy()
+        while not self.launch():
+            self.grow()
+            self.their_q[:], self.their_v[:] = begins
+
+    def grow(self) -> None:
+        """Make the next step with more room for contacts."""
+        self.room = self.room.larger(self.engine)
+        self.make_anew()
+
+    def set_timestep(self, timestep: float) -> None:
+        """Step by another timestep (s), now and after states that are set."""
+        self.timestep = checked_singles(self.engine, (timestep,), "timestep")[0]
+        self.make_anew()
 
     def _give(self, effort: np.ndarray | None) -> np.ndarray | None:
         """Give the efforts of the next step; what :meth:`Midpoint.correct` returns."""

@@ -99,6 +99,12 @@ def approximate_pairs(given: Mapping[Pair, str], short: str) -> Refinement:
     return Refinement(Level.APPROXIMATE, how, short)
 
 
+def met_approximately(given: Mapping[Pair, str], how: str, short: str) -> Support:
+    """Exact, except where one of these pairs may meet: then accepted by name (:func:`approximate_pairs`). ``how`` says so."""
+    approximation = approximate_pairs(given, short)
+    return exact(how, lambda world: approximation if met_pairs(world, given) else None, (approximation,))
+
+
 def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:
     """Refused, as ``why`` says, where a ``kind`` of shape may meet others than ``exactly``."""
     for name, other in sorted(meeting_kinds(world)):
@@ -110,10 +116,14 @@ def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> 
 
 def distant_light_link(world: World) -> tuple[float, str]:
     """The largest ratio, over hinges in the initial state, of m d² to the moment about the hinge's axis of all that it carries,
-    of mass m at the distance d from the root of the tree, and the body of that hinge. Engines whose spatial vectors are about
-    the root lose as many digits of the moment. 0 without hinges."""
-    at, worst = poses(world), (0.0, "")
-    for bodies in trees(world).values():
+    of mass m at the distance d from the centre of mass of the tree's root, and the body of that hinge; 0 without hinges.
+    Engines whose spatial vectors are about that point lose as many digits of the moment. Where the root cannot move its mass
+    properties have no effect, and the point is the centre of mass of the lightest link."""
+    at, groups, worst = poses(world), rigid_groups(world), (0.0, "")
+    for root, bodies in trees(world).items():
+        moving = [body for body in bodies if groups[body.name] != "world" and body.inertial.mass]
+        about = bodies[0] if groups[root] != "world" or not moving else min(moving, key=lambda body: body.inertial.mass)
+        origin = np.array(frames.compose(at[about.name], Pose(about.inertial.centre_of_mass)).position)
         carried: dict[str, list[tuple[Inertial, Pose]]] = {body.name: [] for body in bodies}
         for body in reversed(bodies):  # parents come before children
             parts = carried[body.name]
@@ -129,10 +139,23 @@ def distant_light_link(world: World) -> tuple[float, str]:
             arm = np.cross(centre - at[body.name].position, axis)
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             moment = body.joint.armature + axis @ tensor @ axis + whole.mass * (arm @ arm)
-            away = centre - at[bodies[0].name].position
+            away = centre - origin
             if moment > 0.0:
                 worst = max(worst, (float(whole.mass * (away @ away) / moment), body.name))
     return worst
+
+
+def near_links(title: str, largest: float) -> Support:
+    """Inertias in single precision of an engine (``title``): exact where the ratio of :func:`distant_light_link` is up to
+    ``largest``, else accepted by name."""
+    lost = Refinement(
+        Level.APPROXIMATE,
+        f"{title}'s spatial vectors are about the root's centre of mass, and moments of light links far from it lose digits in "
+        f"single precision; see docs/engines/{title.lower()}.md",
+        "moments of light links far from the root lose digits",
+    )
+    how = f"{title} is exact for trees without light links far from a root that moves. Accept `body.inertia` for others"
+    return exact(how, lambda world: lost if distant_light_link(world)[0] > largest else None, (lost,))
 
 
 # Armature that simspec computes outside an engine, as an effort before every step: in which worlds that is exact.

@@ -6,7 +6,7 @@ material for each. Facts marked *measured*: Newton 1.8.0, Warp 1.19.0.
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import warnings
 from typing import Any, NamedTuple
 
@@ -14,17 +14,33 @@ import numpy as np
 
 from simspec.dialects.newton import NewtonSidecar
 from simspec.engines.kit import warp as kit_warp
-from simspec.engines.kit.arrays import checked_singles
-from simspec.engines.kit.building import STATIC, PlacedBody, ShapeUnit, Walk, refuse
-from simspec.engines.kit.links import ContactRoom
-from simspec.engines.kit.world_simulation import positive_definite
+from simspec.engines.kit.arrays import checked_limit, checked_singles
+from simspec.engines.kit.building import (
+    HALVED,
+    STATIC,
+    PlacedBody,
+    ShapeUnit,
+    Walk,
+    hull_triangles,
+    refuse,
+    surface_numbers,
+)
+from simspec.engines.kit.link_contacts import ContactRoom
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint
-from simspec.world.hull import HullError, hull_of, mesh_vertices
+from simspec.world.hull import mesh_vertices
 from simspec.world.types import Pose
 
 NAME = "newton"
-SHAPES = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "plane", "mesh")
+SIZES = {
+    "sphere": ("radius",),
+    "box": ("hx", "hy", "hz"),
+    "capsule": ("radius", "half_height"),
+    "cylinder": ("radius", "half_height"),
+    "ellipsoid": ("rx", "ry", "rz"),
+}
+"""By kind of shape the arguments of Newton for its size."""
+SHAPES = (*SIZES, "plane", "mesh")
 GAP = 5e-6
 """m from a shape at which contact begins; that of two shapes together bounds how early a resting contact is found."""
 ERROR_REDUCTION = 0.01
@@ -42,6 +58,8 @@ UNLIMITED = 1e10
 class NewtonModules(NamedTuple):
     newton: Any
     warp: Any
+    origins: Any
+    """:mod:`simspec.engines.newton.origins`."""
 
 
 def imported(log: list[str]) -> NewtonModules:
@@ -52,7 +70,9 @@ def imported(log: list[str]) -> NewtonModules:
     except ImportError as error:
         raise EngineError(NAME, f"not installed: simspec engines install newton --yes ({error})") from error
     kit_warp.begin(warp, NAME, log)
-    return NewtonModules(newton, warp)
+    from simspec.engines.newton import origins
+
+    return NewtonModules(newton, warp, origins)
 
 
 class NewtonBuild:
@@ -60,10 +80,9 @@ class NewtonBuild:
     unit; ``pairs`` (n, 2): of the units that may touch."""
 
     def __init__(self, modules: NewtonModules, walk: Walk, sidecar: NewtonSidecar):
-        refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, servos=False, moving_planes=False)
-        self.newton, self.wp = modules
+        refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, servos=False, moving_planes=False, degenerate_mass=False)
+        self.newton, self.wp, _ = modules
         self.walk, self.sidecar, document = walk, sidecar, walk.document
-        self.timestep = checked_singles(NAME, (document.timestep,), "timestep")[0]
         self.gravity = checked_singles(NAME, document.gravity, "gravity")
         self.builder = self.newton.ModelBuilder(gravity=self.wp.vec3(*self.gravity))
         self.newton.solvers.SolverSteel.register_custom_attributes(self.builder)
@@ -74,20 +93,21 @@ class NewtonBuild:
         self.shapes = [self._shape(unit) for unit in walk.units]
         self.unit_of = np.argsort(self.shapes).astype(np.int64)
         """By Newton's number of a shape that of its unit."""
-        alone = [walk.bodies[rows[0]] for rows in walk.trees.values() if len(rows) == 1]
-        self.single = [placed.row for placed in alone if isinstance(placed.body.joint, FreeJoint)]
-        """Rows of the bodies that are trees by themselves and move freely."""
         # Newton would otherwise add to all moments of a body where they miss the triangle inequality by 1e-7 (measured)
         self.model = self.builder.finalize(device="cpu", skip_validation_inertia=True)
         self.model.steel.rigid_body_angular_damping.zero_()  # 0.05 by default
-        self.pairs = self.wp.array(walk.unit_pairs().astype(np.int32), dtype=self.wp.vec2i, device="cpu")
+        self.pairs = self._pairs(walk.unit_pairs())
+        self.centred = self._pairs([[self.links[row] for row in pair] for pair in walk.lightest.items()])
+        """Roots that cannot move, and the link at whose centre of mass each has its own (:mod:`origins`)."""
+
+    def _pairs(self, pairs: Any) -> Any:
+        rows = np.array(pairs, dtype=np.int32).reshape(-1, 2)
+        return self.wp.array(rows, dtype=self.wp.vec2i, device="cpu")
 
     def _body(self, placed: PlacedBody) -> int:
         body, joint = placed.body, placed.body.joint
-        if placed.carrier == placed.row and not body.mass > 0.0 and isinstance(joint, FreeJoint):
-            raise EngineError(NAME, f"does not support {body.name!r}, which moves freely and has no mass")
-        if body.mass and placed.moves and not positive_definite(body.inertia):
-            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
+        if not placed.moves:  # mass properties that have no effect: see ``origins.py``
+            body = dataclasses.replace(body, mass=0.0, centre_of_mass=(0.0,) * 3, inertia=(0.0,) * 6)
         wp, b = self.wp, self.builder
         xx, yy, zz, xy, xz, yz = checked_singles(NAME, body.inertia, f"inertia of {body.name}")
         link = b.add_link(
@@ -128,8 +148,8 @@ class NewtonBuild:
                 armature=checked_singles(NAME, (joint.armature,), f"armature of {joint.name}")[0],
                 limit_lower=lower,
                 limit_upper=upper,
-                velocity_limit=rating(joint.velocity_limit),
-                effort_limit=rating(joint.effort_limit),
+                velocity_limit=checked_limit(NAME, joint.velocity_limit, f"limit of {joint.name}"),  # not enforced
+                effort_limit=checked_limit(NAME, joint.effort_limit, f"limit of {joint.name}"),  # not enforced
                 stiffness=0.0,
                 friction=0.0,
                 **named,
@@ -137,16 +157,13 @@ class NewtonBuild:
         )
 
     def _shape(self, unit: ShapeUnit) -> int:
-        shape, copy, b = unit.of.shape, unit.copy, self.builder
+        shape, b = unit.of.shape, self.builder
         size = checked_singles(NAME, shape.size, f"size of {shape.name}")
-        if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):
-            raise EngineError(NAME, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
-        friction, restitution = checked_singles(NAME, (copy.friction, copy.restitution), f"numbers of {shape.name}")
-        if not 0.0 <= restitution <= 1.0:
-            raise EngineError(NAME, f"does not support the restitution {restitution:g} of {shape.name!r}")
-        if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
-            raise EngineError(NAME, f"does not support more than friction and restitution of {shape.name!r}")
-        made = {
+        friction, restitution = surface_numbers(NAME, unit, size)
+        given: dict[str, Any] = {
+            "body": self.links[unit.of.owner.row],
+            "xform": self.pose(shape.pose, f"pose of {shape.name}"),
+            "label": f"{shape.name}.{unit.copy.layer}",
             "cfg": self.newton.ModelBuilder.ShapeConfig(
                 density=0.0,
                 mu=friction,
@@ -156,34 +173,18 @@ class NewtonBuild:
                 margin=0.0,
                 gap=GAP,
             ),
-            "xform": self.pose(shape.pose, f"pose of {shape.name}"),
-            "label": f"{shape.name}.{copy.layer}",
         }
-        link = self.links[unit.of.owner.row]
         match shape.kind:
-            case "sphere":
-                return int(b.add_shape_sphere(link, radius=size[0], **made))
-            case "box":
-                x, y, z = (0.5 * edge for edge in size)
-                return int(b.add_shape_box(link, hx=x, hy=y, hz=z, **made))
-            case "capsule" | "cylinder":
-                add = b.add_shape_capsule if shape.kind == "capsule" else b.add_shape_cylinder
-                return int(add(link, radius=size[0], half_height=0.5 * size[1], **made))
-            case "ellipsoid":
-                return int(b.add_shape_ellipsoid(link, rx=size[0], ry=size[1], rz=size[2], **made))
             case "mesh":
-                return int(b.add_shape_convex_hull(link, mesh=self._hull(shape.name, size), **made))
-        return int(b.add_shape_plane(body=link, width=0.0, length=0.0, **made))
-
-    def _hull(self, name: str, size: tuple[float, ...]) -> Any:
-        """The mesh of a convex hull (flat vertices, m)."""
-        try:
-            triangles = hull_of(size).triangles.astype(np.int32)
-        except (HullError, ValueError) as error:
-            raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
-        except ImportError as error:
-            raise EngineError(NAME, f"meshes need scipy as well as Newton: {error}") from error
-        return self.newton.Mesh(mesh_vertices(size).astype(np.float32), triangles.ravel(), compute_inertia=False)
+                triangles = hull_triangles(NAME, shape.name, size).astype(np.int32).ravel()
+                vertices = mesh_vertices(size).astype(np.float32)
+                given["mesh"] = self.newton.Mesh(vertices, triangles, compute_inertia=False)
+                return int(b.add_shape_convex_hull(**given))
+            case "plane":
+                return int(b.add_shape_plane(width=0.0, length=0.0, **given))  # endless
+        halves = (factor * edge for factor, edge in zip(HALVED[shape.kind], size, strict=True))
+        given |= dict(zip(SIZES[shape.kind], halves, strict=True))
+        return int(getattr(b, f"add_shape_{shape.kind}")(**given))
 
     def pose(self, pose: Pose, name: str) -> Any:
         w, x, y, z = pose.quaternion
@@ -219,8 +220,3 @@ class NewtonBuild:
             deterministic=True,
             verify_buffers=False,
         )
-
-
-def rating(value: float | None) -> float:
-    """A velocity or effort limit, which Newton stores and simspec does not let it enforce."""
-    return math.inf if value is None else checked_singles(NAME, (value,), "limit")[0]

@@ -1,9 +1,4 @@
-"""Newton: trees of rigid bodies in single precision on the processor, stepped by its solver Steel.
-
-Contact is by the common law.
-
-Facts marked *measured*: Newton 1.8.0, Warp 1.19.0.
-"""
+"""Newton: trees of rigid bodies in single precision on the processor, by its solver Steel with the common law of contact."""
 
 from __future__ import annotations
 
@@ -24,11 +19,10 @@ from simspec.engines.kit.capabilities import (
     unconverged,
 )
 from simspec.engines.kit.refinements import (
-    approximate_pairs,
     coupled,
-    distant_light_link,
+    met_approximately,
     met_exactly,
-    met_pairs,
+    near_links,
     static_planes,
 )
 from simspec.engines.kit.settings import Setting, SettingGroup
@@ -39,8 +33,6 @@ from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
     Attempt,
-    Level,
-    Refinement,
     Table,
     exact,
     exactly,
@@ -50,7 +42,6 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import World
 
 # Contact of several bodies. ``tools/deviations.py`` measures the table at 1 ms, frictions of 0.05 to 1.2, restitutions of
 # 0 to 1, and ratios of masses of 1 to 1000.
@@ -74,47 +65,19 @@ COUPLED: Table = coupled(
     },
 )
 
-# Newton's narrow phase has a function for planes, spheres, capsules and boxes, and searches (MPR, GJK) the others in single
-# precision. In 200 random overlaps of each pair of kinds, 10 µm to 2 mm deep, compared with coal, none was missed; of the
-# deepest point (median; largest):
-#
-# pair                             depth             normal
-# with planes, spheres, capsules   0.02 µm; 0.7 µm   2e-6 rad; 2e-3 rad (cylinders, ellipsoids: of their curved sides)
-# boxes, hulls                     0.7 µm; 10 µm     1e-7 rad; 6e-4 rad (0.37 rad once: another nearest face)
-# cylinders with boxes, hulls      1 µm; 9 µm        2e-4 rad; 0.05 rad
-# cylinders                        2 µm; 20 µm       8e-4 rad; 0.016 rad
-
-_SEARCHED = "Newton's normals at curved sides are up to 0.05 rad off"
-APPROXIMATE = dict.fromkeys((("box", "cylinder"), ("cylinder", "cylinder"), ("cylinder", "mesh")), _SEARCHED)
-CYLINDERS = approximate_pairs(
-    APPROXIMATE, "normals of contacts at the curved sides of cylinders are up to 0.05 rad off"
+APPROXIMATE = dict.fromkeys(
+    (("box", "cylinder"), ("cylinder", "cylinder"), ("cylinder", "mesh")),
+    "Newton's normals at curved sides are up to 0.05 rad off",
 )
-"""Where all of these pairs may meet."""
+"""Newton searches contacts of these kinds (MPR, GJK) in single precision; errors of all kinds are in docs/engines/newton.md."""
 ROUND = ("plane", "sphere", "capsule")
 """Kinds that touch ellipsoids exactly; coal has no exact distances of others to ellipsoids."""
 ELLIPSOIDS = functools.partial(met_exactly, "ellipsoid", ROUND, "Newton's contacts of the two are not measured")
 
 
-def cylinders(world: World) -> Refinement | None:
-    """Cylinders that may meet more than planes, spheres and capsules."""
-    return CYLINDERS if met_pairs(world, APPROXIMATE) else None
-
-
 LARGEST_RATIO = 33.0
-"""Of :func:`distant_light_link`: times the round-off of singles that is the proof's tolerance of a mass matrix. At 26 motion is
-at the round-off, at 437 it is 11 times that after 2 s (measured)."""
-FAR_LINKS = Refinement(
-    Level.APPROXIMATE,
-    "Newton's spatial vectors are about the root's centre of mass, and moments of light links far from it lose digits in "
-    "single precision; see docs/engines/newton.md",
-    "moments of light links far from the root lose digits",
-)
-
-
-def inertias(world: World) -> Refinement | None:
-    """Trees with light links far from the root."""
-    return FAR_LINKS if distant_light_link(world)[0] > LARGEST_RATIO else None
-
+"""Of light links far from the root (:func:`near_links`): times the round-off of singles that is the proof's tolerance of a mass
+matrix. At 26 motion is at the round-off, at 437 it is 11 times that after 2 s (measured)."""
 
 _NO_FRICTION = "Newton's solver has dry friction of joints on graphics processors alone"
 _NO_LOOPS = (
@@ -147,16 +110,12 @@ class Newton(WorldEngine[NewtonSimulation]):
         Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
         **COUPLED,
         **shape_kinds(TITLE, ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")),
-        Feature.INERTIA: exact(
-            "Newton is exact for trees without light links far from the root. Accept `body.inertia` for others",
-            refine=inertias,
-            cases=(FAR_LINKS,),
-        ),
-        Feature.SHAPE_CYLINDER: exact(
+        Feature.INERTIA: near_links(TITLE, LARGEST_RATIO),
+        Feature.SHAPE_CYLINDER: met_approximately(
+            APPROXIMATE,
             "Newton's cylinders are exact on planes, spheres and capsules. Accept `shape.cylinder` where they may touch other "
             "shapes",
-            refine=cylinders,
-            cases=(CYLINDERS,),
+            "normals of contacts at the curved sides of cylinders are up to 0.05 rad off",
         ),
         Feature.SHAPE_ELLIPSOID: exact(
             f"simspec supports contacts of ellipsoids with some kinds only: {', '.join(ROUND)}", refine=ELLIPSOIDS
@@ -194,6 +153,7 @@ class Newton(WorldEngine[NewtonSimulation]):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "static.inertial": "mass properties of bodies that cannot move have no effect in Newton, and simspec gives it others",
         "collision_group": "simspec gives Newton the pairs of shapes that may touch, and no groups",
     }
 

@@ -14,27 +14,25 @@ from typing import Any
 import numpy as np
 
 from simspec.contact import ContactPlan
-from simspec.engines.kit.building import ShapeUnit, inertial_of, shape_of_copies, vector
+from simspec.engines.kit.array_inventory import ArrayInventory, StoredRows
+from simspec.engines.kit.building import HALVED, ShapeUnit, inertial_of, shape_of_copies, vector
 from simspec.engines.kit.inventory import (
     LARGEST,
     NEUTRAL,
     ArrayRows,
-    FilterCarrier,
     Items,
     below,
-    excluded_carriers,
-    expected_separate,
     finite,
     sidecar_labels,
 )
 from simspec.engines.kit.links import pose_of_xyzw, tree_joint
 from simspec.engines.kit.world_simulation import free_joint, visual_shape
-from simspec.engines.newton.building import NAME
+from simspec.engines.newton.building import NAME, UNLIMITED
 from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.errors import EngineError
 from simspec.formats.world import FreeJoint
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.contact_pairs import meeting_laws, solid_shapes
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, EngineValue, Inertial, Joint, ReadBack, Shape, Surface, World
 
@@ -45,7 +43,6 @@ KINDS = {
 """Newton's names of types of shapes."""
 JOINTS = {"FREE": "free", "FIXED": "fixed", "REVOLUTE": "hinge", "PRISMATIC": "slide", "BALL": "ball"}
 """Newton's names of types of joints."""
-UNLIMITED = 1e10
 
 
 def read_back(sim: NewtonSimulation, unreadable: dict[str, str]) -> ReadBack:
@@ -88,14 +85,12 @@ def _shape(sim: NewtonSimulation, units: Sequence[ShapeUnit]) -> Shape:
     poses, frictions, bounces = (
         getattr(model, f"shape_{name}").numpy() for name in ("transform", "material_mu", "material_restitution")
     )
-    found = shape_of_copies(
+    return shape_of_copies(
+        NAME,
         visual_shape(shape),
         [(kind_of(sim, number), size_of(sim, number), pose_of_xyzw(poses[number])) for number in numbers],
         [Surface(float(frictions[number]), restitution=float(bounces[number])) for number in numbers],
     )
-    if found is None:
-        raise EngineError(NAME, f"holds copies of {shape.name!r} that differ")
-    return found
 
 
 def kind_of(sim: NewtonSimulation, number: int) -> str:
@@ -106,20 +101,12 @@ def kind_of(sim: NewtonSimulation, number: int) -> str:
 
 def size_of(sim: NewtonSimulation, number: int) -> tuple[float, ...]:
     """The size of a shape as the world has it."""
-    x, y, z = sim.built.model.shape_scale.numpy()[number].astype(float).tolist()
-    match kind_of(sim, number):
-        case "sphere":
-            return (x,)
-        case "box":
-            return (2.0 * x, 2.0 * y, 2.0 * z)
-        case "capsule" | "cylinder":
-            return (x, 2.0 * y)
-        case "ellipsoid":
-            return (x, y, z)
-        case "mesh":
-            vertices = np.array(sim.built.model.shape_source[number].vertices, dtype=float) * (x, y, z)
-            return tuple(vertices.ravel().tolist())
-    return ()
+    kind, scale = kind_of(sim, number), sim.built.model.shape_scale.numpy()[number].astype(float)
+    if kind == "mesh":
+        vertices = np.array(sim.built.model.shape_source[number].vertices, dtype=float)
+        return tuple((vertices * scale).ravel().tolist())
+    factors = HALVED.get(kind, ())
+    return tuple(value / factor for factor, value in zip(factors, scale.tolist(), strict=False))
 
 
 # The values that Newton stores besides the fields of the read-back, and that can act, and what they must be.
@@ -151,18 +138,9 @@ JOINT = Items[ArrayRows, Body].named(
 UNDRIVEN = ("joint_target_ke", "joint_target_kd", "joint_target_mode", "joint_target_qd", "joint_act")
 DOF = Items[ArrayRows, Body].named(
     ArrayRows.read,
-    dict.fromkeys(
-        (*UNDRIVEN, "joint_stiffness", "joint_limit_ke", "joint_limit_kd"),
-        NEUTRAL,
-    ),
+    dict.fromkeys((*UNDRIVEN, "joint_stiffness", "joint_limit_ke", "joint_limit_kd"), NEUTRAL),
 )
-OTHERS = (
-    "joint_friction",
-    "joint_limit_lower",
-    "joint_limit_upper",
-    "joint_velocity_limit",
-    "joint_effort_limit",
-)
+OTHERS = ("joint_friction", "joint_limit_lower", "joint_limit_upper", "joint_velocity_limit", "joint_effort_limit")
 """Arrays that are fields of the read-back for hinges and slides."""
 BALL = DOF | Items[ArrayRows, Body].named(
     ArrayRows.read, {**dict.fromkeys(OTHERS, NEUTRAL), "joint_armature": lambda body: (body.joint.armature,) * 3}
@@ -180,6 +158,7 @@ SHAPE = Items[ArrayRows, Shape].named(
         "steel.min_torsional_patch_radius": 0.0,
     },
 )
+ROWS = ArrayInventory(BODY, JOINT, DOFS, SHAPE)
 NONE_OF = (
     "particle",
     "muscle",
@@ -227,26 +206,24 @@ def inventory(sim: NewtonSimulation) -> dict[str, EngineValue]:
     model, solver = sim.built.model, sim.recorded().solver
     found = {**sidecar_labels(sim.sidecar), **COUNTS.read(model, "count")}
     found |= {f"solver.{name}": _option(getattr(solver, name)) for name in _options(sim)}
-    starts = model.joint_qd_start.numpy()
-    for row, body in enumerate(sim.document.bodies):
-        at, link = f"body.{body.name}", sim.built.links[row]
-        found |= {f"{at}.model": body.model, f"{at}.shapes": tuple(shape.name for shape in body.shapes)}
-        found |= BODY.read(ArrayRows(model, link, link + 1), at) | JOINT.read(ArrayRows(model, link, link + 1), at)
-        found[f"{at}.articulation"] = sim.names[sim.built.links.index(_root(model, link))]
-        if body.joint.kind in DOFS:
-            found |= DOFS[body.joint.kind].read(ArrayRows(model, int(starts[link]), int(starts[link + 1])), at)
-    names = [f"{unit.of.shape.name}.{unit.copy.layer}" for unit in sim.walk.units]
-    for name, number in zip(names, sim.built.shapes, strict=True):
-        found |= SHAPE.read(ArrayRows(model, number, number + 1), f"unit.{name}")
-        found[f"unit.{name}.kind"] = kind_of(sim, number)
-        found[f"unit.{name}.of"] = sim.names[sim.built.links.index(int(model.shape_body.numpy()[number]))]
     pairs = {tuple(pair) for pair in sim.built.pairs.numpy().tolist()}
-    return found | excluded_carriers(names, lambda row, column: (row, column) not in pairs)
+    return found | ROWS.read(sim.walk, _stored(sim), lambda unit, other: (unit, other) not in pairs)
 
 
-def _root(model: Any, link: int) -> int:
-    """The first link of the articulation of a link."""
-    return int(model.articulation_start.numpy()[int(model.joint_articulation.numpy()[link])])
+def _stored(sim: NewtonSimulation) -> StoredRows:
+    """Where Newton's model has the parts of the world."""
+    model, links, shapes = sim.built.model, sim.built.links, sim.built.shapes
+    rows = {link: row for row, link in enumerate(links)}
+    first = model.articulation_start.numpy()[model.joint_articulation.numpy()]
+    return StoredRows(
+        model,
+        links,
+        model.joint_qd_start.numpy(),
+        shapes,
+        roots=[rows[int(first[link])] for link in links],
+        kinds=[kind_of(sim, number) for number in shapes],
+        owners=[rows[int(model.shape_body.numpy()[number])] for number in shapes],
+    )
 
 
 def _options(sim: NewtonSimulation) -> dict[str, Any]:
@@ -258,21 +235,18 @@ def _options(sim: NewtonSimulation) -> dict[str, Any]:
 def neutral(sim: NewtonSimulation) -> dict[str, EngineValue]:
     """Newton's defaults: of its solver's arguments, and of a bare link, joint of each kind, and shape."""
     b, found = sim.newton.ModelBuilder(), {f"solver.{name}": _option(value) for name, value in _options(sim).items()}
-    for kind, add in (
-        ("fixed", b.add_joint_fixed),
-        ("hinge", b.add_joint_revolute),
-        ("slide", b.add_joint_prismatic),
-        ("ball", b.add_joint_ball),
-        ("free", b.add_joint_free),
-    ):
-        link, start = b.add_link(), b.joint_dof_count
-        add(child=link, parent=-1)
-        rows, dofs = ArrayRows(b, link, link + 1), ArrayRows(b, start, b.joint_dof_count)
-        found |= {f"{kind}.{name}": rows.read(name) for name in (*JOINT.table, "body_flags")}
-        found |= {f"{kind}.{name}": dofs.read(name) for name in (DOFS[kind].table if kind in DOFS else ())}
-    number = b.add_shape_sphere(0, radius=1.0)
-    rows = ArrayRows(b, number, number + 1)
-    return found | {f"shape.{name}": rows.read(name) for name in SHAPE.table if not name.startswith("steel.")}
+    kinds = {
+        "fixed": b.add_joint_fixed,
+        "hinge": b.add_joint_revolute,
+        "slide": b.add_joint_prismatic,
+        "ball": b.add_joint_ball,
+        "free": b.add_joint_free,
+    }
+    for add in kinds.values():
+        add(child=b.add_link(), parent=-1)
+    b.add_shape_sphere(0, radius=1.0)
+    starts = (*b.joint_qd_start, b.joint_dof_count)
+    return found | ROWS.bare(tuple(kinds), StoredRows(b, range(len(kinds)), starts, (0,)))
 
 
 def expected(
@@ -283,19 +257,4 @@ def expected(
     options = {**below("solver", neutral), **SET, "iterations": settings["iterations"]}
     found |= {f"solver.{name}": value for name, value in options.items()}
     found["solver.restitution_velocity_threshold"] = _threshold(world)
-    roots = {body.name: root for root, bodies in trees(world).items() for body in bodies}
-    carriers: list[FilterCarrier] = []
-    for body in world.bodies:
-        at, defaults = f"body.{body.name}", below(body.joint.kind, neutral)
-        found |= {f"{at}.model": body.model, f"{at}.shapes": tuple(shape.name for shape in body.shapes)}
-        found |= BODY.expect(body, at, defaults) | JOINT.expect(body, at, defaults)
-        found[f"{at}.articulation"] = roots[body.name]
-        if body.joint.kind in DOFS:
-            found |= DOFS[body.joint.kind].expect(body, at, defaults)
-        for shape in solid_shapes(body):
-            for layer in plan.layers(shape.material):
-                name = f"{shape.name}.{layer}"
-                carriers.append(FilterCarrier(name, body.name, shape.material, layer))
-                found |= SHAPE.expect(shape, f"unit.{name}", below("shape", neutral))
-                found |= {f"unit.{name}.kind": shape.kind, f"unit.{name}.of": body.name}
-    return found | expected_separate(world, plan, carriers)
+    return found | ROWS.expect(world, plan, neutral)

@@ -17,7 +17,8 @@ import numpy as np
 from simspec.dialects.newton import NewtonSidecar
 from simspec.engines.kit.arrays import checked_singles, empty_contacts
 from simspec.engines.kit.building import Walk
-from simspec.engines.kit.links import ContactPoints, ContactRoom, LinkCoordinates, LinkSimulation, Midpoint, blocks
+from simspec.engines.kit.link_contacts import ContactPoints, ContactRoom
+from simspec.engines.kit.links import LinkCoordinates, LinkSimulation, Midpoint, blocks
 from simspec.engines.kit.messages import doing
 from simspec.engines.kit.warp import doubles
 from simspec.engines.newton.building import NAME, NewtonBuild, imported
@@ -35,13 +36,11 @@ class RecordedStep:
     overflow: np.ndarray
     """Whether contacts or rows had no room."""
 
-    def shapes(self) -> np.ndarray:
-        """Pairs (n, 2) of Newton's numbers of shapes of the contacts of the last step."""
-        return shapes_of(self.contacts) if self.contacts is not None else np.zeros((0, 2), dtype=np.int64)
-
 
 def shapes_of(contacts: Any) -> np.ndarray:
-    """Pairs (n, 2) of Newton's numbers of shapes."""
+    """Pairs (n, 2) of Newton's numbers of the shapes of contacts (None: nothing may touch)."""
+    if contacts is None:
+        return np.zeros((0, 2), dtype=np.int64)
     count = int(contacts.rigid_contact_count.numpy()[0])
     ends = (contacts.rigid_contact_shape0, contacts.rigid_contact_shape1)
     return np.stack([end.numpy()[:count] for end in ends], axis=1).astype(np.int64)
@@ -57,27 +56,35 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         self._log: list[str] = []
         self.walk = Walk.of(self.document)
         modules = imported(self._log)
-        self.newton, self.wp = modules
+        self.newton, self.wp, self._origins = modules
         try:
             with doing("Warp compiles parts of Newton at first"):
                 self.built = NewtonBuild(modules, self.walk, self.typed)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"Newton refuses the world: {error}") from error
         model = self.built.model
-        self.room, self.timestep = ContactRoom.first(self.walk), self.built.timestep
+        self.room = ContactRoom.first(self.walk)
+        self.timestep = checked_singles(NAME, (self.document.timestep,), "timestep")[0]
         self.state, self._next, self.control = model.state(), model.state(), model.control()
-        starts = [array.numpy()[self.built.links] for array in (model.joint_q_start, model.joint_qd_start)]
+        starts = [array.numpy() for array in (model.joint_q_start, model.joint_qd_start)]
+        alone = [self.built.links[row] for row in self.walk.single]
+        midpoint = Midpoint(alone, doubles(model.body_inertia), *starts)
+        places = LinkCoordinates(self.document, *(start[self.built.links] for start in starts))
         self._contact = bool(len(self.built.pairs))
         self._recorded: RecordedStep | None = None
         arrays = (self.state.joint_q, self.state.joint_qd, self.control.joint_f)
         q, v, effort = (array.numpy() for array in arrays)  # the memory itself
-        self.begin(LinkCoordinates(self.document, *starts), q, v, effort, self._midpoints())
+        self.begin(places, q, v, effort, midpoint)
 
     # --- state ------------------------------------------------------------------------------------------------
 
     def place(self) -> None:
         """Let Newton compute the poses and velocities of its links."""
-        self.newton.eval_fk(self.built.model, self.state.joint_q, self.state.joint_qd, self.state)
+        model, links = self.built.model, self.built.centred
+        self.newton.eval_fk(model, self.state.joint_q, self.state.joint_qd, self.state)
+        if len(links):
+            inputs = [self.state.body_q, model.body_com, links]
+            self.wp.launch(self._origins.follow, dim=len(links), inputs=inputs, device="cpu")
 
     def link_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6) of the links, in the order of the bodies."""
@@ -99,24 +106,15 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
 
     # --- steps ------------------------------------------------------------------------------------------------
 
-    def _midpoints(self) -> Midpoint:
-        """Of the single free bodies with unequal moments, whose gyroscopic term Newton replaces."""
-        model, inertia = self.built.model, doubles(self.built.model.body_inertia)
-        links = [self.built.links[row] for row in self.built.single]
-        links = [link for link in links if not np.array_equal(inertia[link], inertia[link][0, 0] * np.eye(3))]
-        starts = (array.numpy()[links] for array in (model.joint_q_start, model.joint_qd_start))
-        return Midpoint(links, inertia[links], *starts)
-
-    def launch(self) -> None:
-        """One step by Newton, again with more room where contacts or rows had none."""
+    def launch(self) -> bool:
+        """One step by Newton; False where contacts or rows had no room."""
         recorded = self.recorded()
-        begins = (self.their_q.copy(), self.their_v.copy()) if self._contact else None
         self.wp.capture_launch(recorded.graph)
-        while begins is not None and recorded.overflow.any():
-            self._grow()
-            recorded = self.recorded()
-            self.their_q[:], self.their_v[:] = begins
-            self.wp.capture_launch(recorded.graph)
+        return not recorded.overflow.any()
+
+    def make_anew(self) -> None:
+        """Record the next step anew."""
+        self._recorded = None
 
     def recorded(self) -> RecordedStep:
         """The step, recorded at first."""
@@ -148,18 +146,10 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         self.their_q[:], self.their_v[:] = begins
         return RecordedStep(solver, contacts, observed, capture.graph, solver.constraint_overflow.numpy())
 
-    def set_timestep(self, timestep: float) -> None:
-        """Step by another timestep, now and after states that are set."""
-        self.built.timestep = checked_singles(NAME, (timestep,), "timestep")[0]
-        self.timestep, self._recorded = self.built.timestep, None
-
-    def _grow(self) -> None:
-        """Record the next step with more room for contacts."""
-        self.room, self._recorded = self.room.larger(NAME), None
-
     def disable_contact(self) -> None:
         """Nothing touches anything."""
-        self._contact, self._recorded = False, None
+        self._contact = False
+        self.make_anew()
 
     # --- answers ----------------------------------------------------------------------------------------------
 
@@ -188,14 +178,14 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
             self.built.model, self.state, gravity_force=weight, coriolis_force=inertial
         )
         found = self.places.velocities_of(self.get_state()[0], doubles(weight) + doubles(inertial))
-        return self.with_single_bias(found, self.built.single)  # Newton's has the round-off of momenta about the origin
+        return self.with_single_bias(found, self.walk.single)  # Newton's has the round-off of momenta about the origin
 
     # --- contact ----------------------------------------------------------------------------------------------
 
     def touched(self) -> np.ndarray:
         """The links that the contacts of the last step are of."""
-        shapes = self.recorded().shapes()
-        found: np.ndarray = self.built.model.shape_body.numpy()[shapes.ravel()] if len(shapes) else shapes.ravel()
+        shapes = shapes_of(self.recorded().contacts)
+        found: np.ndarray = self.built.model.shape_body.numpy()[shapes.ravel()]
         return found
 
     def contacts(self) -> dict[str, np.ndarray]:
@@ -210,7 +200,7 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
     def _points(self, contacts: Any) -> ContactPoints:
         """Newton's contacts, of the poses that its links have."""
         shapes, poses = shapes_of(contacts), doubles(self.state.body_q)
-        links = self.built.model.shape_body.numpy()[shapes] if len(shapes) else shapes
+        links = self.built.model.shape_body.numpy()[shapes]
 
         def of(name: str) -> np.ndarray:
             return doubles(getattr(contacts, f"rigid_contact_{name}"))[: len(shapes)]
@@ -227,7 +217,7 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         contacts = pipeline.contacts()
         pipeline.collide(self.state, contacts)
         if int(contacts.rigid_contact_count.numpy()[0]) >= self.room.contacts:
-            self._grow()
+            self.grow()
             return self.touching()
         points = self._points(contacts)
         return points.units[points.distances <= 0.0]

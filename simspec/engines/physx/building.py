@@ -15,7 +15,7 @@ import numpy as np
 
 from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import checked_singles
-from simspec.engines.kit.building import PlacedBody, ShapeUnit, Walk, refuse
+from simspec.engines.kit.building import PlacedBody, ShapeUnit, Walk, refuse, surface_numbers
 from simspec.engines.physx.cylinders import prism
 from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.homes import Homes
@@ -146,16 +146,10 @@ class PhysxBuild:
         actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
 
     def _shape(self, unit: ShapeUnit) -> Any:
-        shape, copy, physx = unit.of.shape, unit.copy, self.physx
+        shape, physx = unit.of.shape, self.physx
         size = lengths(shape.size, f"size of {shape.name}")
-        # PhysX would replace such numbers, with a message on the error output alone
-        if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):
-            raise EngineError(NAME, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
-        friction, restitution = checked_singles(NAME, (copy.friction, copy.restitution), f"numbers of {shape.name}")
-        if friction < 0.0 or not 0.0 <= restitution <= 1.0:
-            raise EngineError(NAME, f"does not support the numbers of {shape.name!r}: {friction:g} and {restitution:g}")
-        if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
-            raise EngineError(NAME, f"does not support more than friction and restitution of {shape.name!r}")
+        # PhysX would replace other numbers, with a message on the error output alone
+        friction, restitution = surface_numbers(NAME, unit, size)
         material = physx.PhysxMaterial(friction, friction, restitution)
         match shape.kind:
             case "sphere":

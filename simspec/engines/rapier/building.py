@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.kit.arrays import checked_singles
-from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
+from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, hull_triangles, refuse
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.engines.rapier.multibodies import ERROR_REDUCTION, Multibodies
 from simspec.engines.rapier.units import NAME, SCALE, isometry, lengths, mass_properties
 from simspec.errors import EngineError
 from simspec.formats.world import JsonShape
 from simspec.world import frames
-from simspec.world.hull import HullError, hull_of, mesh_vertices
+from simspec.world.hull import mesh_vertices
 from simspec.world.types import PairContact, Pose
 
 RIGID = 1000.0
@@ -273,12 +273,7 @@ def collider_of(rapier: Any, shape: JsonShape) -> Any:
 def convex(rapier: Any, name: str, size: Sequence[float]) -> Any:
     """A builder of the collider of a hull (flat vertices, 1/1024 m), of its vertices and the faces that follow from them:
     Rapier's own hull leaves out vertices where it is thin or has thousands."""
-    try:
-        faces = hull_of(size).triangles
-    except (HullError, ValueError) as error:
-        raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
-    except ImportError as error:
-        raise EngineError(NAME, f"meshes need scipy as well as Rapier: {error}") from error
+    faces = hull_triangles(NAME, name, size)
     return rapier.Collider.convex_mesh(mesh_vertices(size).astype(np.float32), faces.astype(np.uint32))
 
 
