@@ -111,6 +111,12 @@ def test_springs_act_as_the_law_has_them_although_newton_leaves_them_out(load):
 
 
 @installed
+def test_the_rest_of_a_joint_is_read_back_without_a_spring_too(load):
+    joint = load(joint_world(spring_rest=0.1)).read_back().bodies[0].joint
+    assert (joint.spring_stiffness, joint.spring_rest) == (0.0, 0.1)
+
+
+@installed
 @pytest.mark.parametrize("make", [shipped.every_joint, shipped.fall], ids=["joints", "fall"])
 def test_a_step_from_any_state_is_that_of_the_law(make, load):
     world = make()
