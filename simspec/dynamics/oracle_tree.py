@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from simspec.world.actions import Fluid
 from simspec.world.constraints import JointSums, Violation, impulse
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of, within
-from simspec.world.rotations import logarithm
+from simspec.world.rotations import logarithm, logarithm_of
 from simspec.world.types import Body, Pose, World
 
 # The force of a fluid on one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face.
@@ -33,7 +34,21 @@ class Resisted:
     edges: tuple[float, float, float]
     fluid: Fluid
 
-    @property
+    @functools.cached_property
+    def _wind(self) -> np.ndarray:
+        return np.array(self.fluid.velocity)
+
+    @functools.cached_property
+    def _faces(self) -> list[tuple[np.ndarray, float, float]]:
+        """By axis: it, and the factors of the squares of velocity (N s²/m²) and of angular velocity (N m s²/rad²)."""
+        faces = []
+        for index, axis in enumerate(self.axes.T):
+            length, width, height = self.edges[index], self.edges[index - 1], self.edges[index - 2]
+            stirred = length * (width**4 + height**4) / 64.0
+            faces.append((axis, 0.5 * self.fluid.density * width * height, self.fluid.density * stirred))
+        return faces
+
+    @functools.cached_property
     def viscous(self) -> tuple[float, float]:
         """The resistance to velocity (N s/m) and to angular velocity (N m s/rad) that grows linearly with it."""
         diameter = sum(self.edges) / 3.0
@@ -43,16 +58,13 @@ class Resisted:
         """Force and torque (6,) at the joint's origin, for the joint's velocity (linear, angular), all in its own axes;
         ``orientation`` (3, 3): of these axes in the world."""
         spin = twist[3:]
-        through = twist[:3] + _cross(spin, self.centre) - orientation.T @ np.array(self.fluid.velocity)
+        through = twist[:3] + _cross(spin, self.centre) - orientation.T @ self._wind
         linear, angular = self.viscous
         force, torque = -linear * through, -angular * spin
-        for index, axis in enumerate(self.axes.T):
-            length = self.edges[index]
-            width, height = self.edges[index - 1], self.edges[index - 2]
+        for axis, pushed, stirred in self._faces:
             along, about = float(axis @ through), float(axis @ spin)
-            force = force - 0.5 * self.fluid.density * width * height * abs(along) * along * axis
-            stirred = length * (width**4 + height**4) / 64.0
-            torque = torque - self.fluid.density * stirred * abs(about) * about * axis
+            force = force - pushed * abs(along) * along * axis
+            torque = torque - stirred * abs(about) * about * axis
         return np.concatenate([force, torque + _cross(self.centre, force)])
 
 
@@ -215,11 +227,11 @@ class OracleTree:
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.body_poses`."""
-        return self._poses(q, range(len(self.world.bodies)))
+        return self._poses(self.spread(q)[0], range(len(self.world.bodies)))
 
     def _poses(self, q: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
-        """The same of some bodies; zeros of the others."""
-        self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
+        """The same of some bodies at Pinocchio's ``q``; zeros of the others."""
+        self.pin.forwardKinematics(self.model, self.data, q)
         poses = np.zeros((len(self.world.bodies), 7))
         for body in bodies:
             pose = self.data.oMi[self.body_joint[body]] * self.body_placement[body]
@@ -255,7 +267,11 @@ class OracleTree:
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M (nv, nv), armature included."""
-        full = self.pin.crba(self.model, self.data, self.spread(q)[0])
+        return self._mass(self.spread(q)[0])
+
+    def _mass(self, q: np.ndarray) -> np.ndarray:
+        """The same at Pinocchio's ``q``."""
+        full = self.pin.crba(self.model, self.data, q)
         full = np.where(self._upper, full, full.T)
         matrix: np.ndarray = full[self._entries]
         return matrix
@@ -299,7 +315,7 @@ class OracleTree:
         if len(self._hinge_v):
             effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
         for at_q, at_v, stiffness in self._sprung_balls:
-            effort[at_v] -= stiffness * logarithm(q[at_q])
+            effort[at_v] -= stiffness * np.array(logarithm_of(q[at_q].tolist()))
         if self._sums_act:
             effort += self._along.effort(q, v)
         if self._resisted:
@@ -351,7 +367,12 @@ class OracleTree:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
-        ours_q, ours_v = self.spread(q, v)
+        return self._accelerated(q, v, effort, *self.spread(q, v))
+
+    def _accelerated(
+        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray, ours_q: np.ndarray, ours_v: np.ndarray
+    ) -> np.ndarray:
+        """The same, with q and v in Pinocchio's order too."""
         tau = np.zeros(self.model.nv)
         tau[self.v_index] = effort + self.joint_effort(q, v)
         if self._lifted:
@@ -402,20 +423,21 @@ class OracleTree:
 
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
-        v = v + self.timestep * self.acceleration(q, v, effort)
-        if self.violation is not None:
-            violation = self._violated(self.violation, q)
-            v = v + impulse(self.mass_matrix(q), self.jacobian(q), v, violation, self.timestep)
         ours_q, ours_v = self.spread(q, v)
+        v = v + self.timestep * self._accelerated(q, v, effort, ours_q, ours_v)
+        if self.violation is not None:
+            violation = self._violated(self.violation, q, ours_q)
+            v = v + impulse(self._mass(ours_q), self._rows.at(ours_q), v, violation, self.timestep)
+        ours_v[self.v_index] = v
         return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """J (rows, nv) of the constraints (``world/constraints.py``), by Pinocchio's Jacobians of joints."""
         return self._rows.at(self.spread(q)[0])
 
-    def _violated(self, violation: Violation, q: np.ndarray) -> np.ndarray:
-        """φ (rows,) at ``q``, from the poses of the bodies that have constraints."""
-        poses = self._poses(q, violation.ends) if violation.ends else np.zeros((0, 7))
+    def _violated(self, violation: Violation, q: np.ndarray, ours_q: np.ndarray) -> np.ndarray:
+        """φ (rows,) at ``q``, here in Pinocchio's order too, from the poses of the bodies that have constraints."""
+        poses = self._poses(ours_q, violation.ends) if violation.ends else np.zeros((0, 7))
         return violation.of(q, poses)
 
     def settled(self, q: np.ndarray) -> np.ndarray | None:
@@ -423,14 +445,14 @@ class OracleTree:
         if self.violation is None:
             return q
         for _ in range(SETTLING):
-            violation = self._violated(self.violation, q)
+            violation = self._violated(self.violation, q, self.spread(q)[0])
             step = -np.linalg.pinv(self.jacobian(q), rcond=SETTLED_RANK) @ violation
             if not np.isfinite(step).all():
                 return None
             ours_q, ours_v = self.spread(q, step)
             q = np.asarray(self.pin.integrate(self.model, ours_q, ours_v)[self.q_index])
             if np.abs(step).max(initial=0.0) < SETTLED:
-                close = np.abs(self._violated(self.violation, q)).max(initial=0.0) < SETTLED
+                close = np.abs(self._violated(self.violation, q, self.spread(q)[0])).max(initial=0.0) < SETTLED
                 return q if close else None
         return None
 

@@ -21,7 +21,7 @@ from simspec.world.actions import Fluid, JointSum
 from simspec.world.frames import quaternion
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import constrained_trees, layout, layout_of, poses, rigid_groups, within
-from simspec.world.rotations import conjugate, logarithm, matrices, multiply
+from simspec.world.rotations import conjugate, logarithm_of, matrices, multiply
 from simspec.world.types import (
     VELOCITY_SIZE,
     Body,
@@ -134,7 +134,7 @@ class Violation:
             violation[self._end_rows] = points[::2] - points[1::2]
         for start, first, second, turn in self._welds:
             wanted = multiply(poses[first, 3:], turn)
-            violation[start : start + 3] = logarithm(multiply(wanted, conjugate(poses[second, 3:])))
+            violation[start : start + 3] = logarithm_of(multiply(wanted, conjugate(poses[second, 3:])).tolist())
         return violation
 
     def _points(self, poses: Array, turns: Array) -> Array:
@@ -376,7 +376,7 @@ class JointForces:
         at = self._scalar_v
         found[at] -= self._stiffness[at] * (q[self._scalar_q] - self._rest[at])
         for at_q, at_v in self._balls:
-            found[at_v] -= self._stiffness[at_v] * logarithm(q[at_q])
+            found[at_v] -= self._stiffness[at_v] * np.array(logarithm_of(q[at_q].tolist()))
         return found
 
 
