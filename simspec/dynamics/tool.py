@@ -109,11 +109,10 @@ class Tool:
         if far and not solution.reached:
             for posture in self._postures(start):
                 other = self._descend(target, posture, turning)
-                solution = min(solution, other, key=_farness)
+                solution = min(solution, self._finished(target, other, turning), key=_farness)
                 if solution.reached:
                     break
-        if not solution.reached and _farness(solution) <= NEAR_SINGULAR[1]:
-            solution = min(solution, self._along_the_weak(target, solution, turning), key=_farness)
+        solution = self._finished(target, solution, turning)
         if solution.reached and len(self.joints) > self._rank(turning):
             solution = self._towards(solution, start if nominal is None else nominal, target, turning)
         return solution
@@ -168,6 +167,12 @@ class Tool:
         names = tuple(name for name, there in zip(self.joints, edge, strict=True) if there)
         angle = float(np.linalg.norm(error[3:])) if turning else 0.0
         return Solution(q, float(np.linalg.norm(error[:3])), angle, names)
+
+    def _finished(self, target: Any, solution: Solution, turning: bool) -> Solution:
+        """The same or, where it is nearly at the target, what :meth:`_along_the_weak` makes of it."""
+        if solution.reached or _farness(solution) > NEAR_SINGULAR[1]:
+            return solution
+        return min(solution, self._along_the_weak(target, solution, turning), key=_farness)
 
     def _along_the_weak(self, target: Any, solution: Solution, turning: bool) -> Solution:
         """On from a nearly singular pose, where what is left of the error lies along the direction that J hardly gives.

@@ -134,6 +134,7 @@ def test_two_links_against_the_closed_form(distance, direction, side):
 @example([0.0, 0.0, 0.5, -1.0, 5.96e-08, 0.0], 5)
 @example([0.7, -0.4, 3e-8, 0.2, 1.0, -0.6], 2)
 @example([0.7, -0.4, 1e-6, 0.2, -3e-7, -0.6], 3)
+@example([-1.192092896e-07, 0.028, -0.2208865379041205, 0.028, -1.192092896e-07, 0.0], 0)
 def test_every_place_that_the_arm_can_have_is_found(angles, seed):
     world, tool, _ = robot()
     q = initial_state(world)[0]
