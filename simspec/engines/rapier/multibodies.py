@@ -230,15 +230,9 @@ class Multibodies:
         """Leave the integration to Rapier: flywheels idle, and Rapier damps the joints, implicitly."""
         for tree, wheel in enumerate(self.wheels):
             world.multibody_joints[wheel].data.set_motor_max_force(self.rapier.JointAxis.ANG_X, 0.0)
-            multibody, begin = world.multibody_joints.multibody(wheel), self.starts[tree]
-            damping = np.zeros(self.sizes[tree])
-            damping[self.wheel_places[tree] - begin] = IDLE_DAMPING
-            for link, place in zip(self.links, self.places, strict=True):
-                if link.tree == tree and isinstance(link.joint, (AxisJoint, BallJoint)):
-                    value = inertia_unit_of(link.kind) * link.joint.damping
-                    given = checked_singles(NAME, (value,), f"damping of {link.joint.name}")[0]
-                    damping[place - begin : place - begin + VELOCITY_SIZE[link.kind]] = given
-            multibody.set_damping(damping.tolist())
+            damping = self._values(tree, "damping")
+            damping[self.wheel_places[tree] - self.starts[tree]] = IDLE_DAMPING
+            world.multibody_joints.multibody(wheel).set_damping(damping.tolist())
 
     @staticmethod
     def _assembly(joints: Any, handle: Any) -> tuple[int, int]:
@@ -284,16 +278,20 @@ class Multibodies:
 
     def _give(self, multibody: Any, tree: int) -> None:
         """Armature and damping: Rapier gives 0.1 to every angular coordinate that is added."""
-        damping, armature = np.zeros((2, self.sizes[tree]))
-        begin = self.starts[tree]
-        damping[self.wheel_places[tree] - begin] = WHEEL_DAMPING / self.timestep
+        damping = np.zeros(self.sizes[tree])
+        damping[self.wheel_places[tree] - self.starts[tree]] = WHEEL_DAMPING / self.timestep
+        multibody.set_damping(damping.tolist())
+        multibody.set_armature(self._values(tree, "armature").tolist())
+
+    def _values(self, tree: int, name: str) -> np.ndarray:
+        """The armature or damping of every coordinate of a multibody, in Rapier's unit."""
+        found, begin = np.zeros(self.sizes[tree]), self.starts[tree]
         for link, place in zip(self.links, self.places, strict=True):
             if link.tree == tree and isinstance(link.joint, (AxisJoint, BallJoint)):
-                value = inertia_unit_of(link.kind) * (link.joint.armature or 0.0)
-                given = checked_singles(NAME, (value,), f"armature of {link.joint.name}")[0]
-                armature[place - begin : place - begin + VELOCITY_SIZE[link.kind]] = given
-        multibody.set_damping(damping.tolist())
-        multibody.set_armature(armature.tolist())
+                value = inertia_unit_of(link.kind) * (getattr(link.joint, name) or 0.0)
+                value = checked_singles(NAME, (value,), f"{name} of {link.joint.name}")[0]
+                found[place - begin : place - begin + VELOCITY_SIZE[link.kind]] = value
+        return found
 
 
 def limit_softness(rapier: Any, timestep: float) -> Any:

@@ -118,12 +118,13 @@ def _of_link(sim: RapierSimulation, number: int, position: list[float], velocity
     found = Joint(
         given.name, kind, parent_of(given), _origin(sim, link, data), position=tuple(position), velocity=tuple(velocity)
     )
-    at, place, multibody = sim.v_places[link.placed.row], built.places[number] - built.starts[link.tree], link.tree
-    rotors = sim.links.multibodies[multibody].armature()
+    at, place = sim.v_places[link.placed.row], built.places[number] - built.starts[link.tree]
+    multibody = sim.links.multibodies[link.tree]
+    rotors = multibody.armature()
     if at.stop > at.start:
         damping, stiffness = sim.losses.damping[at.start], sim.losses.stiffness[at.start]
         if sim.native:
-            damping = sim.links.multibodies[multibody].damping()[place] / inertia_unit_of(kind)
+            damping = multibody.damping()[place] / inertia_unit_of(kind)
         found = dataclasses.replace(found, damping=float(damping), spring_stiffness=float(stiffness))
     if kind == "ball":
         return dataclasses.replace(found, armature=_same(rotors[place : place + 3], given.name) / inertia_unit_of(kind))
