@@ -84,8 +84,8 @@ HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
 """Further names of engines; other engines' packages may contain them (a collision detector has the same name)."""
-BUILT_ON = {"gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
-"""Engines that reimplement the dynamics of another engine and read its files: their packages import and name it."""
+BUILT_ON = {"genesis": {"mujoco"}, "gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
+"""Engines that reimplement the dynamics of another engine and read its files: their packages name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",

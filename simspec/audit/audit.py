@@ -29,7 +29,7 @@ from simspec.support.features import Feature
 from simspec.world.types import Body, ReadBack, Shape, World
 
 DEADLINE = 60.0
-"""Seconds that one engine may take for one file."""
+"""Seconds that one engine may take for one file, in addition to ``Engine.COMPILING``."""
 AT_ONCE = 2
 """Engines side by side."""
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L6")
@@ -169,7 +169,8 @@ def loaded(
     with scratch_folder("audit") as nothing:
         try:
             operations = [Operation("foreign", parameters)]
-            with start(engine, nothing, operations, python=python, deadline=deadline, warm=warm) as running:
+            most = deadline + find_engine(engine).COMPILING
+            with start(engine, nothing, operations, python=python, deadline=most, warm=warm) as running:
                 return LoadedFile(running.wait(), None, time.perf_counter() - begun)
         except EngineError as error:
             return LoadedFile(None, error, time.perf_counter() - begun)

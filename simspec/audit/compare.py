@@ -157,7 +157,7 @@ class FileComparison:
     ) -> None:
         """A finding about a body, or about the file as a whole."""
         element = body.name if body is not None else "the file"
-        path = f"bodies.{body.name}.{quantity}" if body is not None else quantity
+        path = f"bodies.{body.name}.{quantity}" if body is not None else f"physics.{quantity}"
         location = self._meaning.locate(path) if body is not None or quantity == "gravity" else None
         values = plain_text(file_value), plain_text(engine_value)
         self.findings.append(AuditFinding(self.engine, what, severity, element, quantity, *values, location, why, size))
@@ -329,6 +329,9 @@ class FileComparison:
         for name, (nothing, _) in SCALARS.items():
             if self.compares(body, f"joint.{name}"):
                 self._scalar(body, name, getattr(said, name), getattr(joint, name), nothing)
+        both = said.spring_stiffness and joint.spring_stiffness  # else there is nothing to rest
+        if both and said.kind in SCALAR_JOINTS and self.compares(body, "joint.spring_rest"):
+            self._scalar(body, "spring_rest", said.spring_rest, joint.spring_rest, 0.0)
 
     def _limits(self, body: Body, said: Joint, joint: Joint) -> None:
         if not self.compares(body, "joint.limits"):

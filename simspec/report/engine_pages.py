@@ -157,6 +157,12 @@ INDEX_HEAD = f"""# Engines
 All features side by side: the [support matrix](support-matrix.md). Levels of a certificate: [proof.md](../concepts/proof.md).
 `simspec engines doctor` checks the installations of this machine.
 """
+PARTS: Mapping[str, str] = {
+    "Engines that run": "",
+    "Files only": "simspec writes their files and compares them with the world; no test runs the program.",
+    "Audits only": "`simspec audit` compares their models of robot files with the files; simspec runs no world in them.",
+}
+"""The parts of the index, each with its introduction."""
 PLACES = re.compile(r" \(and \d+ more places?\)")
 LEVELS = (*WORDS.values(), NOT_YET)
 
@@ -180,6 +186,9 @@ def pages(root: Path) -> dict[str, str]:
     for name, engine in engines().items():
         title = engine.TITLE or name
         ability = f"> With this page you can look up the features, settings, deviations and certificates of {title}."
+        if engine.AUDITS_ALONE:
+            made[f"engines/{name}.md"] = _audit_page(engine)
+            continue
         lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", *_facts(engine, certificates), ""]
         measured = [*closeness(name, certificates), *compared(name, study)]
         lines += ["## Measured", "", *measured] if measured else []
@@ -189,21 +198,25 @@ def pages(root: Path) -> dict[str, str]:
 
 
 def _index(certificates: Mapping[str, Certificate]) -> str:
-    """The engines that are proven by running them, and those whose files alone are proven, with links."""
+    """The engines of each of :data:`PARTS`, with links."""
     lines = [INDEX_HEAD]
-    for title, files_only in (("Engines that run", False), ("Files only", True)):
-        lines += [f"## {title}", ""]
-        if files_only:
-            lines += ["simspec writes their files and compares them with the world; no test runs the program.", ""]
+    for title, about in PARTS.items():
+        lines += [f"## {title}", "", *([about, ""] if about else [])]
         rows = []
         for name, engine in engines().items():
-            if bool(engine.FILES_ALONE) is files_only:
+            if _part(engine) == title:
                 proofs = _proofs(name, certificates).values()
                 valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
                 rows.append([f"[{engine.TITLE or name}](engines/{name}.md)", engine.PRECISION, _levels(engine), valid])
         heads = ("engine", "precision", f"of {len(Feature)} features", "valid certificates")
         lines += [*markdown_rows(heads, rows, right=(3,)), ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _part(engine: type[Engine]) -> str:
+    """The part of the index that an engine is in."""
+    run, files, audits = PARTS
+    return files if engine.FILES_ALONE else audits if engine.AUDITS_ALONE else run
 
 
 def _proofs(name: str, certificates: Mapping[str, Certificate]) -> dict[str, EngineProof]:
@@ -239,6 +252,21 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> lis
         "lacks": "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items()),
     }
     return ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in rows.items() if text)]
+
+
+def _audit_page(engine: type[Engine]) -> str:
+    """The page of an engine by which robot files are audited, and which runs no world."""
+    title = engine.TITLE or engine.NAME
+    ability = (
+        f"> With this page you can look up the values of robot files that an audit compares with those of {title}."
+    )
+    lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", f"{engine.AUDITS_ALONE}.", ""]
+    facts = {"name": f"`{engine.NAME}`", "install": f"`{how_to_install(engine)}`"}
+    facts |= {f"loads {language}": f"`{reads.how}`" for language, reads in engine.FOREIGN.items()}
+    lines += ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in facts.items()), ""]
+    lines += ["## Values in addition to those of the file", ""]
+    rows = [[f"`{name}`", added.changes, markdown_cell(added.why)] for name, added in engine.FOREIGN_ADDITIONS.items()]
+    return "\n".join([*lines, *markdown_rows(("value", "severity", "meaning"), rows)]).rstrip() + "\n"
 
 
 def _plain_word(entry: Any) -> str:

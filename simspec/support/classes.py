@@ -123,6 +123,11 @@ def driven(engine: str) -> dict[Feature, Support]:
     }
 
 
+def nothing(why: str) -> Table:
+    """Of an engine that runs no world, for this reason."""
+    return dict.fromkeys(Feature, never(why))
+
+
 NOT_IN_WORLD_JSON = for_each(
     never("world.json has no field for it, since no engine that reads the format has it"),
     *(Feature.BALL_LIMIT, *MARGINS, Feature.SURFACE_VELOCITY),

@@ -225,3 +225,38 @@ def test_an_interrupt_prints_the_results_so_far(audited, monkeypatch, capfd):
     assert "Values of the file that engines read differently" in said.out
     assert "interrupted: no result of slow, slower" in said.out
     assert "certified" not in said.out.splitlines()[-1]
+
+
+SPRUNG = """<mujoco>
+  <option gravity="0 0 -3"/>
+  <worldbody><body name="arm"><joint name="swing" axis="0 1 0" stiffness="3" springref="20"/>
+    <geom type="sphere" size=".1"/></body></worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("rest", "stiffness", "gravity", "found"),
+    [
+        (1.0, 1.0, -3.0, set()),
+        (0.0, 1.0, -3.0, {("arm", "joint.spring_rest", What.DROPPED)}),
+        (2.0, 1.0, -3.0, {("arm", "joint.spring_rest", What.CHANGED)}),
+        (0.0, 0.0, -3.0, {("arm", "joint.spring_stiffness", What.DROPPED)}),
+        (1.0, 1.0, -9.81, {("the file", "gravity", What.CHANGED)}),
+    ],
+)
+def test_gravity_and_the_rest_of_springs_are_compared(tmp_path, rest, stiffness, gravity, found):
+    path = tmp_path / "sprung.xml"
+    path.write_text(SPRUNG, encoding="utf-8")
+    meaning = meaning_of(path, ImportOptions())
+    (body,) = meaning.bodies
+    joint = dataclasses.replace(
+        body.joint,
+        spring_rest=rest * body.joint.spring_rest,
+        spring_stiffness=stiffness * body.joint.spring_stiffness,
+    )
+    back = ReadBack((dataclasses.replace(body, joint=joint),), (0.0, 0.0, gravity), 0.002)
+    findings = FileComparison("mine", meaning, back, {}).run().findings
+    silent = [finding for finding in findings if finding.silent]
+    assert {(entry.element, entry.quantity, entry.what) for entry in silent} == found
+    assert {entry.location.line for entry in silent if entry.quantity == "gravity"} <= {2}

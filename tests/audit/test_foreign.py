@@ -146,21 +146,26 @@ HUNGRY = """
 from pathlib import Path
 from simspec.engines.kit import foreign
 class Engine:
+    FOREIGN_MEMORY = BEFORE
     def prepare_foreign(self):
         pass
     def load_foreign(self, *_):
         return bytearray(3 * 2**30)
 try:
     foreign.ForeignSession(Engine).load_foreign(Path("a"), "urdf", {})
+    print("taken")
 except MemoryError:
     print("refused")
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a bound that Linux has")
-def test_a_file_gets_so_much_memory_and_no_more():
-    done = subprocess.run([sys.executable, "-c", HUNGRY], capture_output=True, text=True, check=True)
-    assert done.stdout == "refused\n"
+@pytest.mark.parametrize(("before", "answer"), [(0, "refused"), (2**30, "refused"), (5 * 2**29, "taken")])
+def test_a_file_gets_so_much_memory_and_no_more(before, answer):
+    """Two GiB, or one more than an engine holds; the file needs three."""
+    text = HUNGRY.replace("BEFORE", str(before))
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{answer}\n"
 
 
 def test_a_refused_file_and_a_fatal_file(tmp_path):

@@ -349,14 +349,18 @@ def box_support(lower: Sequence[float], upper: Sequence[float]) -> tuple[float, 
 
 MEMORY = 2 * 2**30
 """Bytes of data of a process that loads an untrusted file, engine included: twice what simspec's own importers may take."""
+REMAINING = MEMORY // 2
+"""Bytes for the file at least, in an engine that holds more than the other half before (``Engine.FOREIGN_MEMORY``)."""
 
 
-def _bound_memory() -> None:
-    """Let this process have no more than :data:`MEMORY`, where the system knows such a bound; a deadline it has anyway."""
+def _bound_memory(engine: type[Engine]) -> None:
+    """Let this process have no more than :data:`MEMORY`, or :data:`REMAINING` more than the engine holds, where the system
+    knows such a bound; a deadline it has anyway."""
     import resource
 
+    most = max(MEMORY, engine.FOREIGN_MEMORY + REMAINING)
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    least = min((index for index in (MEMORY, soft, hard) if index != resource.RLIM_INFINITY), default=MEMORY)
+    least = min((index for index in (most, soft, hard) if index != resource.RLIM_INFINITY), default=most)
     with contextlib.suppress(OSError, ValueError):  # a system without it
         resource.setrlimit(resource.RLIMIT_DATA, (least, hard))
 
@@ -375,7 +379,7 @@ class ForeignSession:
         """The engine's model of a file, which it loads in bounded memory and confined by the kernel: its author may have meant
         it to exhaust memory, or to lead elsewhere."""
         self._engine.prepare_foreign()
-        _bound_memory()
+        _bound_memory(type(self._engine))
         confine_calls(PROFILES["scratch"])  # files were confined before the engine was imported (``worker.py``)
         return self._engine.load_foreign(file, language, packages, self._log)
 

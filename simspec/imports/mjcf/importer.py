@@ -318,6 +318,9 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
     if actuators:
         around["actuators"] = actuators
     places: dict[Path_, Location] = {(): assembly.root.location}
+    for option in assembly.root.children("option"):
+        if "gravity" in option.attributes:
+            places["physics", "gravity"] = option.location
     places |= {(*at, *path): place for path, place in bodies.places.items()}
     places |= {(*outer, "constraints", name): place for name, place in bodies.constraint_places.items()}
     comments = {
