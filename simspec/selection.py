@@ -128,10 +128,13 @@ def _too_few(taken: Sequence[str], least: int, not_taken: Mapping[str, NotTaken]
 
 
 def available(pythons: Mapping[str, str]) -> Selection:
-    """Every engine that is installed here, or has an interpreter in ``pythons``; the others with the way to install them."""
+    """Every engine that runs worlds and is installed here, or has an interpreter in ``pythons``; the others with the way to
+    install them."""
     impossible = left_out()
     taken, not_taken = [], {}
     for name, engine in engines().items():
+        if engine.AUDITS_ALONE:
+            continue
         if name in pythons or engine.version() is not None:
             taken.append(name)
         elif name in impossible:
@@ -153,8 +156,8 @@ def compiling(labels: Iterable[str]) -> dict[str, str]:
 
 
 def known() -> Selection:
-    """Every known engine, installed or not: for what is about files."""
-    return Selection(tuple(engines()), False, {})
+    """Every known engine that runs worlds, installed or not: for what is about files."""
+    return Selection(tuple(name for name, engine in engines().items() if not engine.AUDITS_ALONE), False, {})
 
 
 def named(labels: Iterable[str], pythons: Mapping[str, str] | None = None) -> Selection:
