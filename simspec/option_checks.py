@@ -166,7 +166,7 @@ def check_options(world: World, locate: Callable[[str], Location | None] = nowhe
                 Problem(
                     f"no engine is called {options.engine!r}",
                     path,
-                    allowed=", ".join(name for name, kind in engines().items() if not kind.AUDITS_ALONE),
+                    allowed=", ".join(engines()),
                     hint=f"did you mean {near[0]!r}?" if near else None,
                     code="E107",
                 )

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.kit.registry import engines, parse
+from simspec.engines.kit.registry import auditors, engines, parse
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.files import read_bytes, refuse
 
@@ -333,12 +333,10 @@ class _ProjectReader:
             self._problem(
                 path, f"{label!r} contains an interpreter", hint=f"[engines.{name}] with python = ...", code="C114"
             )
-        elif identity.name not in engines():
-            near = difflib.get_close_matches(identity.name, engines(), 1)
+        elif identity.name not in (known := [*engines(), *auditors()]):
+            near = difflib.get_close_matches(identity.name, known, 1)
             hint = f"did you mean {near[0]}?" if near else None
-            self._problem(
-                path, f"unknown engine {identity.name!r}", allowed=", ".join(engines()), hint=hint, code="C114"
-            )
+            self._problem(path, f"unknown engine {identity.name!r}", allowed=", ".join(known), hint=hint, code="C114")
 
     def _check_folder(self, path: tuple[str, ...], text: str) -> None:
         if "\0" in text or not text or not (self._file.parent / text).is_dir():

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, compile_world
-from simspec.engines.kit.registry import engines, find_engine, left_out, not_installed
+from simspec.engines.kit.registry import auditors, engines, find_engine, left_out, not_installed
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.option_checks import check_control, check_options
 from simspec.support.features import Feature
@@ -127,20 +127,20 @@ def _too_few(taken: Sequence[str], least: int, not_taken: Mapping[str, NotTaken]
     return [*problems, problem]
 
 
-def available(pythons: Mapping[str, str]) -> Selection:
-    """Every engine that runs worlds and is installed here, or has an interpreter in ``pythons``; the others with the way to
-    install them."""
+def available(pythons: Mapping[str, str], audits: bool = False) -> Selection:
+    """Every engine that is installed here, or has an interpreter in ``pythons``; the others with the way to install them.
+    ``audits``: also engines that audit robot files and run no world, where they are installed."""
     impossible = left_out()
     taken, not_taken = [], {}
     for name, engine in engines().items():
-        if engine.AUDITS_ALONE:
-            continue
         if name in pythons or engine.version() is not None:
             taken.append(name)
         elif name in impossible:
             not_taken[name] = NotTaken(f"{impossible[name]}; --python {name}=PATH runs it in another Python")
         else:
             not_taken[name] = NotTaken(not_installed(engine))
+    if audits:
+        taken += [name for name, engine in auditors().items() if name in pythons or engine.version() is not None]
     return Selection(tuple(taken), False, not_taken, pythons=pythons)
 
 
@@ -156,8 +156,8 @@ def compiling(labels: Iterable[str]) -> dict[str, str]:
 
 
 def known() -> Selection:
-    """Every known engine that runs worlds, installed or not: for what is about files."""
-    return Selection(tuple(name for name, engine in engines().items() if not engine.AUDITS_ALONE), False, {})
+    """Every known engine, installed or not: for what is about files."""
+    return Selection(tuple(engines()), False, {})
 
 
 def named(labels: Iterable[str], pythons: Mapping[str, str] | None = None) -> Selection:

@@ -85,7 +85,7 @@ HOMES = ("engines", "dialects", "formats", "imports")
 ALSO = {"pybullet": ("bullet",)}
 """Further names of engines; other engines' packages may contain them (a collision detector has the same name)."""
 BUILT_ON = {"genesis": {"mujoco"}, "gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
-"""Engines that reimplement the dynamics of another engine and read its files: their packages name it."""
+"""Engines that reimplement the dynamics of another engine and read its files: their packages import and name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",

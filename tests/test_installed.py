@@ -31,7 +31,6 @@ def test_engines_of_make_setup_and_named_engines_are_required():
     # make setup installs Rapier in addition to them: environments that are older than it go on without; MJX and MuJoCo Warp
     # have their own
     usual = {name for name, engine in engines().items() if engine.DISTRIBUTION} - {
-        "genesis",
         "physx",
         "rapier",
         "newton",

@@ -20,7 +20,7 @@ import selftest  # noqa: E402 - a script outside the package
 from tests.installed import INSTALLED  # noqa: E402
 
 ROW = dict(zip(selftest.COLUMNS, (5, 3, 1, 1, 0), strict=True))
-NOT_RUN = {"genesis", "gzsim", "webots"}
+NOT_RUN = {"gzsim", "webots"}
 """Engines of which no world of the complete self-test was run yet, which the page says."""
 PARTLY = {"newton"}
 """Engines of which some worlds were run only, which the page says."""

@@ -15,7 +15,7 @@ from simspec.audit.meaning import Meaning, file_name, match, meaning_of
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.foreign import MESH, Reads
 from simspec.engines.kit.process import Operation, Reply, side_by_side, start
-from simspec.engines.kit.registry import engine_name, find_engine
+from simspec.engines.kit.registry import auditors, engine_name, find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, Problem, SpecError, clipped
 from simspec.files import scratch_folder
@@ -32,6 +32,7 @@ DEADLINE = 60.0
 """Seconds that one engine may take for one file, in addition to ``Engine.COMPILING``."""
 AT_ONCE = 2
 """Engines side by side."""
+NOT_RUN = "simspec runs no world in it"
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L6")
 """Of the proof of what simspec compiles: all that is about the model, and not about contact laws, which robot files do
 not have."""
@@ -219,9 +220,11 @@ def proven(
     from simspec.proof.verify import verify
     from simspec.selection import supporting
 
-    world = accepting(world, engines)
-    compiled, left = supporting(world, engines, locate, pythons)
+    running = [name for name in engines if engine_name(name) not in auditors()]
+    world = accepting(world, running)
+    compiled, left = supporting(world, running, locate, pythons) if running else ({}, {})
     results = {name: CompiledProof(name, None, clipped(reason.reason)) for name, reason in left.items()}
+    results |= {name: CompiledProof(name, None, NOT_RUN) for name in engines if name not in running}
     if compiled:
         certificate = verify(
             world,

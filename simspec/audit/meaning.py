@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import loaders
 from simspec.errors import Location, Problem, SimspecError, SpecError
 from simspec.files import NotReadableError, read_bytes
 from simspec.imports.draft import FROM_SHAPES
@@ -212,12 +212,12 @@ def language_of(path: Path, content: bytes) -> str:
     name = path.name.lower()
     fitting = {
         language: reads
-        for engine in engines().values()
+        for engine in loaders().values()
         for language, reads in engine.FOREIGN.items()
         if name.endswith(reads.suffixes)
     }
     if not fitting:
-        allowed = " ".join(sorted({end for engine in engines().values() for end in suffixes_of(engine)}))
+        allowed = " ".join(sorted({end for engine in loaders().values() for end in suffixes_of(engine)}))
         raise SpecError([Problem(f"{path}: no engine reads such files", allowed=allowed, code="I114")])
     root = parse(content, str(path)).tag
     for language, reads in fitting.items():

@@ -258,7 +258,7 @@ def list_scenarios(options: ListOptions) -> int:
     from simspec.language.load import load
 
     found: dict[str, dict[str, Any]] = {}
-    names = [name for name, engine in engines().items() if not (engine.FILES_ALONE or engine.AUDITS_ALONE)]
+    names = [name for name, engine in engines().items() if not engine.FILES_ALONE]
     screen = console()
     for scenario, path in library().items():
         spec = load(str(path))

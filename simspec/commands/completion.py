@@ -230,7 +230,7 @@ def values(parameter: CommandParameter, command: str) -> Iterator[Suggestion]:
 
 def engine_names() -> Iterator[Suggestion]:
     """The names of engines; and the labels of versions that simspec has environments of, or the project file names."""
-    names = list(_plugins("simspec.engines"))
+    names = [*_plugins("simspec.engines"), *_plugins("simspec.auditors")]
     yield from (Suggestion("word", name) for name in names)
     for label, where in _labels():
         if label.partition("@")[0] in names and "@" in label:

@@ -1,24 +1,18 @@
 """``simspec engines``, ``simspec engines doctor``: the engines, their state, and the features that they support;
-``simspec engines install``: the exact words that install them; ``simspec trust``: whether the programs and folders that a
-project file names may be used.
+``simspec trust``: whether the programs and folders that a project file names may be used.
 """
 
 from __future__ import annotations
 
 import functools
-import importlib
-import os
-import shlex
-import shutil
-import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from simspec.audit.sample import load_sample
 from simspec.commands.experiment_options import (
     DoctorOptions,
     EnginesOptions,
-    InstallOptions,
     ShowEnginesOptions,
     TrustOptions,
 )
@@ -26,16 +20,12 @@ from simspec.commands.files import generated_files
 from simspec.commands.options import demand_trusted, names_alone, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit import registry
-from simspec.engines.kit.compiled import forget_packages
-from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.environments import InstallState, compile_parts, diagnose, making, python_of
-from simspec.engines.kit.registry import EngineId, EngineInstance, find_engine, instances, parse
-from simspec.engines.kit.registry import engines as registry_engines
-from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SimspecError, SpecError, clipped, visible
+from simspec.engines.kit.environments import InstallState, compile_parts, diagnose
+from simspec.engines.kit.registry import find_engine, instances
+from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs import trust as trusted
-from simspec.outputs.files import is_complete, mark_begun, mark_complete, read_bytes
+from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import check_file
-from simspec.processes import ELSEWHERE, isolated
 from simspec.project import LARGEST, PROJECT_FILE, Project, find_project, load_project, parse_project
 from simspec.proof.probes import fall
 from simspec.report import engine_pages, matrix
@@ -43,7 +33,8 @@ from simspec.report.matrix import engine_table, engine_tables
 from simspec.report.screen import console, say
 from simspec.report.table import Table
 
-WORKS, FAILS, NOT_TRUSTED = "works", "fails", "not trusted"
+WORKS, LOADS, FAILS, NOT_TRUSTED = "works", "loads files", "fails", "not trusted"
+"""States of an engine: ``LOADS`` of an engine that audits robot files and runs no world."""
 NOTHING = "names no interpreters and no folders: it needs no trust"
 
 
@@ -119,12 +110,12 @@ def doctor(options: DoctorOptions) -> int:
         for instance in known
         if not labels or instance.label in labels
     }
-    broken = {} if labels else dict(registry.engines().broken())
+    broken = {} if labels else {**registry.engines().broken(), **registry.auditors().broken()}
     wanted = list(rows) if labels or options.every else []
     wrong = [
         label
         for label, row in rows.items()
-        if row["state"] != WORKS
+        if row["state"] not in (WORKS, LOADS)
         and (
             label in wanted
             or row["state"] not in (InstallState.ABSENT, InstallState.IMPOSSIBLE, InstallState.FILES, NOT_TRUSTED)
@@ -164,7 +155,9 @@ def examined(label: str, python: str | None, problem: str | None) -> dict[str, A
     engine = find_engine(label)
     found = diagnose(engine)
     state, problems = str(found.state), list(found.problems)
-    if python is not None or found.state is InstallState.WHOLE:
+    if python is None and found.state is InstallState.ABSENT and not problems:
+        problems = ["not installed"]
+    elif python is not None or found.state is InstallState.WHOLE:
         problems = [problem] if problem is not None else list(compile_parts(engine))
     row: dict[str, Any] = {
         "version": found.version,
@@ -179,6 +172,9 @@ def examined(label: str, python: str | None, problem: str | None) -> dict[str, A
     if problems:
         return row | {"state": FAILS if found.state is InstallState.WHOLE or python is not None else state}
     try:
+        if engine.NAME in registry.auditors():
+            version, seconds = load_sample(label, python)
+            return row | {"state": LOADS, "version": version, "seconds": seconds}
         seen = fall(label, python)
     except SimspecError as error:
         return row | {"state": FAILS, "problems": [str(error).removeprefix(f"{label}: ")]}
@@ -284,200 +280,3 @@ def _row(record: trusted.TrustRecord) -> dict[str, Any]:
         return {**row, "state": "not readable"}
     current = trusted.digest(record.file, content) == record.place.name
     return {**row, "state": "trusted" if current else "changed since: not trusted"}
-
-
-# --- install: here, or a version in an environment of its own -----------------------------------------------------------------
-
-DEADLINE = 3600.0
-"""s for one command: the largest engine is some 100 MB, and a slow line has an hour for it."""
-STANDARD_ERROR = 2
-"""Its descriptor: standard output is for the answer."""
-
-
-def install(options: InstallOptions) -> int:
-    """Print the commands that install engines, or every known one that is not installed whole; run them with ``--yes``.
-
-    A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on; so does an
-    engine that does not go with the packages of others (``Engine.SEPARATE_VERSION``), which is found by its name, too.
-
-    Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
-    """
-    names, yes, as_json = options.names or [], options.yes, options.as_json
-    if bool(names) == options.every:
-        raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(registry_engines()), code="C102")])
-    rows = {}
-    for word in names or registry_engines():
-        label = parse(word)
-        if label.python is not None:
-            message = f"{word!r} has an interpreter already"
-            raise SpecError([Problem(message, allowed="NAME, NAME@VERSION", code="C103")])
-        engine = find_engine(label.name)
-        version = label.version or engine.SEPARATE_VERSION
-        if version:
-            rows[label.label] = _version_row(EngineId(label.name, version), yes, as_json)
-        else:
-            rows[label.label] = _install_row(engine, yes, as_json)
-    code = EXIT_OK if all(row["problem"] is None for row in rows.values()) else EXIT_ENGINE
-    if as_json:
-        print_json({"engines": rows, "exit_code": code})
-    return code
-
-
-def _install_row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
-    """Install an engine, or list its commands; the result as plain data. Each line is printed at once, unless as JSON."""
-    found = diagnose(engine)
-    row: dict[str, Any] = {"state": str(found.state), "version": found.version, "commands": [], "problem": None}
-    if found.state is InstallState.WHOLE:
-        _tell(as_json, f"{engine.NAME}: {found.version} is installed")
-        return row
-    if found.state in (InstallState.IMPOSSIBLE, InstallState.FILES):
-        row["problem"] = "; ".join([*found.problems, *([found.install] if found.state is InstallState.FILES else [])])
-    commands = [] if row["problem"] else words(engine)
-    if not row["problem"] and not commands:
-        row["problem"] = f"{engine.NAME} does not say how it is installed"
-    for command in commands:
-        entry: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
-        row["commands"].append(entry)
-        _tell(as_json, f"{engine.NAME}: {entry['words']}")
-        if not yes or row["problem"]:
-            continue
-        if (why := _forbidden(command)) is not None:
-            row["problem"] = f"not run: {why}"
-            continue
-        entry["code"], why = _run(command)
-        entry["ran"] = entry["code"] is not None
-        if why is not None:
-            row["problem"] = f"{entry['words']}: {why}"
-    if commands and yes and not row["problem"]:
-        importlib.invalidate_caches()
-        forget_packages()
-        found = diagnose(engine)  # an installer may end with code 0 and have installed nothing
-        row |= {"state": str(found.state), "version": found.version}
-        if found.state is InstallState.WHOLE:
-            _tell(as_json, f"{engine.NAME}: {found.version} is installed")
-        else:
-            row["problem"] = f"{found.state} after these commands: {'; '.join(found.problems)}".rstrip(": ")
-    if row["problem"]:
-        _tell(as_json, f"{engine.NAME}: {row['problem']}")
-    return row
-
-
-def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
-    """The same for a version, which has an environment of its own."""
-    row: dict[str, Any] = {"state": str(InstallState.ABSENT), "version": None, "commands": [], "problem": None}
-    try:
-        commands = making(label)
-    except EngineError as error:
-        row["problem"] = str(error).removeprefix(f"{label.label}: ").removeprefix(f"{label.name}: ")
-        _tell(as_json, f"{label.label}: {row['problem']}")
-        return row
-    place = Path(commands[0][-1])
-    whole, found = is_complete(place), None
-    if whole is None and os.path.lexists(place):
-        row["problem"] = f"{place} exists, and simspec did not make it: move it away"
-    elif whole:
-        found = _instance(label, place)
-    if row["problem"] is None and (found is None or found.problem is not None):
-        row["commands"] = [{"words": shlex.join(command), "ran": False, "code": None} for command in commands]
-        for entry in row["commands"]:
-            _tell(as_json, f"{label.label}: {entry['words']}")
-        row["problem"] = _make(place, commands, row["commands"]) if yes else None
-        whole = yes and row["problem"] is None
-        found = _instance(label, place) if whole else None
-    if whole and found is not None:
-        row |= {"version": found.version, "problem": found.problem}
-        if found.problem is None:
-            row["state"] = str(InstallState.WHOLE)
-            _tell(as_json, f"{label.label}: {found.version} is installed in {place}")
-    if row["problem"]:
-        _tell(as_json, f"{label.label}: {row['problem']}")
-    return row
-
-
-def installed_version(label: EngineId, yes: bool) -> str:
-    """The interpreter of a version's environment, which is made first where it is not there and ``yes``; quietly: the last line
-    of pip is in the error where it fails. Raises EngineError, with the commands that would make it, where there is none."""
-    commands = making(label)
-    place = Path(commands[0][-1])
-    if is_complete(place) and _instance(label, place).problem is None:
-        return str(python_of(place))
-    if is_complete(place) is None and os.path.lexists(place):
-        raise EngineError(label.label, f"{place} exists, and simspec did not make it: move it away")
-    if not yes:
-        way = f"simspec engines install {label.label} --yes, or --yes here"
-        raise EngineError(label.label, f"is not installed: {way}")
-    given: list[dict[str, Any]] = [{"words": shlex.join(command)} for command in commands]
-    why = _make(place, commands, given, quiet=True) or _instance(label, place).problem
-    if why is not None:
-        raise EngineError(label.label, f"cannot be installed: {why}")
-    return str(python_of(place))
-
-
-def _instance(label: EngineId, place: Path) -> EngineInstance:
-    """The instance of a label in the interpreter of an environment."""
-    requested = instances({label.label: str(python_of(place))})
-    return next(instance for instance in requested if instance.label == label.label)
-
-
-def _make(
-    place: Path, commands: Sequence[Sequence[str]], given: Sequence[dict[str, Any]], quiet: bool = False
-) -> str | None:
-    """Make an environment anew by its commands; why it is not whole, None where it is."""
-    try:
-        mark_begun(place)
-    except OSError as error:
-        return f"{place}: {error.strerror}" if error.strerror else str(error)
-    for command, entry in zip(commands, given, strict=True):
-        entry["code"], why = _run(command, quiet)
-        entry["ran"] = entry["code"] is not None
-        if why is not None:
-            return f"{entry['words']}: {why}"
-    mark_complete(place)
-    return None
-
-
-def words(engine: type[Engine]) -> list[list[str]]:
-    """The commands that install an engine: pip of this interpreter, and Debian's apt-get."""
-    commands = [isolated("-m", "pip", "install", f"simspec-physics[{engine.EXTRA}]")] if engine.EXTRA else []
-    if engine.NEEDS.debian:
-        commands.append(["apt-get", "update", "--quiet"])
-        commands.append(["apt-get", "install", "--yes", "--no-install-recommends", *engine.NEEDS.packages])
-    return commands
-
-
-def _forbidden(command: Sequence[str]) -> str | None:
-    """Why a command is not run for the user."""
-    if command[0] != "apt-get":
-        return None
-    if shutil.which("apt-get") is None:
-        return "this system has no apt-get; the names of the packages may differ"
-    return None if os.geteuid() == 0 else "it needs root"
-
-
-def _run(command: Sequence[str], quiet: bool = False) -> tuple[int | None, str | None]:
-    """The exit code of a command, whose words go to standard error, and what is wrong, with the last of its words where it is
-    ``quiet``. None: it gave none."""
-    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    try:
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE if quiet else STANDARD_ERROR,
-            stderr=subprocess.STDOUT if quiet else None,
-            cwd=ELSEWHERE,
-            env=environment,
-            timeout=DEADLINE,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return None, f"did not end within {DEADLINE:g} s"
-    except OSError as error:
-        return None, f"cannot be started: {error.strerror}"
-    words = (done.stdout or b"").decode(errors="replace").strip().splitlines() or [""]
-    said = f": {clipped(visible(words[-1]))}" if words[-1] else ""
-    return done.returncode, f"ended with code {done.returncode}{said}" if done.returncode else None
-
-
-def _tell(as_json: bool, line: str) -> None:
-    if not as_json:
-        say(line)

@@ -292,7 +292,7 @@ class DoctorOptions(Options):
     every: Annotated[bool, Option("--all", help="Exit with 3 also where a known engine is not installed.")] = False
 
 
-@command("engines install", "engines:install", "names every yes as_json")
+@command("engines install", "install:install", "names every yes as_json")
 class InstallOptions(Options):
     """Print the commands that install engines; --yes runs them.
 

@@ -14,8 +14,8 @@ from simspec.attribution.configuration import Configuration, ModelProof, model_l
 from simspec.attribution.sides import explain as explain_sides
 from simspec.attribution.sides import side_of_run
 from simspec.commands.check import is_writable
-from simspec.commands.engines import installed_version
 from simspec.commands.experiment_options import BisectOptions, ExplainOptions
+from simspec.commands.install import installed_version
 from simspec.commands.loading import OF_A_MODEL, accepted_sets, load_spec
 from simspec.commands.options import demand_installed, demand_trusted, engine_names, interpreters, print_json
 from simspec.commands.reports import SWEEP_FOLDER

@@ -300,9 +300,10 @@ def demand_trusted(labels: Iterable[str], pythons: Mapping[str, str]) -> None:
         pythons.get(label)
 
 
-def engine_names(words: list[str]) -> list[str]:
-    """The labels of the engines that are named. Raises EngineError, and SpecError for the name of a format."""
-    from simspec.engines.kit.registry import find_engine, parse
+def engine_names(words: list[str], audits: bool = False) -> list[str]:
+    """The labels of the engines that are named. Raises EngineError, and SpecError for the name of a format or, unless
+    ``audits``, of an engine that only loads robot files."""
+    from simspec.engines.kit.registry import auditors, find_engine, parse
 
     labels: dict[str, None] = {}
     for word in words:
@@ -318,6 +319,10 @@ def engine_names(words: list[str]) -> list[str]:
                     [Problem(f"{engine.name!r} is a format, not an engine", hint=hint, code="E111")]
                 ) from error
             raise
+        if not audits and engine.name in auditors():
+            message = f"{engine.name} loads robot files for an audit; simspec runs no world in it"
+            hint = f"simspec audit FILE --engine {engine.label}"
+            raise SpecError([Problem(message, hint=hint, code="E107")])
         labels[engine.label] = None
     return list(labels)
 
@@ -330,21 +335,26 @@ def names_alone(words: list[str]) -> list[str]:
 
 
 def engines_at_work(
-    words: list[str] | None, pythons: Mapping[str, str], demand: bool = True, files_alone: bool = False
+    words: list[str] | None,
+    pythons: Mapping[str, str],
+    demand: bool = True,
+    files_alone: bool = False,
+    audits: bool = False,
 ) -> Selection:
-    """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine that
-    is not installed (unless ``demand`` is false, or ``files_alone`` is true and only its files are ever proven), SpecError when
-    no engine is, NotTrustedError for one whose interpreter a project file names that is not trusted."""
+    """The engines that have to run: those that are named, else every installed one (``audits``: also those that only load
+    robot files). Raises EngineError for a named engine that is not installed (unless ``demand`` is false, or ``files_alone`` is
+    true and only its files are ever proven), SpecError when no engine is, NotTrustedError for one whose interpreter a project
+    file names that is not trusted."""
     from simspec import selection
     from simspec.engines.kit.registry import find_engine
 
     if words:
-        names = engine_names(words)
+        names = engine_names(words, audits)
         demand_trusted(names, pythons)
         if demand:
             demand_installed([name for name in names if not (files_alone and find_engine(name).FILES_ALONE)], pythons)
         return selection.named(names, pythons)
-    found = selection.available(pythons)
+    found = selection.available(pythons, audits)
     demand_trusted(found.engines, pythons)
     if not found.engines:
         raise SpecError(

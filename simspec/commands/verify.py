@@ -192,7 +192,7 @@ def audit(options: AuditOptions) -> int:
     if options.pair:
         return _pair(options, imports)
     pythons = options.interpreters()
-    selection = engines_at_work(options.chosen, pythons)
+    selection = engines_at_work(options.chosen, pythons, audits=True)
     if page_file is not None:
         demand([file_problem(page_file, is_page)])
     with reporting(options, ", ".join(files[:3])) as reports:

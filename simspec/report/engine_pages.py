@@ -20,7 +20,7 @@ from typing import Any
 from simspec.compiler import WORLD_FILE, needed_decisions
 from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import engines, format_of, how_to_install
+from simspec.engines.kit.registry import auditors, engines, format_of, how_to_install
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.files import read_bytes
@@ -157,19 +157,14 @@ INDEX_HEAD = f"""# Engines
 All features side by side: the [support matrix](support-matrix.md). Levels of a certificate: [proof.md](../concepts/proof.md).
 `simspec engines doctor` checks the installations of this machine.
 """
-PARTS: Mapping[str, str] = {
-    "Engines that run": "",
-    "Files only": "simspec writes their files and compares them with the world; no test runs the program.",
-    "Audits only": "`simspec audit` compares their models of robot files with the files; simspec runs no world in them.",
-}
-"""The parts of the index, each with its introduction."""
+AUDITS_ONLY = "`simspec audit` compares its models of robot files with the files; simspec runs no world in it"
 PLACES = re.compile(r" \(and \d+ more places?\)")
 LEVELS = (*WORDS.values(), NOT_YET)
 
 
 def page_names() -> tuple[str, ...]:
     """Paths of the pages, from the folder of the index: the index, and a page of each engine."""
-    return (INDEX, *(f"engines/{name}.md" for name in engines()))
+    return (INDEX, *(f"engines/{name}.md" for name in (*engines(), *auditors())))
 
 
 def is_page(page: bytes) -> bool:
@@ -186,37 +181,34 @@ def pages(root: Path) -> dict[str, str]:
     for name, engine in engines().items():
         title = engine.TITLE or name
         ability = f"> With this page you can look up the features, settings, deviations and certificates of {title}."
-        if engine.AUDITS_ALONE:
-            made[f"engines/{name}.md"] = _audit_page(engine)
-            continue
         lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", *_facts(engine, certificates), ""]
         measured = [*closeness(name, certificates), *compared(name, study)]
         lines += ["## Measured", "", *measured] if measured else []
         lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates, root)]
         made[f"engines/{name}.md"] = "\n".join(lines).rstrip() + "\n"
-    return made
+    return made | {f"engines/{name}.md": _audit_page(engine) for name, engine in auditors().items()}
 
 
 def _index(certificates: Mapping[str, Certificate]) -> str:
-    """The engines of each of :data:`PARTS`, with links."""
+    """The engines that are proven by running them, those whose files alone are proven, and those that audit, with links."""
     lines = [INDEX_HEAD]
-    for title, about in PARTS.items():
-        lines += [f"## {title}", "", *([about, ""] if about else [])]
+    for title, files_only in (("Engines that run", False), ("Files only", True)):
+        lines += [f"## {title}", ""]
+        if files_only:
+            lines += ["simspec writes their files and compares them with the world; no test runs the program.", ""]
         rows = []
         for name, engine in engines().items():
-            if _part(engine) == title:
+            if bool(engine.FILES_ALONE) is files_only:
                 proofs = _proofs(name, certificates).values()
                 valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
                 rows.append([f"[{engine.TITLE or name}](engines/{name}.md)", engine.PRECISION, _levels(engine), valid])
         heads = ("engine", "precision", f"of {len(Feature)} features", "valid certificates")
         lines += [*markdown_rows(heads, rows, right=(3,)), ""]
+    if auditors():
+        about = "`simspec audit` compares their models of robot files with the files; simspec runs no world in them."
+        lines += ["## Audits only", "", about, ""]
+        lines += [f"- [{engine.TITLE or name}](engines/{name}.md)" for name, engine in auditors().items()]
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _part(engine: type[Engine]) -> str:
-    """The part of the index that an engine is in."""
-    run, files, audits = PARTS
-    return files if engine.FILES_ALONE else audits if engine.AUDITS_ALONE else run
 
 
 def _proofs(name: str, certificates: Mapping[str, Certificate]) -> dict[str, EngineProof]:
@@ -260,11 +252,12 @@ def _audit_page(engine: type[Engine]) -> str:
     ability = (
         f"> With this page you can look up the values of robot files that an audit compares with those of {title}."
     )
-    lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", f"{engine.AUDITS_ALONE}.", ""]
-    facts = {"name": f"`{engine.NAME}`", "install": f"`{how_to_install(engine)}`"}
+    lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", f"{AUDITS_ONLY}.", ""]
+    facts = {"name": f"`{engine.NAME}`", "computes in": f"{engine.PRECISION} precision"}
+    facts |= {"install": f"`{how_to_install(engine)}`", "an installation": engine.INSTALLS}
     facts |= {f"loads {language}": f"`{reads.how}`" for language, reads in engine.FOREIGN.items()}
-    lines += ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in facts.items()), ""]
-    lines += ["## Values in addition to those of the file", ""]
+    lines += ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in facts.items() if text)]
+    lines += ["", "## Values in addition to those of the file", ""]
     rows = [[f"`{name}`", added.changes, markdown_cell(added.why)] for name, added in engine.FOREIGN_ADDITIONS.items()]
     return "\n".join([*lines, *markdown_rows(("value", "severity", "meaning"), rows)]).rstrip() + "\n"
 

@@ -135,12 +135,12 @@ ENGINE_PAGE, MATRIX = "../../reference/engines/{}.md", "../../reference/support-
 
 
 def _supports(feature: Feature) -> dict[str, tuple[Level, str]]:
-    """How each engine of simspec that runs worlds supports a feature with its default settings: level and words."""
+    """How each engine of simspec supports a feature with its default settings: level and words."""
     from simspec.engines.kit.registry import engines
     from simspec.report.matrix import support
 
-    ours = [(name, engine) for name, engine in engines().items() if engine.__module__.startswith("simspec.")]
-    found = {name: support(engine)[feature] for name, engine in ours if not engine.AUDITS_ALONE}
+    ours = {name: engine for name, engine in engines().items() if engine.__module__.startswith("simspec.")}
+    found = {name: support(engine)[feature] for name, engine in ours.items()}
     return {name: (entry.level, entry.how) for name, entry in found.items()}
 
 

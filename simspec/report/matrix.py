@@ -11,7 +11,7 @@ from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability, Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import engine_name, engines, find_engine, format_of, how_to_install
+from simspec.engines.kit.registry import auditors, engine_name, engines, find_engine, format_of, how_to_install
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
 from simspec.proof.contact.probe import ProbeFigure, ProbeLaw, widened
@@ -124,8 +124,6 @@ WORDS = {
 NOT_YET = "not yet"
 FILES_ONLY = "files only"
 """The tier of an engine of which only the files are proven."""
-AUDITS_ONLY = "audits only"
-"""The tier of an engine that runs no world, by which robot files are audited."""
 SIGNATURE = "Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit."
 """The line by which a page is known to be simspec's, and may be replaced."""
 HEAD = f"""# Support matrix
@@ -198,8 +196,6 @@ def tier(engine: type[Engine]) -> str:
     """How far simspec's support of an engine goes (``docs/design/adding-an-engine.md``)."""
     if engine.FILES_ALONE:
         return FILES_ONLY
-    if engine.AUDITS_ALONE:
-        return AUDITS_ONLY
     if {Capability.MASS_MATRIX, Capability.BIAS_FORCE} & engine.LACKS.keys():
         return "runs"
     return "proven" if Capability.INVENTORY in engine.LACKS else "complete"
@@ -264,7 +260,7 @@ def _support_data(entry: Support) -> dict[str, Any]:
 
 def broken() -> dict[str, str]:
     """Formats, dialects and engines that are offered by installed packages and cannot be used, with the reason."""
-    return {**formats().broken(), **dialects().broken(), **engines().broken()}
+    return {**formats().broken(), **dialects().broken(), **engines().broken(), **auditors().broken()}
 
 
 def is_matrix(page: bytes) -> bool:
@@ -272,28 +268,23 @@ def is_matrix(page: bytes) -> bool:
     return page.startswith(HEAD[: HEAD.index(SIGNATURE) + len(SIGNATURE)].encode())
 
 
-def running() -> dict[str, type[Engine]]:
-    """The engines that run worlds."""
-    return {name: engine for name, engine in engines().items() if not engine.AUDITS_ALONE}
-
-
 def markdown() -> str:
     """The page docs/reference/support-matrix.md."""
-    tables = {name: support(engine) for name, engine in running().items()}
+    tables = {name: support(engine) for name, engine in engines().items()}
     notes = Notes()
     rows = [
         [f"`{feature.value}`", markdown_cell(MEANING[feature])]
         + [word(table[feature]) + notes.mark(table[feature].how, name, feature.value) for name, table in tables.items()]
         for feature in Feature
     ]
-    tiers = [[name, tier(engine), engine.PRECISION, format_of(engine)] for name, engine in running().items()]
+    tiers = [[name, tier(engine), engine.PRECISION, format_of(engine)] for name, engine in engines().items()]
     lines = [HEAD, TIERS, "", *markdown_rows(("engine", "tier", "precision", "format"), tiers), ""]
     lines += markdown_rows(["feature", "meaning", *tables], rows)
     lines += ["", "## Notes", "", "Each reason appears once, with the engines and features that it applies to.", ""]
     lines += notes.lines(anchors=True)
     effects = [
         [name, effect, markdown_cell(where), markdown_cell(why)]
-        for name, engine in running().items()
+        for name, engine in engines().items()
         for effect, where, why in absent(engine)
     ]
     lines += ["", "## Absent effects of contact", "", ABSENT, ""]
@@ -305,7 +296,7 @@ def markdown() -> str:
         "A spec sets them by `engines.NAME.settings`. They do not change the model.",
         "",
     ]
-    for name, engine in running().items():
+    for name, engine in engines().items():
         settings = [_setting_row(key, setting) for key, setting in engine.SETTINGS.items()]
         lines += [f"### {name}", "", *markdown_rows(("setting", "default", "allowed", "meaning"), settings), ""]
     return "\n".join(lines).rstrip() + "\n"
@@ -343,11 +334,11 @@ def _capabilities() -> list[str]:
     rows = []
     for capability in Capability:
         cells = []
-        for name, engine in running().items():
+        for name, engine in engines().items():
             reason = engine.LACKS.get(capability)
             cells.append("yes" if reason is None else "no" + notes.mark(reason, name, capability.value))
         rows.append([f"`{capability}`", markdown_cell(capabilities.MEANING[capability]), *cells])
-    table = markdown_rows(["capability", "meaning: the engine …", *running()], rows)
+    table = markdown_rows(["capability", "meaning: the engine …", *engines()], rows)
     return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes.lines()]
 
 

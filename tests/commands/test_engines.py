@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
-from simspec.commands import engines as installing
+from simspec.commands import install as installing
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import environments, registry
 from simspec.engines.kit.compiled import NativeBinary, Needs

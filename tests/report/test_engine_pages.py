@@ -35,10 +35,6 @@ def by_engine(root: Path) -> dict[str, str]:
 @pytest.mark.parametrize("name", engines())
 def test_declarations_of_the_engine_class_are_on_its_page(pages, name):
     engine, page = engines()[name], pages[name]
-    if engine.AUDITS_ALONE:
-        assert all(f"| `{added}` |" in page for added in engine.FOREIGN_ADDITIONS)
-        assert all(f"`{reads.how}`" in page for reads in engine.FOREIGN.values())
-        return
     [counted] = re.findall(rf"^\| of {len(Feature)} features \| (.*) \|$", page, re.MULTILINE)
     assert sum(map(int, re.findall(r"\b(\d+) ", counted))) == len(Feature)
     listed = {
@@ -69,11 +65,9 @@ def test_it_does_not_depend_on_what_is_installed(pages, monkeypatch):
 
 
 def test_engines_whose_files_alone_are_proven_are_listed_separately(pages):
-    running, rest = pages["engines"].split("\n## Files only\n")
-    files_only, audits_only = rest.split("\n## Audits only\n")
+    running, files_only = pages["engines"].split("\n## Files only\n")
     for name, engine in engines().items():
-        part = files_only if engine.FILES_ALONE else audits_only if engine.AUDITS_ALONE else running
-        assert f"](engines/{name}.md)" in part
+        assert f"](engines/{name}.md)" in (files_only if engine.FILES_ALONE else running)
 
 
 def test_certificates_are_judged_and_counted(tmp_path):
@@ -90,9 +84,7 @@ def test_certificates_are_judged_and_counted(tmp_path):
 
 def test_every_scenario_without_a_certificate_is_named_with_the_reason(pages):
     library = {path.stem for path in (ROOT / "specs").glob("*.yaml")}
-    for name, engine in engines().items():
-        if engine.AUDITS_ALONE:
-            continue
+    for name in engines():
         part = pages[name].split("## Certificates")[1]
         rows = re.findall(r"^- ([a-z0-9, -]+): (.+)$", part, re.MULTILINE)
         lacking = {scenario for scenarios, _ in rows for scenario in scenarios.split(", ")}
@@ -100,7 +92,7 @@ def test_every_scenario_without_a_certificate_is_named_with_the_reason(pages):
         assert len(lacking) == len(library) - int(count)
         assert lacking <= library
         allowed = ["does not support", "only approximately"]
-        allowed += ["a proof of files only"] if engine.FILES_ALONE else []
+        allowed += ["a proof of files only"] if engines()[name].FILES_ALONE else []
         assert all(any(words in why for words in allowed) for _, why in rows)
 
 

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.report.matrix import Notes, engine_data, markdown, tier, word
 from simspec.support.declarations import Absence, Attempt, Level, Support, never, not_yet
 
@@ -61,11 +61,3 @@ def test_no_reason_of_the_page_is_printed_twice():
 def test_the_tier_follows_from_the_declared_capabilities(lacks, files, expected):
     engine = type("Some", (find_engine("mujoco"),), {"LACKS": dict.fromkeys(lacks, "why"), "FILES_ALONE": files})
     assert tier(engine) == expected
-
-
-def test_an_engine_that_audits_alone_runs_nothing_and_is_not_in_the_matrix():
-    for name, engine in engines().items():
-        assert (tier(engine) == "audits only") == bool(engine.AUDITS_ALONE)
-        reasons = {support.how for support in engine.SUPPORT.values()}
-        assert (reasons == {engine.AUDITS_ALONE}) == bool(engine.AUDITS_ALONE)
-        assert (f"| {name} |" in markdown()) != bool(engine.AUDITS_ALONE)

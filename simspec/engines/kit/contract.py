@@ -199,9 +199,6 @@ class Engine(ProvenEngine):
     """Of an engine that is proven by its files only where it is not installed: why, in words. Such a proof goes as far as
     the files (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error
     everywhere."""
-    AUDITS_ALONE: ClassVar[str] = ""
-    """Of an engine by which simspec audits robot files and runs no world: why. Its ``SUPPORT`` refuses every feature with this
-    reason."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
     """Packages of Python, of other engines, that may not be in its process, each with the reason."""
     PRECISION: ClassVar[str] = DOUBLE
@@ -245,6 +242,8 @@ class Engine(ProvenEngine):
     """The languages of files that it loads by itself, by the names of their importers, and how."""
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = {}
     """The engine's additions to such files, by names of the inventory that :meth:`load_foreign` gives."""
+    INSTALLS: ClassVar[str] = ""
+    """A fact that a user should know before its packages are installed: a large size, licences of their own."""
     FOREIGN_MEMORY: ClassVar[int] = 0
     """Bytes of data that its process has before it loads a file, where they exceed half of its bound (``kit/foreign.py``)."""
 

@@ -19,7 +19,16 @@ from packaging.version import InvalidVersion, Version
 
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import EngineId, engines, find_engine, how_to_install, parse, too_old, why_not
+from simspec.engines.kit.registry import (
+    EngineId,
+    auditors,
+    engines,
+    find_engine,
+    how_to_install,
+    parse,
+    too_old,
+    why_not,
+)
 from simspec.errors import EngineError, SpecError, clipped, visible
 from simspec.outputs.files import data_folder, is_complete, written_by_others
 from simspec.plugins import NAME, installed_version
@@ -267,7 +276,7 @@ def environments() -> dict[str, str]:
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_complete(place) is True}
     # an engine that is not installed here, and has its environment under the version that it names
     for label in list(found):
-        engine = engines()[parse(label).name]
+        engine = find_engine(parse(label).name)
         separate = EngineId(engine.NAME, engine.SEPARATE_VERSION).label
         if engine.SEPARATE_VERSION and label == separate and engine.version() is None:
             found[engine.NAME] = found[label]
@@ -279,7 +288,7 @@ def _known(label: str) -> bool:
         engine = parse(label)
     except SpecError:
         return False
-    return engine.name in engines() and bool(engine.version) and engine.label == label
+    return engine.name in (*engines(), *auditors()) and bool(engine.version) and engine.label == label
 
 
 def requirement(engine: type[Engine], version: str) -> str:

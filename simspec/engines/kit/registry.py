@@ -136,6 +136,18 @@ def engines() -> Plugins[type[Engine]]:
     return Plugins("simspec.engines", _sound)
 
 
+@functools.cache
+def auditors() -> Plugins[type[Engine]]:
+    """Engines by whose loaders ``simspec audit`` reads robot files, and in which simspec runs no world (entry points
+    ``simspec.auditors``), by name. Their ``SUPPORT`` refuses every feature with the reason."""
+    return Plugins("simspec.auditors", _sound)
+
+
+def loaders() -> dict[str, type[Engine]]:
+    """Every known engine that may load robot files: :func:`engines`, then :func:`auditors`."""
+    return {**engines(), **auditors()}
+
+
 def format_of(engine: type[Engine]) -> str:
     """The name of the format that an engine reads."""
     from simspec.dialects.kit.contract import dialects
@@ -145,12 +157,14 @@ def format_of(engine: type[Engine]) -> str:
 
 def find_engine(name: str) -> type[Engine]:
     """The engine that a name or label (``identity.py``) stands for. Raises EngineError naming the known ones."""
-    found = engines().get(engine_name(name))
+    word = engine_name(name)
+    found = engines().get(word) or auditors().get(word)
     if found is None:
-        why = engines().broken().get(engine_name(name))
-        similar = difflib.get_close_matches(engine_name(name), engines(), 1)
+        why = engines().broken().get(word) or auditors().broken().get(word)
+        known = [*engines(), *auditors()]
+        similar = difflib.get_close_matches(word, known, 1)
         hint = f"; did you mean {similar[0]!r}?" if similar else ""
-        raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}{hint}")
+        raise EngineError(name, why or f"no such engine; known: {', '.join(known)}{hint}")
     return found
 
 
@@ -267,7 +281,9 @@ def instances(
     """
     named = dict.fromkeys([*interpreters, *not_queried, *labels])
     ordered = [
-        word for name in engines() for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
+        word
+        for name in (*engines(), *auditors())
+        for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
     ]
     ends = time.monotonic() + PATIENCE
     with ExitStack() as stack:
