@@ -139,6 +139,7 @@ from pathlib import Path
 from simspec.engines.kit.foreign import ForeignSession
 from simspec.engines.kit.worker import _confine_files
 class Engine:
+    FOREIGN_MEMORY = 0
     def prepare_foreign(self):
         pass
     def load_foreign(self, file, language, packages, log):

@@ -51,8 +51,9 @@ def processes():
             "scratch",
             folders,
             f"{here}, `/dev/null`",
-            f"{audit.DEADLINE:g} s by the clock",
-            f"{size(foreign.MEMORY)} of data",
+            f"{audit.DEADLINE:g} s by the clock, and what the engine compiles",
+            f"{size(foreign.MEMORY)} of data; {size(foreign.REMAINING)} more than the engine holds before, if that exceeds "
+            f"{size(foreign.MEMORY - foreign.REMAINING)}",
         ),
     ]
 

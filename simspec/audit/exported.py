@@ -187,8 +187,11 @@ def _as_said(exported: Exported) -> Iterator[Body]:
             joint = dataclasses.replace(joint, position=AT_ORIGIN)
         drive = drive_of.get(joint.name)
         if drive is not None and drive.effort_limit != 0:
+            stiffness = joint.spring_stiffness + drive.kp
+            effort = joint.spring_stiffness * joint.spring_rest + drive.kp * drive.position + drive.effort
+            rest = effort / stiffness if stiffness else joint.spring_rest
             joint = dataclasses.replace(
-                joint, spring_stiffness=joint.spring_stiffness + drive.kp, damping=joint.damping + drive.kd
+                joint, spring_stiffness=stiffness, damping=joint.damping + drive.kd, spring_rest=rest
             )
         yield dataclasses.replace(body, joint=joint)
 

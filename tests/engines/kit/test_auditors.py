@@ -16,6 +16,7 @@ from simspec.commands import engines as commands
 from simspec.engines.kit import registry
 from simspec.engines.kit.registry import auditors, engines, find_engine, instances
 from simspec.errors import EXIT_ENGINE, EXIT_WRONG, EngineError
+from simspec.formats.kit.contract import formats
 from simspec.language.foreign import ImportOptions
 from simspec.support.features import Feature
 
@@ -65,15 +66,15 @@ def test_audits_have_it_by_default_where_it_is_installed_and_other_commands_neve
     assert name not in selection.known().engines
 
 
-def test_an_audit_compiles_nothing_for_it(name, tmp_path, monkeypatch):
-    file = tmp_path / sample.SAMPLES["urdf"][0]
-    file.write_text(sample.SAMPLES["urdf"][1], encoding="utf-8")
+def test_an_audit_compiles_nothing_for_it(name, tmp_path):
+    file = tmp_path / "stone.urdf"
+    file.write_text(formats()["urdf"].plain(sample.SAMPLE).files[file.name], encoding="utf-8")
     found = audit(file, [name], ImportOptions(), pythons={name: "/no/python"})
     (proof,) = found.compiled
     assert (proof.engine, proof.valid, proof.why) == (name, None, NOT_RUN)
 
 
-@pytest.mark.parametrize("language", sample.SAMPLES)
+@pytest.mark.parametrize("language", ["urdf", "mjcf"])
 def test_the_sample_loads_in_each_language(language, monkeypatch):
     engine = find_engine("mujoco")
     only = {language: engine.FOREIGN[language]}
@@ -81,6 +82,12 @@ def test_the_sample_loads_in_each_language(language, monkeypatch):
     version, seconds = sample.load_sample("mujoco")
     assert version == engine.version()
     assert seconds > 0.0
+
+
+def test_of_a_language_that_simspec_does_not_write_there_is_no_sample(monkeypatch):
+    monkeypatch.setattr(sample, "find_engine", lambda label: SimpleNamespace(FOREIGN={"sdformat": None}))
+    with pytest.raises(EngineError, match="no plain file of sdformat"):
+        sample.load_sample("mujoco")
 
 
 def test_a_sample_of_another_mass_is_an_error(monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from simspec.engines.kit import registry
-from simspec.engines.kit.registry import engines, format_of, instances
+from simspec.engines.kit.registry import auditors, engines, find_engine, format_of, instances
 
 
 def program(folder: Path, text: str) -> str:
@@ -25,9 +25,9 @@ def row(label: str, python: str):
 
 def test_without_interpreters_these_are_the_known_engines():
     rows = instances({})
-    assert [instance.label for instance in rows] == list(engines())
+    assert [instance.label for instance in rows] == [*engines(), *auditors()]
     for entry in rows:
-        engine = engines()[entry.engine]
+        engine = find_engine(entry.engine)
         assert (entry.version, entry.python, entry.dialect, entry.format) == (
             *(engine.version(), None),
             *(engine.DIALECT, format_of(engine)),
