@@ -51,6 +51,8 @@ FAR = 1e9
 """Distance (rad, m) from a limit up to which it has a row in the solver: Newton stores no limit as 1e10."""
 LEAST_THRESHOLD = 1e-6
 """m/s below which nothing bounces: approaches of bodies at rest are round-off."""
+KERNELS = ("create_narrow_phase_primitive_kernel", "create_narrow_phase_kernel_gjk_mpr")
+"""Functions that Newton calls for each pipeline."""
 UNLIMITED = 1e10
 """Newton's number of a position limit that a joint does not have."""
 
@@ -70,6 +72,7 @@ def imported(log: list[str]) -> NewtonModules:
     except ImportError as error:
         raise EngineError(NAME, f"not installed: simspec engines install newton --yes ({error})") from error
     kit_warp.begin(warp, NAME, log)
+    kit_warp.share_kernels(newton.geometry.NarrowPhase, KERNELS)
     from simspec.engines.newton import origins
 
     return NewtonModules(newton, warp, origins)

@@ -159,17 +159,7 @@ SHAPE = Items[ArrayRows, Shape].named(
     },
 )
 ROWS = ArrayInventory(BODY, JOINT, DOFS, SHAPE)
-NONE_OF = (
-    "particle",
-    "muscle",
-    "spring",
-    "tendon",
-    "tri",
-    "edge",
-    "tet",
-    "constraint_mimic",
-    "attachment_particle_body",
-)
+NONE = ("particle", "muscle", "spring", "tendon", "tri", "edge", "tet", "constraint_mimic", "attachment_particle_body")
 COUNTS = Items[Any, World].named(
     lambda model, name: int(getattr(model, f"{name}_count")),
     {
@@ -177,7 +167,7 @@ COUNTS = Items[Any, World].named(
         "joint": lambda world: len(world.bodies),
         "articulation": lambda world: len(trees(world)),
         "world": 1,
-        **dict.fromkeys(NONE_OF, 0),
+        **dict.fromkeys(NONE, 0),
     },
 )
 SET = {

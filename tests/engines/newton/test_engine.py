@@ -26,6 +26,17 @@ def load(load_files):
     return loader(Newton, load_files)
 
 
+@installed
+def test_worlds_in_a_process_share_kernels(load):
+    kernels = []
+    for _ in range(2):
+        engine = load(scene(ball("one", (0.0, 0.0, 0.1))))
+        engine.step(1)
+        pipeline = engine._simulation.built.pipeline(engine._simulation.room)
+        kernels.append((pipeline.narrow_phase.primitive_kernel, pipeline.narrow_phase.narrow_phase_kernel))
+    assert kernels[0] == kernels[1]
+
+
 def joint_world(**fields):
     """A wheel of 1 kg m² on a hinge, or 1 kg on a slide."""
     joint = Joint("j", fields.pop("kind", "hinge"), None, Pose(), (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
