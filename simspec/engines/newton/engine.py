@@ -18,29 +18,14 @@ from simspec.engines.kit.capabilities import (
     read_deviations,
     unconverged,
 )
-from simspec.engines.kit.refinements import (
-    coupled,
-    met_approximately,
-    met_exactly,
-    near_links,
-    static_planes,
-)
+from simspec.engines.kit.refinements import coupled, met_approximately, met_exactly, near_links, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.newton.building import imported
+from simspec.engines.newton.building import step_ball
 from simspec.engines.newton.readback import expected, inventory, neutral, read_back
 from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.support import classes, features
-from simspec.support.declarations import (
-    Attempt,
-    Table,
-    exact,
-    exactly,
-    for_each,
-    never,
-    shape_kinds,
-    via_api,
-)
+from simspec.support.declarations import Attempt, Table, exact, exactly, for_each, never, shape_kinds, via_api
 from simspec.support.features import Feature
 
 # Contact of several bodies. ``tools/deviations.py`` measures the table at 1 ms, frictions of 0.05 to 1.2, restitutions of
@@ -161,7 +146,7 @@ class Newton(WorldEngine[NewtonSimulation]):
 
     @classmethod
     def prepare(cls) -> None:
-        imported([])
+        step_ball()
 
     def set_timestep(self, timestep: float) -> None:
         self._simulation.set_timestep(timestep)
