@@ -52,6 +52,8 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
     [venv, pip] = [command["words"] for command in answer(capsys, "install", "mujoco@3.17")["mujoco@3.17"]["commands"]]
     assert venv == f"{sys.executable} -I -m venv {place}"
     assert pip.startswith(f"{place}/bin/python -I -m pip install 'mujoco==3.17.*' numpy 'pin")
+    [_, pip] = [command["words"] for command in answer(capsys, "install", "rapier@0.36")["rapier@0.36"]["commands"]]
+    assert "numpy scipy" in pip  # which it needs for hulls of meshes
     assert not made.exists()  # nothing is run unasked
     assert pip_calls(made) == []
     assert interpreters(None) == {}

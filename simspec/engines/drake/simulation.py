@@ -199,7 +199,7 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
                 if len(coordinates.ball):
                     coordinates.write_turns(context)
         except RuntimeError as error:
-            raise EngineError(NAME, f"a step failed: {error}{self._way_out(error)}") from error
+            raise EngineError(NAME, f"a step failed: {self._explained(error)}") from error
 
     def _advance_continuous(self, steps: ContinuousSteps, count: int, effort: np.ndarray | None) -> None:
         steps.set_effort(effort)
@@ -212,13 +212,16 @@ class DrakeSimulation(WorldSimulation[WorldSidecar]):
         except RuntimeError as error:
             raise EngineError(NAME, f"a step failed: {error}") from error
 
-    def _way_out(self, error: RuntimeError) -> str:
-        """Advice for a step of which TAMSI, which need not converge, finds no solution; else empty."""
-        if self.settings["contact_approximation"] != "tamsi" or UNSOLVED not in str(error):
-            return ""
+    def _explained(self, error: RuntimeError) -> str:
+        """Drake's words. Of a step of which TAMSI, which need not converge, finds no solution: the first sentence, with advice
+        for this world in place of Drake's for all."""
+        said = str(error)
+        if self.settings["contact_approximation"] != "tamsi" or UNSOLVED not in said:
+            return said
         return (
-            f"\nTAMSI found no solution at {1e3 * self.timestep:g} ms. Take a smaller timestep, or SAP, which always finds "
-            "one: engines.drake.settings: {contact_approximation: sap}"
+            f"{said.partition('. ')[0].rstrip('.')}.\n"
+            f"TAMSI found no solution at {1e3 * self.timestep:g} ms. Take a smaller timestep, or SAP, which always finds one: "
+            "engines.drake.settings: {contact_approximation: sap}"
         )
 
     def _effort_at(self, x: np.ndarray, effort: np.ndarray | None) -> np.ndarray:

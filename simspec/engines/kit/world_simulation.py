@@ -81,6 +81,7 @@ class Parts(NamedTuple, Generic[S]):
 class WorldEngine(SteppedEngine[S], Generic[S], abstract=True):
     """An engine that loads ``world.json``."""
 
+    ALONGSIDE: ClassVar[tuple[str, ...]] = ("scipy",)  # hulls of meshes
     PARTS: ClassVar[Parts[Any]]
 
     @classmethod

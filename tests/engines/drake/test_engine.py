@@ -137,13 +137,16 @@ def test_without_a_solution_of_tamsi_the_error_names_an_alternative(load, solver
     """Seen with boxes whose edges cross, at the last bits of their places; so Drake's answer is put in its place here."""
 
     def unsolved(context):
-        raise RuntimeError("MultibodyPlant's discrete update solver failed to converge at simulation time = 0")
+        said = "MultibodyPlant's discrete update solver failed to converge at simulation time = 0.5. This usually means that"
+        raise RuntimeError(f"{said}\n  1. reduce the period,\n  2. decrease the gains.")
 
     engine = load(with_settings(boxes(2), contact_approximation=solver))
     engine._simulation.plant = SimpleNamespace(EvalUniquePeriodicDiscreteUpdate=unsolved)
     with pytest.raises(EngineError, match="a step failed") as caught:
         engine.step(1)
     assert ("contact_approximation: sap" in str(caught.value)) is helped
+    assert ("decrease the gains" in str(caught.value)) is not helped
+    assert "simulation time = 0.5." in str(caught.value)
 
 
 def test_a_ball_joint_passes_a_pitch_of_90_degrees(load):
