@@ -18,6 +18,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from packaging.version import Version
+
 from simspec.engines.kit.registry import engines, find_engine, version_of
 from simspec.project import load_project
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
@@ -43,11 +45,19 @@ def of_world(version: str, verdicts: Sequence[Verdict], seconds: float) -> dict[
     }
 
 
+def interpreters() -> dict[str, str]:
+    """By label. An engine that this interpreter lacks has its name, too: for the newest environment ``NAME@VERSION``."""
+    labelled = dict(load_project().known_interpreters())
+    versions = {label: Version(label.partition("@")[2]) for label in labelled if "@" in label}
+    newest = {label.partition("@")[0]: labelled[label] for label in sorted(versions, key=versions.__getitem__)}
+    return {name: python for name, python in newest.items() if find_engine(name).version() is None} | labelled
+
+
 def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = False) -> None:
     """Test ``worlds`` (none named: all) in an engine, and write each as soon as it is done. ``go_on``: but those that are kept
     of this version of it, with nothing missed."""
     kept = results.setdefault(engine, {})
-    pythons = load_project().known_interpreters()
+    pythons = interpreters()
     version = str(version_of(engine, pythons.get(engine)))
     sound = {
         world for world, entry in kept.items() if entry["version"] == version and not entry["rows"]["all"]["missed"]
