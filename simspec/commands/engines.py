@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from simspec.audit.sample import load_sample
 from simspec.commands.experiment_options import (
     DoctorOptions,
     EnginesOptions,
@@ -173,6 +172,10 @@ def examined(label: str, python: str | None, problem: str | None) -> dict[str, A
         return row | {"state": FAILS if found.state is InstallState.WHOLE or python is not None else state}
     try:
         if engine.NAME in registry.auditors():
+            from simspec.audit.sample import (
+                load_sample,
+            )  # with the importers: not for commands that examine no such engine
+
             version, seconds = load_sample(label, python)
             return row | {"state": LOADS, "version": version, "seconds": seconds}
         seen = fall(label, python)

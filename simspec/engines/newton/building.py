@@ -7,7 +7,6 @@ material for each. Facts marked *measured*: Newton 1.8.0, Warp 1.19.0.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import warnings
 from typing import Any, NamedTuple
 
@@ -77,20 +76,6 @@ def imported(log: list[str]) -> NewtonModules:
     from simspec.engines.newton import origins
 
     return NewtonModules(newton, warp, origins)
-
-
-@functools.cache
-def step_ball() -> None:
-    """Load the solver and the kernels of a step, for worlds that are loaded later and in processes forked from this one."""
-    newton = imported([]).newton
-    b = newton.ModelBuilder()
-    b.add_shape_sphere(b.add_body(mass=1.0))
-    b.add_ground_plane()
-    model = b.finalize(device="cpu")
-    pipeline = newton.CollisionPipeline(model, broad_phase="explicit", rigid_contact_max=1)
-    state, contacts = model.state(), pipeline.contacts()
-    pipeline.collide(state, contacts)
-    newton.solvers.SolverSteel(model).step(state, model.state(), model.control(), contacts, 1e-3)
 
 
 class NewtonBuild:

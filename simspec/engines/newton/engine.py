@@ -21,7 +21,7 @@ from simspec.engines.kit.capabilities import (
 from simspec.engines.kit.refinements import coupled, met_approximately, met_exactly, near_links, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.newton.building import step_ball
+from simspec.engines.newton.building import imported
 from simspec.engines.newton.readback import expected, inventory, neutral, read_back
 from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.support import classes, features
@@ -146,7 +146,7 @@ class Newton(WorldEngine[NewtonSimulation]):
 
     @classmethod
     def prepare(cls) -> None:
-        step_ball()
+        imported([]).newton.solvers.SolverSteel  # noqa: B018 - a module that is imported when it is first looked up
 
     def set_timestep(self, timestep: float) -> None:
         self._simulation.set_timestep(timestep)

@@ -116,7 +116,7 @@ def test_doctor_lets_it_load_a_file(name, monkeypatch, capsys):
     monkeypatch.setattr(
         commands, "diagnose", lambda engine: SimpleNamespace(state="whole", problems=(), version=None, install="")
     )
-    monkeypatch.setattr(commands, "load_sample", lambda label, python: ("9.9", 1.5))
+    monkeypatch.setattr(sample, "load_sample", lambda label, python: ("9.9", 1.5))
     row = commands.examined(name, "/python", None)
     assert (row["state"], row["version"], row["seconds"]) == (commands.LOADS, "9.9", 1.5)
 
