@@ -4,6 +4,7 @@ controllers together with laws, and refusals."""
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 
@@ -209,6 +210,20 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
         assert error.max() < 1e-6
 
 
+LAWS = {law: [name for name in NATIVE if declared(name).law is law] for law in ServoLaw}
+
+
+@pytest.mark.parametrize("law", [law for law, names in LAWS.items() if len(names) > 1])
+def test_engines_of_the_same_law_move_an_arm_alike(law):
+    """Drives of a whole arm are solved together, so that one engine that solves them joint by joint would differ."""
+    world = robot(0.004)
+    names = LAWS[law]
+    found = {name: run(worlds.with_options(world, name), name).arrays["q"] for name in names}
+    for name, other in itertools.combinations(names, 2):
+        near = sum(declared(engine).accuracy for engine in (name, other))
+        np.testing.assert_allclose(found[name], found[other], rtol=0.0, atol=near, err_msg=f"{name}, {other}")
+
+
 def test_the_proof_passes_a_native_world_and_lists_omitted_checks(name):
     world = worlds.with_options(with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4), name)
     proof = verify(world, [name], levels=["L0", "L1", "L2", "L3", "L6"]).engines[name]
@@ -244,6 +259,14 @@ REFUSED = {
         "one motor for each joint, and that of 'wheel' is its dry",
     ),
     ("pybullet", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),
+    ("physx", "dry friction"): (
+        lambda: changed(dry_friction=0.1),
+        "one motor for each joint, and that of 'wheel' is its dry",
+    ),
+    ("rapier", "dry friction"): (
+        lambda: changed(dry_friction=0.1),
+        "one motor for each joint, and that of 'wheel' is its dry",
+    ),
     ("dart", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),
     ("dart", "spring"): (lambda: changed(spring_stiffness=1.0), "'wheel' has a spring"),
 }

@@ -34,6 +34,18 @@ def no_friction(world: World) -> Refinement | None:
     return NO_FRICTION if frictionless(world) else None
 
 
+def single_motor(title: str) -> Refine:
+    """Not supported where a natively driven joint has dry friction, which is the joint's motor in the engine ``title``."""
+
+    def refine(world: World) -> Refinement | None:
+        rough = [body.name for body in world.bodies if body.joint.dry_friction]
+        served = [name for name in natively_driven(world.bodies, world) if name in rough]
+        why = f"{title} has one motor for each joint, and that of {{!r}} is its dry friction"
+        return unsupported_if(why.format(served[0])) if served else None
+
+    return refine
+
+
 def only_balls_slide(how: str) -> Refine:
     """Exact, as ``how`` says, where all that has friction and moves is a free ball; also where nothing has friction."""
 

@@ -27,7 +27,17 @@ from simspec.engines.mujoco.readback import read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
 from simspec.errors import EngineError
 from simspec.support import features
-from simspec.support.declarations import EXACT, Refinement, Support, exact, for_each, never, unsupported_if
+from simspec.support.declarations import (
+    EXACT,
+    Attempt,
+    Refinement,
+    Support,
+    exact,
+    for_each,
+    never,
+    not_yet,
+    unsupported_if,
+)
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
@@ -45,7 +55,7 @@ def support(title: str, pyramid: str) -> dict[Feature, Support]:
             for feature, lack in NATIVE_FRICTION.items()
         },
         Feature.SHAPE_BOX: EXACT,  # by a function for two boxes, in every release of MuJoCo
-        Feature.CONTROL_NATIVE: never(f"simspec drives {title} by efforts only"),
+        Feature.CONTROL_NATIVE: not_yet(f"simspec drives {title} by efforts only", Attempt.BUILT_IN_CONTROLLER),
         Feature.CONE_PYRAMID_INSCRIBED: exact(
             f"{title} has this cone without friction only: simspec sets a pyramid of one edge",
             lambda world: _no_friction(world, pyramid),

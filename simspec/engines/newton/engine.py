@@ -25,7 +25,7 @@ from simspec.engines.newton.building import imported
 from simspec.engines.newton.readback import expected, inventory, neutral, read_back
 from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.support import classes, features
-from simspec.support.declarations import Attempt, Table, exact, exactly, for_each, never, shape_kinds, via_api
+from simspec.support.declarations import Attempt, Table, exact, exactly, for_each, never, not_yet, shape_kinds, via_api
 from simspec.support.features import Feature
 
 # Contact of several bodies. ``tools/deviations.py`` measures the table at 1 ms, frictions of 0.05 to 1.2, restitutions of
@@ -123,7 +123,7 @@ class Newton(WorldEngine[NewtonSimulation]):
         Feature.HARDNESS_PAIRS: never("Newton has one hardness of contact"),
         **for_each(never("Newton bounds friction by a circular cone"), *features.PYRAMIDS),
         **classes.NOT_IN_WORLD_JSON,
-        Feature.CONTROL_NATIVE: never(_NO_CONTROLLERS),
+        Feature.CONTROL_NATIVE: not_yet(_NO_CONTROLLERS, Attempt.BUILT_IN_CONTROLLER),
         **for_each(never(_NO_LOOPS), *features.CONSTRAINTS),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

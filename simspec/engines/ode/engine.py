@@ -42,6 +42,7 @@ from simspec.support.declarations import (
     exactly,
     for_each,
     never,
+    not_yet,
     shape_kinds,
     unsupported_if,
     via_api,
@@ -263,7 +264,7 @@ class Ode(WorldEngine[OdeSimulation]):
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's contact stiffness in N/m does not scale with mass"),
         Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
         **for_each(_PASSES, *features.CONES),
-        Feature.CONTROL_NATIVE: never(_MOTORS),
+        Feature.CONTROL_NATIVE: not_yet(_MOTORS, Attempt.BUILT_IN_CONTROLLER),
         **outside_constraints(TITLE),
         Feature.SUM_DRY_FRICTION: never("ODE's motors act on single joints only, not on sums of joint positions"),
     }

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact import Rules, contact_plan
+from simspec.control.reference import Servos
 from simspec.engines.kit.capabilities import (
     FIXED_TIMESTEP,
     JAMMED,
@@ -21,11 +22,13 @@ from simspec.engines.kit.capabilities import (
     SWEEPS,
     Capability,
     Deviation,
+    NativeLaw,
     Reason,
+    ServoLaw,
     coarse,
     read_deviations,
 )
-from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, static_planes
+from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, single_motor, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.simulated import outside_constraints
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
@@ -34,6 +37,7 @@ from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.inventory import expected, inventory, neutral
 from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.roles import MOST_LINKS, inertia_supported
+from simspec.engines.physx.servos import NATIVE, PhysxJointServos
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import imported
 from simspec.support import classes, features
@@ -275,9 +279,9 @@ class PhysX(WorldEngine[PhysxSimulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.TIMESTEP: FIXED_TIMESTEP,
-        Capability.NATIVE_CONTROLLERS: "simspec does not pass controllers to PhysX's drives",
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
     }
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-5, residual=1e-7)
     SUPPORT: ClassVar[Table] = {
         **classes.driven("PhysX"),
         **classes.NOT_IN_WORLD_JSON,
@@ -285,7 +289,7 @@ class PhysX(WorldEngine[PhysxSimulation]):
         **exactly(Feature.TOUCHING_PAIRS),
         **for_each(classes.explicit("PhysX"), *features.DAMPERS_AND_SPRINGS),
         Feature.DRY_FRICTION: exact(classes.ZERO_VELOCITY_MOTOR),
-        Feature.CONTROL_NATIVE: classes.unwritten("PhysX", Attempt.BUILT_IN_CONTROLLER),
+        Feature.CONTROL_NATIVE: exact(NATIVE, refine=single_motor("PhysX")),
         Feature.HARDNESS_NATIVE: classes.unwritten("PhysX", Attempt.READ_BACK),
         Feature.INERTIA: exact(
             f"PhysX has at most {MOST_LINKS} links in an articulation, and stores inverses of inertias",
@@ -367,6 +371,12 @@ class PhysX(WorldEngine[PhysxSimulation]):
     @classmethod
     def prepare(cls) -> None:
         imported()
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        # the gains are those of world.json, which the proof compares
+        return PhysxJointServos(self._simulation, v)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

@@ -1,7 +1,7 @@
 """The model as PhysX stores it, in the world's frames and order.
 
-Masses, poses, shapes with their numbers, gravity and the timestep are queried. The joints, the poses of bodies that are parts
-of others, and visual shapes are those that PhysX was built from.
+Masses, poses, shapes and their numbers, controllers, gravity and the timestep are queried. The joints, the poses of bodies that
+are parts of others, and visual shapes are those that PhysX was built from.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.physx.building import AXES
 from simspec.engines.physx.cylinders import cylinder_size, is_scaled
 from simspec.engines.physx.jointed import joints
+from simspec.engines.physx.servos import servos
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import NAME, SCALE, inertia_of, pose_of
 from simspec.errors import EngineError
@@ -42,7 +43,8 @@ def read_back(sim: PhysxSimulation, unreadable: dict[str, str]) -> ReadBack:
         )
         bodies.append(Body(body.name, body.model, inertial(sim, row), joint, shapes))
     x, y, z = sim.gravity.tolist()
-    return sim.model(bodies, (x, y, z), float(sim.built.system.timestep), unreadable)
+    found = sim.model(bodies, (x, y, z), float(sim.built.system.timestep), unreadable)
+    return dataclasses.replace(found, servos=servos(sim))
 
 
 def inertial(sim: PhysxSimulation, row: int) -> Inertial:

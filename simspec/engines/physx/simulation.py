@@ -14,6 +14,7 @@ from simspec.engines.kit.building import Walk
 from simspec.engines.kit.world_simulation import WorldSimulation
 from simspec.engines.physx.building import PhysxBuild
 from simspec.engines.physx.contacts import PhysxDepths, PhysxRecovery, contact_rows, depths, pressed, touching_pairs
+from simspec.engines.physx.servos import start_drives
 from simspec.engines.physx.singles import PhysxSingles
 from simspec.engines.physx.trees import PhysxTrees
 from simspec.engines.physx.units import FASTEST, LEAST, NAME, SCALE, inertia_of, pose_of, unit_of
@@ -41,6 +42,8 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
         self._contact = True
         self._smooth: set[int] = set()
         """Rows of bodies whose joints' dry friction is switched off."""
+        self._tracking = False
+        """Whether drives act as controllers."""
         self._losses()
         try:
             self._take(self._build())
@@ -78,6 +81,8 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
     def _take(self, built: PhysxBuild) -> None:
         """Step this scene from now on."""
         self.built = built
+        if self._tracking:
+            start_drives(built)
         self.timestep = float(built.system.timestep)
         places = self.q_places, self.v_places
         self.singles = PhysxSingles(built, *places, self.timestep)
@@ -278,6 +283,17 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
     def _part(self, built: PhysxBuild) -> None:
         for shape in built.shapes:
             shape.set_collision_groups([0, 0, 0, 0])
+
+    def start_drives(self) -> None:
+        """Let the drives act as controllers, now and after states that are set."""
+        self._tracking = True
+        start_drives(self.built)
+
+    def scene_with_drives(self) -> PhysxBuild:
+        """A second scene, in which the drives act as controllers."""
+        built = self._build()
+        start_drives(built)
+        return built
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         """Step without the dry friction of joints at the places ``v``, now and after states that are set."""

@@ -11,28 +11,14 @@ from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.pybullet.simulation import PybulletSimulation
 from simspec.engines.pybullet.trees import UNCLAMPED, PybulletTree, turn_of
-from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.actions import JointSum
-from simspec.world.kinematics import natively_driven
 from simspec.world.rotations import from_xyzw_of, logarithm_of
-from simspec.world.types import World
 
 NATIVE = (
     "PyBullet's POSITION_CONTROL drives a velocity motor of limited effort: errors decay with the time constant kd/kp for any "
     "inertia and without sag under gravity, and only the ratio of kp and kd counts. See docs/engines/pybullet.md"
 )
-
-
-def no_dry_friction(world: World) -> Refinement | None:
-    """Not supported where a natively driven joint has dry friction."""
-    rough = [body.name for body in world.bodies if body.joint.dry_friction]
-    served = [name for name in natively_driven(world.bodies, world) if name in rough]
-    return (
-        unsupported_if(f"PyBullet has one motor for each joint, and that of {served[0]!r} is its dry friction")
-        if served
-        else None
-    )
 
 
 def _driven(sim: PybulletSimulation, v: np.ndarray) -> Iterator[tuple[int, list[int], np.ndarray]]:

@@ -27,7 +27,7 @@ from simspec.engines.kit.capabilities import FIXED_TIMESTEP, Capability, Deviati
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.inventory import expected_labels
-from simspec.engines.kit.refinements import armature_felt, only_balls_slide
+from simspec.engines.kit.refinements import armature_felt, only_balls_slide, single_motor
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import BeforeSteps, SimulatedEngine
 from simspec.engines.pybullet.actuation import (
@@ -36,7 +36,6 @@ from simspec.engines.pybullet.actuation import (
     PybulletEfforts,
     PybulletJointArrays,
     PybulletJointServos,
-    no_dry_friction,
 )
 from simspec.engines.pybullet.constraints import in_same_tree, loops_supported
 from simspec.engines.pybullet.contact import (
@@ -210,7 +209,7 @@ class PyBullet(SimulatedEngine[PybulletSimulation]):
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide("enableConeFriction=1"), CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(classes.SIDECAR),
-        Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
+        Feature.CONTROL_NATIVE: via_api(NATIVE, single_motor("PyBullet")),
         Feature.EXCLUDED_PAIRS: via_api(classes.SIDECAR),
         Feature.TOUCHING_PAIRS: via_api(classes.SIDECAR),
         Feature.GRAVITY: via_api(classes.SIDECAR),

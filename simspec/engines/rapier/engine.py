@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact import Rules
+from simspec.control.reference import Servos
 from simspec.engines.kit.capabilities import (
     BOUNCES,
     JAMMED,
@@ -22,17 +23,20 @@ from simspec.engines.kit.capabilities import (
     SWEEPS,
     Capability,
     Deviation,
+    NativeLaw,
     Reason,
+    ServoLaw,
     coarse,
     read_deviations,
 )
 from simspec.engines.kit.methods import IntegrationMethod
-from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, static_planes
+from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, single_motor, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier import integration
 from simspec.engines.rapier.inventory import expected, inventory, neutral
 from simspec.engines.rapier.readback import read_back
+from simspec.engines.rapier.servos import NATIVE, RapierJointServos
 from simspec.engines.rapier.simulation import NATIVE_MOTION, RapierSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -301,7 +305,6 @@ def _directions(hull: Hull) -> np.ndarray:
 
 
 _TITLE = "Rapier"
-_NATIVE = "simspec does not use Rapier's motors as controllers"
 _CONSTRAINTS = (
     "Rapier's Python package has no constraints between coordinates of a multibody, and does not report the mass matrix that "
     "efforts of constraints need; see docs/engines/rapier.md"
@@ -336,9 +339,9 @@ class Rapier(WorldEngine[RapierSimulation]):
     LAYERS: ClassVar[bool] = False
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.NATIVE_CONTROLLERS: _NATIVE,
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-5, residual=1e-7)
     SUPPORT: ClassVar[Table] = {
         **classes.driven(_TITLE),
         **exactly(Feature.HARDNESS_COMMON, Feature.GRAVITY_SCALE, *features.FILTERS),
@@ -353,7 +356,7 @@ class Rapier(WorldEngine[RapierSimulation]):
         **for_each(never(_CONSTRAINTS), *features.CONSTRAINTS),
         **for_each(never(f"{_TITLE}'s contacts transmit no torque"), *features.MOMENTS),
         **classes.NOT_IN_WORLD_JSON,
-        Feature.CONTROL_NATIVE: never(_NATIVE),
+        Feature.CONTROL_NATIVE: exact(NATIVE, refine=single_motor(_TITLE)),
         Feature.HARDNESS_NATIVE: classes.unwritten(_TITLE, Attempt.READ_BACK),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
         Feature.SHAPE_SPHERE: exact(
@@ -421,6 +424,12 @@ class Rapier(WorldEngine[RapierSimulation]):
 
     def set_timestep(self, timestep: float) -> None:
         self._simulation.set_timestep(timestep)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        # the gains are those of world.json, which the proof compares
+        return RapierJointServos(self._simulation, v)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

@@ -24,7 +24,7 @@ from simspec.engines.kit.inventory import (
 from simspec.engines.rapier.multibodies import ANCHOR
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import RapierSimulation
-from simspec.engines.rapier.units import SCALE
+from simspec.engines.rapier.units import LARGEST, SCALE
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.inertia import lumped
@@ -315,8 +315,6 @@ class RapierWheel(NamedTuple):
         return multibody.damping()[place], multibody.armature()[place]
 
 
-LARGEST = float(np.finfo(np.float32).max)
-"""Rapier's default of the largest force of a motor."""
 WHEEL = Items[RapierWheel, Parameters](
     {
         "mass": (lambda wheel: (wheel.body.mass, *wheel.body.mass_properties.principal_inertia), (1.0, 1.0, 1.0, 1.0)),

@@ -1,8 +1,8 @@
 """The model as Rapier stores it, in the world's frames and order.
 
-Masses, joints, poses, shapes, gravity and the timestep are queried. Poses of massless bodies that are parts of others, visual
-shapes, ratings of joints and the laws of materials are those that Rapier was built from; damping and springs are those of the
-efforts that simspec applies.
+Masses, joints, controllers, poses, shapes, gravity and the timestep are queried. Poses of massless bodies that are parts of
+others, visual shapes, ratings of joints and the laws of materials are those that Rapier was built from; damping and springs are
+those of the efforts that simspec applies.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from simspec.engines.rapier.multibodies import (
     inertia_unit_of,
     unit_of,
 )
+from simspec.engines.rapier.servos import servos
 from simspec.engines.rapier.simulation import RapierSimulation
 from simspec.engines.rapier.units import NAME, SCALE, inertia_of, pose_of, states_of
 from simspec.errors import EngineError
@@ -63,7 +64,8 @@ def read_back(sim: RapierSimulation, unreadable: dict[str, str]) -> ReadBack:
     ]
     x, y, z = (value / SCALE for value in sim.world.gravity)
     timestep = float(sim.world.integration_parameters.dt)
-    return sim.model(bodies, (x, y, z), timestep, unreadable, laws=laws(sim))
+    found = sim.model(bodies, (x, y, z), timestep, unreadable, laws=laws(sim))
+    return dataclasses.replace(found, servos=servos(sim))
 
 
 def inertial(sim: RapierSimulation, row: int) -> Inertial:

@@ -18,6 +18,7 @@ from simspec.engines.rapier.building import RapierBuild, configure
 from simspec.engines.rapier.coordinates import JointLosses, LinkPlaces, LinkWrenches, LiveMultibodies
 from simspec.engines.rapier.free_bodies import LiveFreeBodies, spinning
 from simspec.engines.rapier.multibodies import AXIS_OF, IDLE_SPEED, WHEEL_SPEED
+from simspec.engines.rapier.servos import start_motors
 from simspec.engines.rapier.stops import JointStops
 from simspec.engines.rapier.units import NAME, SCALE, SQUARE, quaternion_of, states_of
 from simspec.errors import EngineError
@@ -369,6 +370,17 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
         configure(self.rapier, world, checked_singles(NAME, (timestep,), "timestep")[0], self.settings)
         self._pristine = world.snapshot()
         self.set_state(*self.get_state())
+
+    def start_motors(self) -> None:
+        """Let the motors act as controllers, now and after states that are set."""
+        self._pristine = self.world_with_motors().snapshot()
+        self.set_state(*self.get_state())
+
+    def world_with_motors(self) -> Any:
+        """A second world as it was built, in which the motors act as controllers."""
+        world = self.rapier.PhysicsWorld.restore(self._pristine)
+        start_motors(self, world)
+        return world
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         """The joints with their velocities at the places ``v`` have no dry friction, now and after states that are set."""

@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.capabilities import ServoLaw
 from simspec.engines.rapier.engine import Rapier
 from simspec.engines.rapier.multibodies import turn_to
 from simspec.engines.rapier.units import SCALE
 from simspec.errors import EngineError
 from simspec.proof.checks import PRECISIONS, inventory_checks
 from simspec.testing import worlds
+from simspec.testing.bench import Servo, closed_form, servo_world
 from simspec.testing.worlds import accepting
 from simspec.world import frames
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Pose
 from tests.engines.free_bodies import DT, ball, loader, of, scene
+from tests.engines.natively import at_work
 
 pytestmark = pytest.mark.skipif(Rapier.version() is None, reason="rapier3d is not installed")
 TENSOR = (0.02, 0.03, 0.025, 0.002, -0.001, 0.003)
@@ -358,3 +361,15 @@ def test_the_unit_of_length_changes_no_digit_of_a_slide(load):
 def test_the_gripper_of_the_suite_has_slides_in_rapier(load):
     world = accepting(worlds.gripper(), "rapier")
     assert {body.joint.kind for body in load(world).read_back().bodies} >= {"slide"}
+
+
+def test_a_controller_follows_a_target_to_a_position_limit(load):
+    """Rapier clips a target speed to the limits, which simspec moves close to a stop: 1.9e-4 rad, where it had the speed."""
+    servo = Servo("wheel", target=0.0, speed=0.5)
+    world = servo_world(DT, (servo,))
+    (body,) = world.bodies
+    joint = dataclasses.replace(body.joint, position_limits=(-1.0, 0.5))
+    world = dataclasses.replace(world, bodies=(dataclasses.replace(body, joint=joint),))
+    advance, _ = at_work(load(world), world)
+    found = [advance(1)[0] for _ in range(1000)]
+    np.testing.assert_allclose(found, closed_form(ServoLaw.IMPLICIT_SPRING, servo, 1000, DT)[1:], rtol=0.0, atol=1e-5)
