@@ -28,7 +28,9 @@ from simspec.attribution.measure import (
     negligible,
 )
 from simspec.attribution.windows import CLASSES, MOST_WINDOWS, FirstContact, take_windows
+from simspec.engines.kit.capabilities import SINGLE
 from simspec.engines.kit.process import Answer
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 
 COLD = Asking()
@@ -47,9 +49,10 @@ class Explanation:
     same_world     whether both were given the same world
     models         whether each side's engine model equals its world, where requested
     length         of a window (s); ``counts``: windows of the run by class, ``looked_at``: evaluated windows, ``hidden``:
-                   windows that do not count, because the first side's own noise hides the gap in them
-    gap, floor     by class: mean gap (m) of the windows between the sides, and of the first side with itself, its states moved
-                   in the last bits
+                   windows that do not count, because noise hides the gap in them
+    gap, floor     by class: mean gap (m) of the windows between the sides, and of a side with itself, its states moved in the
+                   last bits: the first side, or a second of lower precision, where that gap is larger
+    singles        the sides' engines that compute in single precision, by their titles
     contact        the first contact
     causes         what differs between the sides, or from engines' defaults, each by itself; ``caused``: together
     probes         of what is left then: other choices, refinements, removals, each by itself; ``probed``: those that help,
@@ -84,6 +87,7 @@ class Explanation:
     exchanged: Explanation | None = None
     notes: tuple[str, ...] = ()
     declared: tuple[DeclaredDeviation, ...] = ()
+    singles: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Explanation of {self.first} and {self.second}: {len(self.causes)} differences>"
@@ -204,7 +208,13 @@ def _from_first(
         None,
         tuple(notes),
         tuple(declared),
+        _singles(pair),
     )
+
+
+def _singles(pair: Pair) -> tuple[str, ...]:
+    kinds = dict.fromkeys(find_engine(side.engine) for side in pair)
+    return tuple(kind.TITLE or kind.NAME for kind in kinds if kind.PRECISION == SINGLE)
 
 
 def _recovered(

@@ -67,42 +67,47 @@ class Gaps:
         self._ends: dict[tuple[object, ...], ConfigurationFloats] = {}
         self._runs: dict[tuple[object, ...], ConfigurationFloats] = {}
         self.quiet: NDArray[np.bool_] = np.ones(len(windows.numbers), dtype=bool)
-        """The windows (k,) whose own noise does not hide the gap of the two sides."""
+        """The windows (k,) in which noise does not hide the gap of the two sides."""
         self.shift: Callable[[Pair], ConfigurationFloats] | None = None
         """By how much (k, bodies, 3) the second side's ends are moved, since declared laws say so; see ``declared.py``."""
         self.not_finite = 0
         """Windows that are not looked at, since a state at their end is not finite."""
 
     def begin(self, pair: Pair, run: Answer) -> tuple[BodyGap, BodyGap, FirstContact | None]:
-        """Of the two sides as they are: the gap, the first side's noise, and the first contact of ``run``, the first side's.
-        Windows in which the noise hides the gap do not count, here and later.
+        """Of the two sides as they are: the gap, the noise, and the first contact of ``run``, the first side's. The noise is
+        that of the first side, or of a second side of lower precision, where it is larger: such a side moves by round-off as
+        soon as it is given a state of the first. Windows in which the noise hides the gap do not count, here and later.
 
         Raises UnsupportedError and EngineError.
         """
         windows = self.windows
-        moved_by = perturbation_of(pair[0].engine)
-        states = moved_states(windows.world, windows.q, windows.v, moved_by, moved_by)
+        moved_by = [perturbation_of(side.engine) for side in pair]
+        noisy = [0, 1] if moved_by[1] > moved_by[0] else [0]
         contact = contact_questions(*pair, run)
         questions = [[question(side, windows), *contact[index : index + 1]] for index, side in enumerate(pair)]
-        questions[0].append(question(pair[0], windows, states))
+        for index in noisy:
+            states = moved_states(windows.world, windows.q, windows.v, moved_by[index], moved_by[index])
+            questions[index].append(question(pair[index], windows, states))
         with side_by_side(AT_ONCE) as pool:
             jobs = [
                 pool.submit(self._asking.ask, side, *operations)
                 for side, operations in zip(pair, questions, strict=True)
             ]
-            ours, theirs = (job.result() for job in jobs)
-        poses = [poses_at_ends(side, windows, answers[0]) for side, answers in zip(pair, (ours, theirs), strict=True)]
-        moved = poses_at_ends(pair[0], windows, ours[-1])
-        here, there, moved = self._finite(pair, [*poses, moved])
+            answers = [job.result() for job in jobs]
+        poses = [poses_at_ends(side, windows, answer[0]) for side, answer in zip(pair, answers, strict=True)]
+        poses += [poses_at_ends(pair[index], windows, answers[index][-1]) for index in noisy]
+        poses = self._finite(pair, poses)
+        here, there = poses[:2]
         self._ends = {pair[0].key: here, pair[1].key: there}
         gap = BodyGap(gaps(windows.world, here, there))
-        noise = BodyGap(gaps(windows.world, here, moved))
+        moved = [gaps(windows.world, poses[index], poses[2 + place]) for place, index in enumerate(noisy)]
+        noise = BodyGap(np.maximum.reduce(moved))
         self.quiet = noise.of_windows <= np.maximum(NEGLIGIBLE, gap.of_windows / FLOOR_FACTOR)
-        return gap, noise, first_contact(pair, [ours[1], theirs[1]]) if contact else None
+        return gap, noise, first_contact(pair, [answer[1] for answer in answers]) if contact else None
 
     def _finite(self, pair: Pair, poses: list[ConfigurationFloats]) -> list[ConfigurationFloats]:
-        """The poses (k, bodies, 7) of the first side, of the second, and of the first moved, without the windows at whose end
-        one of them is not finite; these are not looked at. Raises EngineError where none is left."""
+        """The poses (k, bodies, 7) of the first side, of the second, and of sides moved, without the windows at whose end one
+        of them is not finite; these are not looked at. Raises EngineError where none is left."""
         finite = [np.isfinite(pose).all(axis=(1, 2)) for pose in poses]
         kept = np.logical_and.reduce(finite)
         if not kept.any():

@@ -100,11 +100,11 @@ def _no_cause(explanation: Explanation) -> str:
 def _nothing(explanation: Explanation) -> Iterable[str]:
     if not explanation.causes and explanation.same_engine:
         yield "Nothing differs: the same world, the same settings, the same engine, and the same motion."
-    elif not explanation.causes:
-        yield "There is nothing to explain: the motions agree to round-off."
-    else:
+        return
+    digits = f", that of {' and '.join(explanation.singles)} in single precision" if explanation.singles else ""
+    yield f"There is nothing to explain: the motions agree to round-off{digits}."
+    if explanation.causes:
         names = [swap.name for swap in explanation.causes]
-        yield "There is nothing to explain: the motions agree to round-off."
         yield f"Different, and without effect here: {_listed(names)}."
 
 
