@@ -66,7 +66,7 @@ CASES = {
     "commands/test_robot_files.py::test_every_command_takes_them": 3,
     "commands/test_robot_files.py::test_the_project_file_says_where_packages_are": 3,
     "commands/test_trust.py::test_commands_that_only_list_plan_or_show_start_no_interpreter": 4,
-    "docs/test_tutorials.py::test_a_tutorial_prints_what_its_page_shows": 3,
+    "docs/test_tutorials.py::test_a_tutorial_prints_what_its_page_shows": 5,
     "engines/kit/test_bad_answers.py::test_all_engines_except_the_spoilt_engine_have_complete_runs": 3,
     "commands/test_once.py::test_a_command_compiles_once_for_each_engine": 3,
     "engines/dart/test_engine.py::test_contact_free_motion": 4,

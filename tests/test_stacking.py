@@ -26,9 +26,9 @@ SPECS = ROOT / "specs"
 SUPPORTED = json.loads((ROOT / "generated" / "stack-cylinders" / "certificate.json").read_text())["engines"]
 """The engines that support the scenario."""
 ENGINES = [name for name in sorted(SUPPORTED) if name in INSTALLED]
-SLOW = {"gazebo": NIGHTLY, "ode": NIGHTLY}
-"""Engines in which the first placement takes longer than in all others together: ODE solves for all contacts of the grasp at
-once. Every commit tests that grasp in it at the lift, and the robot's way with slippery fingers."""
+SLOW = dict.fromkeys(("gazebo", "ode", "physx", "rapier"), NIGHTLY)
+"""Engines in which the first placement takes 10 s and more, 2 to 3 in the others: ODE solves for all contacts of the grasp at
+once, and contacts in PhysX and Rapier are swept 50 times."""
 LIMIT = 0.01
 GRASPED = 2500
 """Steps of 2 ms until the first cylinder is squeezed and lifted; a row is recorded then."""
