@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.kit.registry import auditors, engines, parse
+from simspec.engines.kit.registry import loaders, parse
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.files import read_bytes, refuse
 
@@ -333,7 +333,7 @@ class _ProjectReader:
             self._problem(
                 path, f"{label!r} contains an interpreter", hint=f"[engines.{name}] with python = ...", code="C114"
             )
-        elif identity.name not in (known := [*engines(), *auditors()]):
+        elif identity.name not in (known := list(loaders())):
             near = difflib.get_close_matches(identity.name, known, 1)
             hint = f"did you mean {near[0]}?" if near else None
             self._problem(path, f"unknown engine {identity.name!r}", allowed=", ".join(known), hint=hint, code="C114")

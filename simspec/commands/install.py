@@ -17,7 +17,7 @@ from simspec.commands.options import print_json
 from simspec.engines.kit.compiled import forget_packages
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import InstallState, diagnose, making, python_of
-from simspec.engines.kit.registry import EngineId, EngineInstance, auditors, find_engine, instances, parse
+from simspec.engines.kit.registry import EngineId, EngineInstance, find_engine, instances, loaders, parse
 from simspec.engines.kit.registry import engines as registry_engines
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
 from simspec.outputs.files import is_complete, mark_begun, mark_complete
@@ -41,7 +41,7 @@ def install(options: InstallOptions) -> int:
     """
     names, yes, as_json = options.names or [], options.yes, options.as_json
     if bool(names) == options.every:
-        known = ", ".join([*registry_engines(), *auditors()])
+        known = ", ".join(loaders())
         raise SpecError([Problem("one or more engines, or --all", allowed=known, code="C102")])
     rows = {}
     for word in names or registry_engines():

@@ -20,7 +20,7 @@ from typing import Any
 from simspec.compiler import WORLD_FILE, needed_decisions
 from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import auditors, engines, format_of, how_to_install
+from simspec.engines.kit.registry import auditors, engines, format_of, how_to_install, loaders
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.files import read_bytes
@@ -164,7 +164,7 @@ LEVELS = (*WORDS.values(), NOT_YET)
 
 def page_names() -> tuple[str, ...]:
     """Paths of the pages, from the folder of the index: the index, and a page of each engine."""
-    return (INDEX, *(f"engines/{name}.md" for name in (*engines(), *auditors())))
+    return (INDEX, *(f"engines/{name}.md" for name in loaders()))
 
 
 def is_page(page: bytes) -> bool:

@@ -112,8 +112,9 @@ SOME: Mapping[str, tuple[str, ...]] = {
     "rapier": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
     "physx": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
 }
-"""Which are planted where not all: each in MuJoCo, and every second one in another (half of these at every commit, in MuJoCo
-the others); all in all of them by ``make slow``. Drake's contact probes take minutes: ``verify --self-test --engine drake`` plants all."""
+"""Which are planted where not all: each in MuJoCo, and every second one in another (half of these at every commit, and the
+others in MuJoCo); all in all of them by ``make slow``. Drake needs minutes: ``verify --self-test --engine drake`` plants
+all."""
 
 
 @pytest.mark.parametrize("engine", INSTALLED)

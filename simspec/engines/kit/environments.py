@@ -21,10 +21,9 @@ from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import (
     EngineId,
-    auditors,
-    engines,
     find_engine,
     how_to_install,
+    loaders,
     parse,
     too_old,
     why_not,
@@ -288,7 +287,7 @@ def _known(label: str) -> bool:
         engine = parse(label)
     except SpecError:
         return False
-    return engine.name in (*engines(), *auditors()) and bool(engine.version) and engine.label == label
+    return engine.name in loaders() and bool(engine.version) and engine.label == label
 
 
 def requirement(engine: type[Engine], version: str) -> str:

@@ -161,7 +161,7 @@ def find_engine(name: str) -> type[Engine]:
     found = engines().get(word) or auditors().get(word)
     if found is None:
         why = engines().broken().get(word) or auditors().broken().get(word)
-        known = [*engines(), *auditors()]
+        known = list(loaders())
         similar = difflib.get_close_matches(word, known, 1)
         hint = f"; did you mean {similar[0]!r}?" if similar else ""
         raise EngineError(name, why or f"no such engine; known: {', '.join(known)}{hint}")
@@ -281,9 +281,7 @@ def instances(
     """
     named = dict.fromkeys([*interpreters, *not_queried, *labels])
     ordered = [
-        word
-        for name in (*engines(), *auditors())
-        for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
+        word for name in loaders() for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
     ]
     ends = time.monotonic() + PATIENCE
     with ExitStack() as stack:
