@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import requested_approximation
 from simspec.engines.drake.building import NAME, DrakeBuild, is_servo, warnings_into
@@ -20,6 +19,7 @@ from simspec.engines.drake.coordinates import DrakeCoordinates
 from simspec.engines.drake.integrators import scheme
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.building import Walk
+from simspec.engines.kit.refinements import some_effort
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, unit_responses
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, initial_coordinates
@@ -366,11 +366,7 @@ def pd_controllers_hold(world: World) -> Refinement | None:
     """Not supported by TAMSI, nor with an effort limit of zero."""
     if requested_approximation(world) != "sap":
         return unsupported_if("Drake's PD controllers need contact_approximation: sap, and the spec sets tamsi")
-    for controller in natives(world):
-        for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):
-            if limit == 0.0:
-                return unsupported_if(f"Drake's actuators have an effort limit above zero, and that of {joint!r} is 0")
-    return None
+    return some_effort("Drake")(world)
 
 
 class DrakeJointServos:

@@ -47,12 +47,14 @@ class StoredRows:
 
 @dataclass(frozen=True)
 class ArrayInventory:
-    """The values of each link, of its joint, of its coordinates by kind of joint, and of each copy of a shape."""
+    """The values of each link, of its joint, of its coordinates by kind of joint, and of each copy of a shape. ``surface``: the
+    arrays of friction and restitution, which the laws of pairs leave open where shapes cannot touch."""
 
     body: Items[ArrayRows, Body]
     joint: Items[ArrayRows, Body]
     coordinates: Mapping[str, Items[ArrayRows, Body]]
     shape: Items[ArrayRows, Shape]
+    surface: tuple[str, str]
 
     def read(self, walk: Walk, stored: StoredRows, excluded: Callable[[int, int], bool]) -> dict[str, EngineValue]:
         """The stored values by name. ``excluded``: whether two units never touch."""
@@ -66,7 +68,8 @@ class ArrayInventory:
                 found |= self.coordinates[body.joint.kind].read(stored.coordinates(row), at)
         names = [f"{unit.of.shape.name}.{unit.copy.layer}" for unit in walk.units]
         for number, name in enumerate(names):
-            found |= self.shape.read(stored.shape(number), f"unit.{name}")
+            rows = stored.shape(number)
+            found |= self.shape.read(rows, f"unit.{name}") | {f"unit.{name}.{of}": rows.read(of) for of in self.surface}
             found[f"unit.{name}.kind"] = stored.kinds[number]
             found[f"unit.{name}.of"] = bodies[stored.owners[number]].name
         return found | excluded_carriers(names, excluded)
@@ -99,6 +102,9 @@ class ArrayInventory:
                     carriers.append(FilterCarrier(name, body.name, shape.material, layer))
                     found |= self.shape.expect(shape, f"unit.{name}", below("shape", bare))
                     found |= {f"unit.{name}.kind": shape.kind, f"unit.{name}.of": body.name}
+                    numbers = plan.numbers[shape.material, layer]
+                    values = (numbers.friction or 0.0, numbers.restitution or 0.0)
+                    found |= {f"unit.{name}.{of}": value for of, value in zip(self.surface, values, strict=True)}
         return found | expected_separate(world, plan, carriers)
 
 

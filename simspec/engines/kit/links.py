@@ -79,13 +79,10 @@ class LinkCoordinates:
         found[self.spins] = rotate(q[self.turns] * _BACK, values[self.their_spins].astype(float))
         return found
 
-    def mass_matrix(self, q: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-        """M (nv, nv) of the engine's, at the positions ``q`` (nq,)."""
-        turn = np.zeros((self.nv, self.nv))
-        turn[self._v[1], self._v[0]] = 1.0
-        for place, their_place, matrix in zip(self.spins, self.their_spins, matrices(q[self.turns]), strict=True):
-            turn[np.ix_(their_place, place)] = matrix
-        found: np.ndarray = turn.T @ theirs @ turn
+    def diagonal_of(self, values: np.ndarray) -> np.ndarray:
+        """(nv,) of the engine's numbers of coordinates, which are the same about all axes of a rotation."""
+        found = np.zeros(self.nv)
+        found[self._v[0]], found[self.spins] = values[self._v[1]], values[self.their_spins]
         return found
 
 
@@ -229,6 +226,12 @@ class LinkStates:
         """Quaternions (n, 4)."""
         return unit(from_xyzw(self.at[:, 3:]))
 
+    @property
+    def body_speeds(self) -> np.ndarray:
+        """The velocities (n, 6) with angular parts in the axes of the links."""
+        spin = rotate(self.turn * _BACK, self.speed[:, 3:])
+        return np.concatenate([self.speed[:, :3], spin], axis=1)
+
     def frames(self, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6) of the frames of links whose centres of mass are at ``centres`` (n, 3) in them."""
         turn = self.turn
@@ -241,20 +244,10 @@ class LinkStates:
     ) -> tuple[float, float]:
         """Kinetic energy, and potential energy (J) in ``gravity`` (3,), zero at the origin. ``inertias`` (n, 3, 3) are in the
         axes of the links."""
-        turn = self.turn
-        spin = rotate(turn * _BACK, self.speed[:, 3:])
-        kinetic = masses @ (self.speed[:, :3] ** 2).sum(axis=1) + np.einsum("ni,nij,nj->", spin, inertias, spin)
-        places = self.at[:, :3] + rotate(turn, centres)
+        moving, spin = np.split(self.body_speeds, 2, axis=1)
+        kinetic = masses @ (moving**2).sum(axis=1) + np.einsum("ni,nij,nj->", spin, inertias, spin)
+        places = self.at[:, :3] + rotate(self.turn, centres)
         return 0.5 * float(kinetic), -float(masses @ (places @ gravity))
-
-
-def blocks(matrices: np.ndarray, starts: Sequence[int]) -> np.ndarray:
-    """A matrix of the first rows and columns of ``matrices`` (n, m, m) along its diagonal: of each from its place in ``starts``
-    (n + 1,) to the next."""
-    found = np.zeros((starts[-1], starts[-1]))
-    for matrix, begin, end in zip(matrices, starts[:-1], starts[1:], strict=True):
-        found[begin:end, begin:end] = matrix[: end - begin, : end - begin]
-    return found
 
 
 class LinkSimulation(WorldSimulation[SidecarType]):
@@ -325,6 +318,31 @@ class LinkSimulation(WorldSimulation[SidecarType]):
         kinetic, potential = LinkStates(*self.link_arrays()).energy(*self.inertials(), self.gravity)
         turning = 0.5 * float(self.rotors @ self.their_v.astype(float) ** 2)
         return kinetic + turning, potential + self.springs.energy(self.get_state()[0])
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The parts (places, M) of the mass matrix, one for each tree: by the kinetic energy of the links with a unit of each
+        coordinate. Engines sum inertias about one point of a tree, where moments of links far from it lose digits."""
+        before, q, (masses, _, inertias) = self.their_v.copy(), self.get_state()[0], self.inertials()
+        trees, links = self.tree_places(), self.tree_rows()
+        speeds = [np.zeros((len(places), len(rows), 6)) for places, rows in zip(trees, links, strict=True)]
+        for column in range(max(map(len, trees), default=0)):
+            unit_rates = np.zeros(self.nv)
+            unit_rates[[places[column] for places in trees if column < len(places)]] = 1.0
+            self.their_v[:] = self.places.velocities(q, unit_rates)
+            self.place()
+            found = LinkStates(*self.link_arrays()).body_speeds
+            for speed, rows in zip(speeds, links, strict=True):
+                if column < len(speed):
+                    speed[column] = found[rows]
+        self.their_v[:] = before
+        self.place()
+        rotors, parts = self.places.diagonal_of(self.rotors), []
+        for places, rows, speed in zip(trees, links, speeds, strict=True):
+            moving, spin = speed[..., :3], speed[..., 3:]
+            mass = np.einsum("l,ali,bli->ab", masses[rows], moving, moving)
+            mass += np.einsum("ali,lij,blj->ab", spin, inertias[rows], spin) + np.diag(rotors[places])
+            parts.append((places, mass))
+        return parts
 
     def with_single_bias(self, bias: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """``bias`` (nv,) with Coriolis, centrifugal and gravity forces of the single free bodies at ``rows`` by the engine's

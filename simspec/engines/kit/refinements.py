@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.contact import HEAVY_ON_LIGHT
+from simspec.control.reference import natives
 from simspec.engines.kit.capabilities import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
@@ -42,6 +43,21 @@ def single_motor(title: str) -> Refine:
         served = [name for name in natively_driven(world.bodies, world) if name in rough]
         why = f"{title} has one motor for each joint, and that of {{!r}} is its dry friction"
         return unsupported_if(why.format(served[0])) if served else None
+
+    return refine
+
+
+def some_effort(title: str) -> Refine:
+    """Not supported where a natively driven joint has an effort limit of zero, which the engine ``title`` takes for none."""
+
+    def refine(world: World) -> Refinement | None:
+        for controller in natives(world):
+            for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):
+                if limit == 0.0:
+                    return unsupported_if(
+                        f"{title}'s controllers have an effort limit above zero, and that of {joint!r} is 0"
+                    )
+        return None
 
     return refine
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from simspec.contact import ContactPlan, contact_plan
+from simspec.control.reference import Servos
 from simspec.dialects.kit.sidecar import Passive
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
@@ -111,6 +112,26 @@ class WorldEngine(SteppedEngine[S], Generic[S], abstract=True):
         return sorted_pairs(self._simulation.touching())
 
 
+class TrackingWorld(CollidingWorld, Protocol):
+    """A simulation with controllers of the engine's own."""
+
+    def track(self, v: np.ndarray) -> Servos:
+        """Drive the joints with their velocities at the places ``v`` (n,), by the gains of ``world.json``."""
+        ...
+
+
+T = TypeVar("T", bound=TrackingWorld)
+
+
+class TrackingEngine(WorldEngine[T], Generic[T], abstract=True):
+    """Such an engine with controllers of its own, whose gains it takes from ``world.json``: the proof compares them."""
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        return self._simulation.track(v)
+
+
 class WorldSimulation(Generic[SidecarType]):
     """A loaded ``world.json``. ``offsets`` (n, 3): where the file's frame of each body is in the world's frame;
     ``q_places`` and ``v_places``: where each body's joint has its coordinates in q (nq,) and v (nv,), those of
@@ -154,6 +175,15 @@ class WorldSimulation(Generic[SidecarType]):
         for root, place in zip(rows_of(self.document.bodies).roots, self.v_places, strict=True):
             trees.setdefault(root, []).extend(range(place.start, place.stop))
         return [np.array(places) for places in trees.values() if places]
+
+    def tree_rows(self) -> list[list[int]]:
+        """The rows of the bodies of these trees."""
+        trees: dict[int, list[int]] = {}
+        for row, root in enumerate(rows_of(self.document.bodies).roots):
+            trees.setdefault(root, []).append(row)
+        return [
+            rows for rows in trees.values() if any(self.v_places[row].stop > self.v_places[row].start for row in rows)
+        ]
 
     def rows_at(self, v: np.ndarray) -> list[int]:
         """The rows of the bodies whose joints have their first velocities at the places ``v`` (n,)."""

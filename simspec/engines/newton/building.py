@@ -26,6 +26,7 @@ from simspec.engines.kit.building import (
     surface_numbers,
 )
 from simspec.engines.kit.link_contacts import ContactRoom
+from simspec.engines.kit.servos import ArrayDrives
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint
 from simspec.world.hull import mesh_vertices
@@ -83,7 +84,7 @@ class NewtonBuild:
     unit; ``pairs`` (n, 2): of the units that may touch."""
 
     def __init__(self, modules: NewtonModules, walk: Walk, sidecar: NewtonSidecar):
-        refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, servos=False, moving_planes=False, degenerate_mass=False)
+        refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, moving_planes=False, degenerate_mass=False)
         self.newton, self.wp, _ = modules
         self.walk, self.sidecar, document = walk, sidecar, walk.document
         self.gravity = checked_singles(NAME, document.gravity, "gravity")
@@ -100,6 +101,10 @@ class NewtonBuild:
         self.model = self.builder.finalize(device="cpu", skip_validation_inertia=True)
         self.model.steel.rigid_body_angular_damping.zero_()  # 0.05 by default
         self.pairs = self._pairs(walk.unit_pairs())
+        self.dofs = self.model.joint_qd_start.numpy()[self.links]
+        """Newton's number of the first degree of freedom of each body's joint."""
+        gains = (self.model.joint_target_ke, self.model.joint_target_kd, self.model.joint_effort_limit)
+        self.drives = ArrayDrives(NAME, walk, [array.numpy() for array in gains], self.dofs)
         self.centred = self._pairs([[self.links[row] for row in pair] for pair in walk.lightest.items()])
         """Roots that cannot move, and the link at whose centre of mass each has its own (:mod:`origins`)."""
 
@@ -204,6 +209,7 @@ class NewtonBuild:
                 baumgarte=ERROR_REDUCTION,
                 cfm=MIXING,
                 friction_anchor_beta=0.0,  # else friction depends on contact points of earlier steps
+                drive_mode="rows" if self.drives.on else "augmented",  # which does not bound the reaction to a load
                 enable_joint_limits=True,
                 joint_limit_activation_gap=FAR,
                 restitution_velocity_threshold=max(self.sidecar.restitution_threshold, LEAST_THRESHOLD),

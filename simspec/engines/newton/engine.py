@@ -11,21 +11,31 @@ from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
     JAMMED,
     SINGLE,
+    SPRING_IN_SINGLES,
     SWEEPS,
     Capability,
     Deviation,
+    NativeLaw,
     Reason,
     read_deviations,
     unconverged,
 )
-from simspec.engines.kit.refinements import coupled, met_approximately, met_exactly, near_links, static_planes
+from simspec.engines.kit.refinements import (
+    coupled,
+    met_approximately,
+    met_exactly,
+    near_links,
+    some_effort,
+    static_planes,
+)
+from simspec.engines.kit.servos import implicit_spring
 from simspec.engines.kit.settings import Setting, SettingGroup
-from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.engines.kit.world_simulation import Parts, TrackingEngine
 from simspec.engines.newton.building import imported
 from simspec.engines.newton.readback import expected, inventory, neutral, read_back
 from simspec.engines.newton.simulation import NewtonSimulation
 from simspec.support import classes, features
-from simspec.support.declarations import Attempt, Table, exact, exactly, for_each, never, not_yet, shape_kinds, via_api
+from simspec.support.declarations import Attempt, Table, exact, exactly, for_each, never, shape_kinds, via_api
 from simspec.support.features import Feature
 
 # Contact of several bodies. ``tools/deviations.py`` measures the table at 1 ms, frictions of 0.05 to 1.2, restitutions of
@@ -68,10 +78,9 @@ _NO_FRICTION = "Newton's solver has dry friction of joints on graphics processor
 _NO_LOOPS = (
     "simspec's constraint forces, computed outside Newton, are 3e-4 rad/s off after 60 steps in single precision"
 )
-_NO_CONTROLLERS = "simspec does not use the drives of Newton's joints, which are implicit"
 
 
-class Newton(WorldEngine[NewtonSimulation]):
+class Newton(TrackingEngine[NewtonSimulation]):
     """Newton's articulations, by its solver Steel."""
 
     NAME: ClassVar[str] = "newton"
@@ -85,9 +94,9 @@ class Newton(WorldEngine[NewtonSimulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: _NO_FRICTION,
-        Capability.NATIVE_CONTROLLERS: _NO_CONTROLLERS,
         Capability.FOREIGN_FILES: "simspec does not use Newton's importers of robot files",
     }
+    NATIVE_LAW: ClassVar[NativeLaw | None] = SPRING_IN_SINGLES
     SUPPORT: ClassVar[Table] = {
         **classes.driven(TITLE),
         **exactly(Feature.FRICTION, *features.FILTERS, Feature.HARDNESS_COMMON, Feature.CONE_ELLIPTIC),
@@ -123,7 +132,7 @@ class Newton(WorldEngine[NewtonSimulation]):
         Feature.HARDNESS_PAIRS: never("Newton has one hardness of contact"),
         **for_each(never("Newton bounds friction by a circular cone"), *features.PYRAMIDS),
         **classes.NOT_IN_WORLD_JSON,
-        Feature.CONTROL_NATIVE: not_yet(_NO_CONTROLLERS, Attempt.BUILT_IN_CONTROLLER),
+        Feature.CONTROL_NATIVE: exact(implicit_spring("Newton's drives"), refine=some_effort(TITLE)),
         **for_each(never(_NO_LOOPS), *features.CONSTRAINTS),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

@@ -6,6 +6,7 @@ springs from what simspec applies; the timestep from what is recorded; visual sh
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -48,7 +49,8 @@ JOINTS = {"FREE": "free", "FIXED": "fixed", "REVOLUTE": "hinge", "PRISMATIC": "s
 def read_back(sim: NewtonSimulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as Newton stores it, and its present state."""
     bodies = sim.bodies(lambda row: _inertial(sim, row), lambda row: _joint(sim, row), lambda units: _shape(sim, units))
-    return sim.model(bodies, vector(sim.gravity), sim.timestep, unreadable)
+    model = sim.model(bodies, vector(sim.gravity), sim.timestep, unreadable)
+    return dataclasses.replace(model, servos=sim.built.drives.servos())
 
 
 def _inertial(sim: NewtonSimulation, row: int) -> Inertial:
@@ -158,7 +160,7 @@ SHAPE = Items[ArrayRows, Shape].named(
         "steel.min_torsional_patch_radius": 0.0,
     },
 )
-ROWS = ArrayInventory(BODY, JOINT, DOFS, SHAPE)
+ROWS = ArrayInventory(BODY, JOINT, DOFS, SHAPE, ("shape_material_mu", "shape_material_restitution"))
 NONE = ("particle", "muscle", "spring", "tendon", "tri", "edge", "tet", "constraint_mimic", "attachment_particle_body")
 COUNTS = Items[Any, World].named(
     lambda model, name: int(getattr(model, f"{name}_count")),

@@ -18,8 +18,9 @@ from simspec.dialects.newton import NewtonSidecar
 from simspec.engines.kit.arrays import checked_singles, empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.link_contacts import ContactPoints, ContactRoom
-from simspec.engines.kit.links import LinkCoordinates, LinkSimulation, Midpoint, blocks
+from simspec.engines.kit.links import LinkCoordinates, LinkSimulation, Midpoint
 from simspec.engines.kit.messages import doing
+from simspec.engines.kit.servos import ArrayServos, driven_at
 from simspec.engines.kit.warp import doubles
 from simspec.engines.newton.building import NAME, NewtonBuild, imported
 from simspec.errors import EngineError
@@ -146,6 +147,15 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         self.their_q[:], self.their_v[:] = begins
         return RecordedStep(solver, contacts, observed, capture.graph, solver.constraint_overflow.numpy())
 
+    def track(self, v: np.ndarray) -> ArrayServos:
+        """Drive the joints with their velocities at the places ``v`` (n,) by Newton's own controllers, from now on."""
+        rows = [row for row, _, _ in driven_at(self, self.walk, v)]
+        self.built.drives.switch(True)
+        self.make_anew()
+        starts = self.built.model.joint_target_q_start.numpy()[self.built.links]
+        targets = (self.control.joint_target_q.numpy(), self.control.joint_target_qd.numpy())  # the memory itself
+        return ArrayServos(*targets, starts[rows], self.built.dofs[rows])
+
     def disable_contact(self) -> None:
         """Nothing touches anything."""
         self._contact = False
@@ -158,17 +168,6 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         """As Newton has it (3,), in m/s²."""
         found: np.ndarray = doubles(self.built.model.gravity)[0]
         return found
-
-    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The parts (places, M) of the mass matrix, one for each tree."""
-        self.place()
-        model = self.built.model
-        starts = model.joint_qd_start.numpy()[model.articulation_start.numpy()].tolist()
-        # by the Jacobian: the composite inertias that Newton sums otherwise lose digits of light links far from the root
-        jacobian = self.newton.eval_jacobian(model, self.state)
-        found = doubles(self.newton.eval_mass_matrix(model, self.state, J=jacobian))
-        mass = self.places.mass_matrix(self.get_state()[0], blocks(found, starts))
-        return [(tree, mass[np.ix_(tree, tree)]) for tree in self.tree_places()]
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,)."""

@@ -14,30 +14,29 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact import Rules, contact_plan
-from simspec.control.reference import Servos
 from simspec.engines.kit.capabilities import (
     FIXED_TIMESTEP,
     JAMMED,
     SINGLE,
+    SPRING_IN_SINGLES,
     SWEEPS,
     Capability,
     Deviation,
     NativeLaw,
     Reason,
-    ServoLaw,
     coarse,
     read_deviations,
 )
 from simspec.engines.kit.refinements import coupled, met_pairs, no_friction, single_motor, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
 from simspec.engines.kit.simulated import outside_constraints
-from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.engines.kit.world_simulation import Parts, TrackingEngine
 from simspec.engines.physx.cylinders import SIDES, shortfall
 from simspec.engines.physx.filter import exclusions, kinds
 from simspec.engines.physx.inventory import expected, inventory, neutral
 from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.roles import MOST_LINKS, inertia_supported
-from simspec.engines.physx.servos import NATIVE, PhysxJointServos
+from simspec.engines.physx.servos import NATIVE
 from simspec.engines.physx.simulation import PhysxSimulation
 from simspec.engines.physx.units import imported
 from simspec.support import classes, features
@@ -265,7 +264,7 @@ def _bits_do(world: World) -> Refinement | None:
     return None
 
 
-class PhysX(WorldEngine[PhysxSimulation]):
+class PhysX(TrackingEngine[PhysxSimulation]):
     """PhysX's rigid actors, by its PGS solver."""
 
     NAME: ClassVar[str] = "physx"
@@ -281,7 +280,7 @@ class PhysX(WorldEngine[PhysxSimulation]):
         Capability.TIMESTEP: FIXED_TIMESTEP,
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
     }
-    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-5, residual=1e-7)
+    NATIVE_LAW: ClassVar[NativeLaw | None] = SPRING_IN_SINGLES
     SUPPORT: ClassVar[Table] = {
         **classes.driven("PhysX"),
         **classes.NOT_IN_WORLD_JSON,
@@ -371,12 +370,6 @@ class PhysX(WorldEngine[PhysxSimulation]):
     @classmethod
     def prepare(cls) -> None:
         imported()
-
-    def track(
-        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
-    ) -> Servos:
-        # the gains are those of world.json, which the proof compares
-        return PhysxJointServos(self._simulation, v)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

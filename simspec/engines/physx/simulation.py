@@ -14,7 +14,7 @@ from simspec.engines.kit.building import Walk
 from simspec.engines.kit.world_simulation import WorldSimulation
 from simspec.engines.physx.building import PhysxBuild
 from simspec.engines.physx.contacts import PhysxDepths, PhysxRecovery, contact_rows, depths, pressed, touching_pairs
-from simspec.engines.physx.servos import start_drives
+from simspec.engines.physx.servos import PhysxJointServos, start_drives
 from simspec.engines.physx.singles import PhysxSingles
 from simspec.engines.physx.trees import PhysxTrees
 from simspec.engines.physx.units import FASTEST, LEAST, NAME, SCALE, inertia_of, pose_of, unit_of
@@ -283,6 +283,10 @@ class PhysxSimulation(WorldSimulation[PhysxSidecar]):
     def _part(self, built: PhysxBuild) -> None:
         for shape in built.shapes:
             shape.set_collision_groups([0, 0, 0, 0])
+
+    def track(self, v: np.ndarray) -> PhysxJointServos:
+        """Drive the joints with their velocities at the places ``v`` (n,)."""
+        return PhysxJointServos(self, v)
 
     def start_drives(self) -> None:
         """Let the drives act as controllers, now and after states that are set."""

@@ -15,28 +15,27 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact import Rules
-from simspec.control.reference import Servos
 from simspec.engines.kit.capabilities import (
     BOUNCES,
     JAMMED,
     SINGLE,
+    SPRING_IN_SINGLES,
     SWEEPS,
     Capability,
     Deviation,
     NativeLaw,
     Reason,
-    ServoLaw,
     coarse,
     read_deviations,
 )
 from simspec.engines.kit.methods import IntegrationMethod
 from simspec.engines.kit.refinements import coupled, met_pairs, only_balls_slide, single_motor, static_planes
 from simspec.engines.kit.settings import Setting, SettingGroup
-from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.engines.kit.world_simulation import Parts, TrackingEngine
 from simspec.engines.rapier import integration
 from simspec.engines.rapier.inventory import expected, inventory, neutral
 from simspec.engines.rapier.readback import read_back
-from simspec.engines.rapier.servos import NATIVE, RapierJointServos
+from simspec.engines.rapier.servos import NATIVE
 from simspec.engines.rapier.simulation import NATIVE_MOTION, RapierSimulation
 from simspec.support import classes, features
 from simspec.support.declarations import (
@@ -326,7 +325,7 @@ _BOUNCE = (
 )
 
 
-class Rapier(WorldEngine[RapierSimulation]):
+class Rapier(TrackingEngine[RapierSimulation]):
     """Rapier's rigid bodies, by its pipeline with one iteration a step and many sweeps in it."""
 
     NAME: ClassVar[str] = "rapier"
@@ -341,7 +340,7 @@ class Rapier(WorldEngine[RapierSimulation]):
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
-    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-5, residual=1e-7)
+    NATIVE_LAW: ClassVar[NativeLaw | None] = SPRING_IN_SINGLES
     SUPPORT: ClassVar[Table] = {
         **classes.driven(_TITLE),
         **exactly(Feature.HARDNESS_COMMON, Feature.GRAVITY_SCALE, *features.FILTERS),
@@ -424,12 +423,6 @@ class Rapier(WorldEngine[RapierSimulation]):
 
     def set_timestep(self, timestep: float) -> None:
         self._simulation.set_timestep(timestep)
-
-    def track(
-        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
-    ) -> Servos:
-        # the gains are those of world.json, which the proof compares
-        return RapierJointServos(self._simulation, v)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

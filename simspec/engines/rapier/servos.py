@@ -14,58 +14,56 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simspec.engines.kit.arrays import checked_singles
+from simspec.engines.kit.servos import driven, driven_at, implicit_spring
 from simspec.engines.rapier.multibodies import AXIS_OF, effort_unit_of, inertia_unit_of, unit_of
 from simspec.engines.rapier.units import LARGEST, NAME
 from simspec.errors import EngineError
-from simspec.formats.world import AxisJoint
 from simspec.world.types import EngineServo
 
 if TYPE_CHECKING:
     from simspec.engines.rapier.simulation import RapierSimulation
 
-NATIVE = (
-    "Rapier's motors are implicit in time: clip(kp (q* − q − dt v') + kd (v* − v')), where v' is the velocity after the step. "
-    "They sag under load by the effort over kp. Without kp a joint is also braked within 2 dt (v + 1000 dt) of a position limit"
+NATIVE = implicit_spring(
+    "Rapier's motors", ". Without kp a joint is also braked within 2 dt (v + 1000 dt) of a position limit"
 )
 
 
-def driven(sim: RapierSimulation) -> dict[int, AxisJoint]:
-    """The joints that the document drives, by the number of their link."""
-    links = enumerate(sim.built.multibodies.links)
-    return {number: link.joint for number, link in links if getattr(link.joint, "servo", None) is not None}
+def _handle(sim: RapierSimulation, row: int) -> Any:
+    """Rapier's handle of the joint of a body."""
+    links = sim.built.multibodies
+    return links.joints[links.number[row]]
+
+
+def _axis(sim: RapierSimulation, kind: str) -> Any:
+    return getattr(sim.rapier.JointAxis, AXIS_OF[kind])
 
 
 def start_motors(sim: RapierSimulation, world: Any) -> None:
     """Give the joints of a world that the document drives their gains and largest efforts."""
-    rapier = sim.rapier
-    for number, joint in driven(sim).items():
-        assert joint.servo is not None
+    for row, (joint, servo) in driven(sim.walk).items():
         if joint.dry_friction:
             raise EngineError(NAME, f"has one motor for {joint.name!r}, which has dry friction and a controller")
-        if not (joint.servo.kp or joint.servo.kd):
+        if not (servo.kp or servo.kd):
             continue
-        axis, unit = getattr(rapier.JointAxis, AXIS_OF[joint.kind]), inertia_unit_of(joint.kind)
-        limit = joint.servo.effort_limit
-        most = LARGEST if limit is None else effort_unit_of(joint.kind) * limit
-        numbers = (unit * joint.servo.kp, unit * joint.servo.kd, most)
-        stiffness, damping, most = checked_singles(NAME, numbers, f"gains and limit of {joint.name}")
-        data = world.multibody_joints[sim.built.multibodies.joints[number]].data
-        data.set_motor_model(axis, rapier.MotorModel.FORCE_BASED)
+        axis, unit = _axis(sim, joint.kind), inertia_unit_of(joint.kind)
+        most = LARGEST if servo.effort_limit is None else effort_unit_of(joint.kind) * servo.effort_limit
+        numbers = (unit * servo.kp, unit * servo.kd, most)
+        stiffness, damping, most = checked_singles(NAME, numbers, f"controller of {joint.name}")
+        data = world.multibody_joints[_handle(sim, row)].data
+        data.set_motor_model(axis, sim.rapier.MotorModel.FORCE_BASED)
         data.set_motor_max_force(axis, most)
         data.set_motor(axis, 0.0, 0.0, stiffness, damping)
 
 
 def servos(sim: RapierSimulation) -> tuple[EngineServo, ...]:
-    """The controllers as Rapier stores them in a world in which they act."""
-    joints = driven(sim)
-    if not joints:
-        return ()
-    world, found = sim.world_with_motors(), []
-    for number, joint in joints.items():
-        data = world.multibody_joints[sim.built.multibodies.joints[number]].data
-        motor, unit = data.motor(getattr(sim.rapier.JointAxis, AXIS_OF[joint.kind])), inertia_unit_of(joint.kind)
+    """The controllers as Rapier stores them in a world in which they act; without gains they are those of the document."""
+    joints, found = driven(sim.walk), []
+    world = sim.world_with_motors() if joints else sim.world
+    for row, (joint, servo) in joints.items():
+        unit = inertia_unit_of(joint.kind)
+        motor = world.multibody_joints[_handle(sim, row)].data.motor(_axis(sim, joint.kind))
         if motor is None:
-            found.append(EngineServo(joint.name, 0.0, 0.0, joint.servo.effort_limit if joint.servo else None))
+            found.append(EngineServo(joint.name, 0.0, 0.0, servo.effort_limit))
             continue
         limit = None if motor.max_force >= LARGEST else motor.max_force / effort_unit_of(joint.kind)
         found.append(EngineServo(joint.name, motor.stiffness / unit, motor.damping / unit, limit))
@@ -77,17 +75,11 @@ class RapierJointServos:
 
     def __init__(self, sim: RapierSimulation, v: np.ndarray):
         self._sim = sim
-        joints, number_of = driven(sim), sim.built.multibodies.number
-        self._motors: list[tuple[int, Any, Any, float, float, float]] = []
-        for place, row in enumerate(sim.rows_at(v)):
-            joint = joints.get(number_of.get(row, -1))
-            if joint is None or joint.servo is None:
-                raise EngineError(NAME, f"holds no controller of {sim.names[row]!r}")
-            kp, kd = joint.servo.kp, joint.servo.kd
-            if kp or kd:
-                axis = getattr(sim.rapier.JointAxis, AXIS_OF[joint.kind])
-                handle = sim.built.multibodies.joints[number_of[row]]
-                self._motors.append((place, handle, axis, unit_of(joint.kind), kp, kd))
+        self._motors = [
+            (place, _handle(sim, row), _axis(sim, joint.kind), unit_of(joint.kind), servo.kp, servo.kd)
+            for place, (row, joint, servo) in enumerate(driven_at(sim, sim.walk, v))
+            if servo.kp or servo.kd
+        ]
         sim.start_motors()
 
     def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from simspec.engines.rapier.building import RapierBuild, configure
 from simspec.engines.rapier.coordinates import JointLosses, LinkPlaces, LinkWrenches, LiveMultibodies
 from simspec.engines.rapier.free_bodies import LiveFreeBodies, spinning
 from simspec.engines.rapier.multibodies import AXIS_OF, IDLE_SPEED, WHEEL_SPEED
-from simspec.engines.rapier.servos import start_motors
+from simspec.engines.rapier.servos import RapierJointServos, start_motors
 from simspec.engines.rapier.stops import JointStops
 from simspec.engines.rapier.units import NAME, SCALE, SQUARE, quaternion_of, states_of
 from simspec.errors import EngineError
@@ -370,6 +370,10 @@ class RapierSimulation(WorldSimulation[LawSidecar]):
         configure(self.rapier, world, checked_singles(NAME, (timestep,), "timestep")[0], self.settings)
         self._pristine = world.snapshot()
         self.set_state(*self.get_state())
+
+    def track(self, v: np.ndarray) -> RapierJointServos:
+        """Drive the joints with their velocities at the places ``v`` (n,)."""
+        return RapierJointServos(self, v)
 
     def start_motors(self) -> None:
         """Let the motors act as controllers, now and after states that are set."""
