@@ -22,8 +22,6 @@ from tests.installed import INSTALLED  # noqa: E402
 ROW = dict(zip(selftest.COLUMNS, (5, 3, 1, 1, 0), strict=True))
 NOT_RUN = {"gzsim", "webots"}
 """Engines of which no world of the complete self-test was run yet, which the page says."""
-PARTLY = {"newton"}
-"""Engines of which some worlds were run only, which the page says."""
 RESULTS = {
     "one": {
         world: {
@@ -66,7 +64,7 @@ def test_the_page_has_what_was_measured_and_nothing_was_missed():
             total = entry["rows"]["all"]
             assert total["missed"] == 0, f"{name}, {world}"
             assert total["planted"] == sum(total[column] for column in selftest.COLUMNS[1:])
-        assert selftest.summed(results, name)["all"]["planted"] > (500 if name in PARTLY else 1000)
+        assert selftest.summed(results, name)["all"]["planted"] > 1000
 
 
 def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypatch, tmp_path):
