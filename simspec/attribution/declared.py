@@ -6,10 +6,10 @@ declared laws, and the gap is measured again. Bodies that lie on others move wit
 stays in the gap.
 
 *Friction and restitution.* Deviations that are declared by probe (``Engine.CONTACT_DEVIATIONS``) or accepted as approximations
-have no law to predict from. They fit where they count for what touches, and where the gap closes once friction, or restitution,
-is taken away from both sides: the difference is located there, not predicted. That does not make a deviation the cause. Where a
-swap was tried with which nothing of it is declared any more (the cone that the engine has, say), it accounts for what that swap
-closes and no more.
+have no law to predict from; nor have different laws of engines' own controllers. They fit where they count for what touches,
+and where the gap closes once friction, restitution or the controllers are taken away from both sides: the difference is located
+there, not predicted. That does not make a deviation the cause. Where a swap was tried with which nothing of it is declared any
+more (the cone that the engine has, say), it accounts for what that swap closes and no more.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from simspec.attribution.configuration import Configuration, Floats
 from simspec.attribution.measure import Interval, Swap
 from simspec.attribution.windows import Windows, exact, touching_pairs
 from simspec.compiler import needed_decisions
-from simspec.engines.kit.capabilities import Recovery
+from simspec.control.reference import natives
+from simspec.engines.kit.capabilities import Recovery, ServoLaw
 from simspec.engines.kit.process import Answer
 from simspec.support.declarations import Level
 from simspec.world.contact_pairs import solid_shapes
@@ -45,6 +46,12 @@ APPROXIMATED: Mapping[str, str] = {
     **dict.fromkeys(("contact.hardness", "shape."), "contact"),
 }
 """The same by the beginning of a feature's name."""
+LAWS: Mapping[ServoLaw, str] = {
+    ServoLaw.EXPLICIT_SPRING: "springs with dampers, by the state before each step",
+    ServoLaw.IMPLICIT_SPRING: "springs with dampers, by the velocity after each step",
+    ServoLaw.MOTOR: "motors, which reach a velocity by any effort within their limit",
+}
+"""A description of native controllers, by law."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +60,7 @@ class DeclaredDeviation:
 
     engine      whose it is, in words
     what        what is declared
-    acts        what it is of: recovery of overlaps, friction, restitution
+    acts        what it is of: recovery of overlaps, friction, restitution, controllers
     predicted   whether the share follows from the declared law; else the difference is located where the deviation acts
     share       of the gap that was left, by class, where that may be claimed, with ``interval``
     swap        of one that is located: the swap that takes the deviation away and closes most ("": none was tried), and what of
@@ -204,7 +211,7 @@ def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterato
     """Declared deviations of both sides that count for what touches, with the share of what was left that goes when what they
     act on is taken away, and what swaps that take them away close."""
     removed = {swap.group: swap for _, swap in tried if swap.kind == CandidateKind.REMOVAL.value and swap.largest > 0.0}
-    before = [_declared(side, touching) for side in pair]
+    before = _of_both(pair, touching)
     fitting = [[(what, acts) for what, acts in side if acts in removed] for side in before]
     after = list(_with_swaps(pair, touching, tried)) if any(fitting) else []
     for number, side in enumerate(pair):
@@ -261,7 +268,7 @@ def _with_swaps(
     """Declarations of both sides with each swap that was tried, where contact remains."""
     for candidate, swap in tried:
         if swap.failed is None and candidate.kind is not CandidateKind.REMOVAL:
-            yield swap, [_declared(side, touching) for side in candidate.apply(pair)]
+            yield swap, _of_both(candidate.apply(pair), touching)
 
 
 def _more(before: Sequence[Iterable[tuple[str, str]]], after: Sequence[Iterable[tuple[str, str]]], acts: str) -> bool:
@@ -269,6 +276,17 @@ def _more(before: Sequence[Iterable[tuple[str, str]]], after: Sequence[Iterable[
     return any(
         entry[1] == acts and entry not in actual for actual, found in zip(before, after, strict=True) for entry in found
     )
+
+
+def _of_both(pair: Pair, touching: set[tuple[str, str]]) -> list[list[tuple[str, str]]]:
+    """Declarations of each side, and the laws of their own controllers where these differ."""
+    found = [_declared(side, touching) for side in pair]
+    laws = [side.kind.NATIVE_LAW for side in pair if natives(side.world)]
+    if len({law.law for law in laws if law is not None}) == len(pair):
+        for declared, law in zip(found, laws, strict=True):
+            if law is not None:
+                declared.append((f"its own controllers are {LAWS[law.law]}", "controllers"))
+    return found
 
 
 def _declared(side: Configuration, touching: set[tuple[str, str]]) -> list[tuple[str, str]]:

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
-from simspec.attribution.declared import DeclaredDeviation, _carry, _overlaps, located
+from simspec.attribution.declared import DeclaredDeviation, _carry, _of_both, _overlaps, located
 from simspec.attribution.explanation import Explanation, explain_sides
 from simspec.attribution.measure import CombinedSwap, Swap
 from simspec.attribution.sentences import verdict
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.capabilities import COMMON, Recovery
+from simspec.testing.bench import native, wheel, with_targets
 from tests.attribution.planted import world
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -242,3 +243,16 @@ def test_without_contact_nothing_is_predicted(asking, tmp_path, monkeypatch):
     assert any(declared.predicted for declared in found.declared)
     (probe,) = found.probes
     assert probe.share["all"] > 0.99
+
+
+def test_different_laws_of_native_controllers_are_declared():
+    """Of a spring and a motor; nothing of two springs of the same law."""
+    world = with_targets(native(wheel(0.02)), [0.5])
+    world = dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=100))
+    sides = [Configuration(world, engine) for engine in ("mujoco", "pybullet")]
+    lines = verdict(explain_sides(sides[0], sides[1], ("A", "B"), most=20))
+    (line,) = (line for line in lines if line.startswith("Declared of controllers: "))
+    assert "MuJoCo: its own controllers are springs with dampers, by the state before each step" in line
+    assert "PyBullet: its own controllers are motors" in line
+    assert "Unexplained, and not within controllers: less than 1.0 %." in lines
+    assert _of_both((sides[0], sides[0]), set()) == [[], []]
