@@ -30,7 +30,6 @@ from simspec.attribution.measure import (
 from simspec.attribution.windows import CLASSES, MOST_WINDOWS, FirstContact, take_windows
 from simspec.engines.kit.capabilities import SINGLE
 from simspec.engines.kit.process import Answer
-from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 
 COLD = Asking()
@@ -213,7 +212,7 @@ def _from_first(
 
 
 def _singles(pair: Pair) -> tuple[str, ...]:
-    kinds = dict.fromkeys(find_engine(side.engine) for side in pair)
+    kinds = dict.fromkeys(side.kind for side in pair)
     return tuple(kind.TITLE or kind.NAME for kind in kinds if kind.PRECISION == SINGLE)
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simspec.engines.kit.arrays import checked_singles
+from simspec.engines.kit.arrays import LARGEST, checked_singles
 from simspec.engines.kit.servos import driven, driven_at, implicit_spring
-from simspec.engines.physx.units import LARGEST, NAME, SCALE
+from simspec.engines.physx.units import NAME, SCALE
 from simspec.errors import EngineError
 from simspec.formats.world import AxisJoint
 from simspec.world.types import EngineServo

@@ -24,8 +24,6 @@ LEAST = 1e-6
 """The smallest speed (m/s) that PhysX accepts, for zero."""
 FASTEST, FASTEST_LINEAR = 1e6, 1e16
 """Bounds of speeds (rad/s, 1/512 m/s), by default 100 rad/s."""
-LARGEST = float(np.finfo(np.float32).max)
-"""The largest effort of a drive, for an infinite one."""
 
 
 def imported() -> Any:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.contact import ContactPlan
+from simspec.engines.kit.arrays import LARGEST  # Rapier's default of the largest force of a motor
 from simspec.engines.kit.inventory import (
     NEUTRAL,
     FilterCarrier,
@@ -24,7 +25,7 @@ from simspec.engines.kit.inventory import (
 from simspec.engines.rapier.multibodies import ANCHOR
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import RapierSimulation
-from simspec.engines.rapier.units import LARGEST, SCALE
+from simspec.engines.rapier.units import SCALE
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.inertia import lumped

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simspec.engines.kit.arrays import checked_singles
+from simspec.engines.kit.arrays import LARGEST, checked_singles
 from simspec.engines.kit.servos import driven, driven_at, implicit_spring
 from simspec.engines.rapier.multibodies import AXIS_OF, effort_unit_of, inertia_unit_of, unit_of
-from simspec.engines.rapier.units import LARGEST, NAME
+from simspec.engines.rapier.units import NAME
 from simspec.errors import EngineError
 from simspec.world.types import EngineServo
 
@@ -76,7 +76,7 @@ class RapierJointServos:
     def __init__(self, sim: RapierSimulation, v: np.ndarray):
         self._sim = sim
         self._motors = [
-            (place, _handle(sim, row), _axis(sim, joint.kind), unit_of(joint.kind), servo.kp, servo.kd)
+            (place, _handle(sim, row), joint.kind, servo.kp, servo.kd)
             for place, (row, joint, servo) in enumerate(driven_at(sim, sim.walk, v))
             if servo.kp or servo.kd
         ]
@@ -84,10 +84,9 @@ class RapierJointServos:
 
     def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
         world = self._sim.world
-        for place, handle, axis, unit, kp, kd in self._motors:
+        for place, handle, kind, kp, kd in self._motors:
             where, speed = float(position[place]), float(velocity[place])
             if kp:
                 where, speed = where + kd / kp * speed, 0.0
-            data = world.multibody_joints[handle].data
-            motor = data.motor(axis)
-            data.set_motor(axis, unit * where, unit * speed, motor.stiffness, motor.damping)
+            data, length, inertia = world.multibody_joints[handle].data, unit_of(kind), inertia_unit_of(kind)
+            data.set_motor(_axis(self._sim, kind), length * where, length * speed, inertia * kp, inertia * kd)

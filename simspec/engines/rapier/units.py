@@ -23,8 +23,6 @@ SQUARE = SCALE * SCALE
 """Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
 NOTHING_ACROSS = 2.0**-27
 """Products of inertia below this share of the largest moment count as zero: an eighth of the last bit of single precision."""
-LARGEST = float(np.finfo(np.float32).max)
-"""Rapier's default of the largest force of a motor."""
 
 
 def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
