@@ -211,7 +211,8 @@ def _limits(name: str, probe: Probe, rows: Sequence[Mapping[str, Any]], grid: Gr
 
 
 def setting_words(settings: Mapping[str, Any]) -> str:
-    return " ".join(f"{name}={value}" for name, value in settings.items())
+    words = {name: str(value).lower() if isinstance(value, bool) else value for name, value in settings.items()}
+    return " ".join(f"{name}={value}" for name, value in words.items())
 
 
 def _measured(row: Mapping[str, Any]) -> tuple[str, float, float, bool]:

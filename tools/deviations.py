@@ -51,7 +51,7 @@ SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "gazebo": ({"contact_solver": "dantzig"}, {"contact_solver": "pgs"}),
     "rapier": ({},),
     "physx": ({},),
-    "newton": ({},),
+    "newton": ({"warm_start": False}, {"warm_start": True}),
 }
 """Settings by engine: each solver that a setting can choose."""
 ROOT = Path(__file__).resolve().parent.parent

@@ -266,6 +266,8 @@ COLUMNS = (
 """Columns of a table. A row counts from ``friction``, ``restitution``, ``timestep`` (ms) and ``ratio`` on and below the limits
 ``_below``; an empty cell is no limit. ``setting``: ``name=value``. ``size``: a share of the expected value where ``relative``
 is ``yes``, else in the figure's unit; it includes a margin."""
+SWITCHES: Mapping[str, bool] = {"true": True, "false": False}
+"""Values of settings in such tables that are not words."""
 BETWEEN_VALUES = "simspec measured this deviation between the values of the engine's other tables"
 """Reason of a local deviation that no reason of the engine covers."""
 
@@ -387,6 +389,6 @@ def named_reasons(table: Path, reasons: Mapping[str, str]) -> tuple[Deviation, .
     )
 
 
-def _setting(cell: str) -> tuple[str, str] | None:
+def _setting(cell: str) -> tuple[str, str | bool] | None:
     name, _, value = cell.partition("=")
-    return (name, value) if value else None
+    return (name, SWITCHES.get(value, value)) if value else None

@@ -17,8 +17,9 @@ the engine, ``expect`` derives the value from the world. The proof compares the 
 from __future__ import annotations
 
 import hashlib
+import inspect
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Generic, NamedTuple, Self, TypeVar
 
@@ -145,6 +146,22 @@ LARGEST = 1e308
 def finite(value: float) -> float:
     """A number with :data:`LARGEST` in place of infinity."""
     return max(-LARGEST, min(LARGEST, float(value)))
+
+
+def stored(value: Any) -> EngineValue:
+    """A value as inventories have it: a finite number, ``none`` for None, others as they are."""
+    found: EngineValue = "none" if value is None else finite(value) if isinstance(value, float) else value
+    return found
+
+
+def arguments(function: Callable[..., Any], without: Collection[str]) -> dict[str, EngineValue]:
+    """The defaults of the arguments of ``function`` that have one, by name, but for those in ``without``."""
+    found = {name: argument.default for name, argument in inspect.signature(function).parameters.items()}
+    return {
+        name: stored(value)
+        for name, value in found.items()
+        if value is not inspect.Parameter.empty and name not in without
+    }
 
 
 def excluded_carriers(names: Sequence[str], filtered: Callable[[int, int], bool]) -> dict[str, EngineValue]:

@@ -355,8 +355,16 @@ class LinkSimulation(WorldSimulation[SidecarType]):
             found[place + 3 : place + 6] = np.cross(spin, inertias[row] @ spin)
         return found
 
+    def forget_contacts(self) -> None:
+        """Let the next step not depend on contacts of earlier steps, where the engine keeps them."""
+
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v)."""
+        self.move_to(q, v)
+        self.forget_contacts()
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same; what the engine keeps of contacts of earlier steps, it keeps."""
         q, v = self.normalised(q), np.array(v, dtype=float)
         demand_singles(self.engine, np.concatenate([q, v]), "state")
         self.their_q[:], self.their_v[:] = self.places.positions(q), self.places.velocities(q, v)

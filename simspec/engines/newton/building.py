@@ -46,6 +46,8 @@ GAP = 5e-6
 """m from a shape at which contact begins; that of two shapes together bounds how early a resting contact is found."""
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
+REGULARISATION = 0.001
+"""``contact_regularization`` with warm start, without which the impulses of redundant contact points drift apart (measured)."""
 MIXING = 1e-9
 """``cfm`` (1/kg), which Newton adds to each effective mass. 0 leaves redundant rows unbounded."""
 FAR = 1e9
@@ -87,6 +89,7 @@ class NewtonBuild:
         refuse(walk, NAME, cones=("elliptic",), shapes=SHAPES, moving_planes=False, degenerate_mass=False)
         self.newton, self.wp, _ = modules
         self.walk, self.sidecar, document = walk, sidecar, walk.document
+        self.warm_start = bool(sidecar.settings.get("warm_start"))
         self.gravity = checked_singles(NAME, document.gravity, "gravity")
         self.builder = self.newton.ModelBuilder(gravity=self.wp.vec3(*self.gravity))
         self.newton.solvers.SolverSteel.register_custom_attributes(self.builder)
@@ -208,6 +211,8 @@ class NewtonBuild:
                 iterations=int(self.sidecar.settings["iterations"]),
                 baumgarte=ERROR_REDUCTION,
                 cfm=MIXING,
+                contact_warmstart=self.warm_start,
+                contact_regularization=REGULARISATION if self.warm_start else 0.0,
                 friction_anchor_beta=0.0,  # else friction depends on contact points of earlier steps
                 drive_mode="rows" if self.drives.on else "augmented",  # which does not bound the reaction to a load
                 enable_joint_limits=True,
@@ -227,5 +232,6 @@ class NewtonBuild:
             rigid_contact_max=room.contacts,
             reduce_contacts=False,
             deterministic=True,
+            contact_matching="latest" if self.warm_start else "disabled",
             verify_buffers=False,
         )

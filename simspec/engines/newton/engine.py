@@ -143,8 +143,15 @@ class Newton(TrackingEngine[NewtonSimulation]):
             minimum=1,
             group=SettingGroup.ACCURACY,
             finer=1000,
-        )
+        ),
+        "warm_start": Setting(
+            False,
+            "Begin each step with the contact impulses of the step before: see docs/engines/newton.md.",
+            only_with="warm_start",
+            group=SettingGroup.ACCURACY,
+        ),
     }
+    KEEPS_CONTACTS: ClassVar[bool] = True  # with the setting warm_start
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "static.inertial": "mass properties of bodies that cannot move have no effect in Newton, and simspec gives it others",

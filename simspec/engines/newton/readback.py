@@ -7,7 +7,6 @@ springs from what simspec applies; the timestep from what is recorded; visual sh
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,9 +21,10 @@ from simspec.engines.kit.inventory import (
     NEUTRAL,
     ArrayRows,
     Items,
+    arguments,
     below,
-    finite,
     sidecar_labels,
+    stored,
 )
 from simspec.engines.kit.links import pose_of_xyzw, tree_joint
 from simspec.engines.kit.world_simulation import free_joint, visual_shape
@@ -182,22 +182,14 @@ SET = {
 }
 """Arguments of the solver, by their names, that are the same for every world."""
 ROOM = ("articulation_constraint_max", "free_body_constraint_max", "propagation_constraint_max", "deterministic")
-"""Arguments that say for how much there is room, which grows, or which have no effect on a processor."""
-
-
-def _option(value: Any) -> EngineValue:
-    return "none" if value is None else finite(value) if isinstance(value, float) else value
-
-
-def _threshold(world: World) -> float:
-    return max((1e-6, *(law.restitution_threshold for law in meeting_laws(world).values() if law.restitution)))
+"""Its arguments that say for how much there is room, which grows, or that have no effect on a processor."""
 
 
 def inventory(sim: NewtonSimulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     model, solver = sim.built.model, sim.recorded().solver
     found = {**sidecar_labels(sim.sidecar), **COUNTS.read(model, "count")}
-    found |= {f"solver.{name}": _option(getattr(solver, name)) for name in _options(sim)}
+    found |= {f"solver.{name}": stored(getattr(solver, name)) for name in arguments(type(solver), ROOM)}
     pairs = {tuple(pair) for pair in sim.built.pairs.numpy().tolist()}
     return found | ROWS.read(sim.walk, _stored(sim), lambda unit, other: (unit, other) not in pairs)
 
@@ -218,15 +210,9 @@ def _stored(sim: NewtonSimulation) -> StoredRows:
     )
 
 
-def _options(sim: NewtonSimulation) -> dict[str, Any]:
-    """The arguments of Newton's solver with their defaults."""
-    arguments = inspect.signature(sim.newton.solvers.SolverSteel).parameters
-    return {name: of.default for name, of in arguments.items() if name != "model" and name not in ROOM}
-
-
 def neutral(sim: NewtonSimulation) -> dict[str, EngineValue]:
     """Newton's defaults: of its solver's arguments, and of a bare link, joint of each kind, and shape."""
-    b, found = sim.newton.ModelBuilder(), {f"solver.{name}": _option(value) for name, value in _options(sim).items()}
+    b, options = sim.newton.ModelBuilder(), arguments(sim.newton.solvers.SolverSteel, ROOM)
     kinds = {
         "fixed": b.add_joint_fixed,
         "hinge": b.add_joint_revolute,
@@ -238,15 +224,18 @@ def neutral(sim: NewtonSimulation) -> dict[str, EngineValue]:
         add(child=b.add_link(), parent=-1)
     b.add_shape_sphere(0, radius=1.0)
     starts = (*b.joint_qd_start, b.joint_dof_count)
-    return found | ROWS.bare(tuple(kinds), StoredRows(b, range(len(kinds)), starts, (0,)))
+    found = ROWS.bare(tuple(kinds), StoredRows(b, range(len(kinds)), starts, (0,)))
+    return found | {f"solver.{name}": value for name, value in options.items()}
 
 
 def expected(
     world: World, settings: Mapping[str, Any], plan: ContactPlan, neutral: Mapping[str, EngineValue]
 ) -> dict[str, EngineValue]:
     """The values that follow from ``world`` under its ``settings``; ``neutral`` are Newton's defaults."""
-    found = COUNTS.expect(world, "count")
+    thresholds = [law.restitution_threshold for law in meeting_laws(world).values() if law.restitution]
     options = {**below("solver", neutral), **SET, "iterations": settings["iterations"]}
-    found |= {f"solver.{name}": value for name, value in options.items()}
-    found["solver.restitution_velocity_threshold"] = _threshold(world)
-    return found | ROWS.expect(world, plan, neutral)
+    options |= {"restitution_velocity_threshold": max(1e-6, *thresholds, 0.0)}
+    if settings.get("warm_start"):
+        options |= {"contact_warmstart": True, "contact_regularization": 0.001}
+    found = COUNTS.expect(world, "count") | ROWS.expect(world, plan, neutral)
+    return found | {f"solver.{name}": value for name, value in options.items()}

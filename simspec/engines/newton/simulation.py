@@ -87,6 +87,11 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
             inputs = [self.state.body_q, model.body_com, links]
             self.wp.launch(self._origins.follow, dim=len(links), inputs=inputs, device="cpu")
 
+    def forget_contacts(self) -> None:
+        """Begin the next step without the contact impulses of the step before."""
+        if self.built.warm_start and self._recorded is not None:
+            self._recorded.solver.reset(self.state)
+
     def link_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6) of the links, in the order of the bodies."""
         at, speed = (doubles(array)[self.built.links] for array in (self.state.body_q, self.state.body_qd))
@@ -144,6 +149,7 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         solver.reset(self.state)
         with wp.ScopedCapture(device="cpu") as capture:
             step()
+        solver.reset(self.state)
         self.their_q[:], self.their_v[:] = begins
         return RecordedStep(solver, contacts, observed, capture.graph, solver.constraint_overflow.numpy())
 
@@ -166,8 +172,7 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
     @property
     def gravity(self) -> np.ndarray:
         """As Newton has it (3,), in m/s²."""
-        found: np.ndarray = doubles(self.built.model.gravity)[0]
-        return found
+        return np.array(doubles(self.built.model.gravity)[0])
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,)."""
@@ -183,18 +188,17 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
 
     def touched(self) -> np.ndarray:
         """The links that the contacts of the last step are of."""
-        shapes = shapes_of(self.recorded().contacts)
-        found: np.ndarray = self.built.model.shape_body.numpy()[shapes.ravel()]
-        return found
+        return np.array(self.built.model.shape_body.numpy()[shapes_of(self.recorded().contacts).ravel()])
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used."""
         if not self.stepped or not self._contact:
             return empty_contacts()
-        recorded = self.recorded()
-        points = self._points(recorded.contacts)
-        pushes = doubles(recorded.observed.contact_f)[: len(points.units), :3]  # on the first shape, friction included
-        return points.arrays(-np.einsum("ni,ni->n", pushes, points.normals), [body for body, _ in self.units()])
+        points = self._points(self.recorded().contacts)
+        forces = doubles(self.recorded().observed.contact_f)[
+            : len(points.units), :3
+        ]  # on the first shape, with friction
+        return points.arrays(-np.einsum("ni,ni->n", forces, points.normals), [body for body, _ in self.units()])
 
     def _points(self, contacts: Any) -> ContactPoints:
         """Newton's contacts, of the poses that its links have."""

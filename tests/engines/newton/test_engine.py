@@ -13,6 +13,7 @@ from simspec.engines.newton.engine import Newton
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import PRECISIONS, inventory_checks
 from simspec.testing import worlds as shipped
+from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, World
 from tests import worlds
 from tests.engines.free_bodies import DT, ball, check_inventory, loader, of, scene, shared
@@ -213,6 +214,74 @@ def test_contacts_of_a_box_at_rest_carry_its_weight(load):
     assert contacts["normal_force"].sum() == pytest.approx(9.81 * mass, rel=1e-4)
     assert np.abs(contacts["distance"]).max() < 1e-5
     assert np.abs(np.abs(contacts["normal"][:, 2]) - 1.0).max() < DIGITS
+
+
+def tower(*masses, warm=True, **more):
+    """Boxes of these masses (kg) on each other, of which the first step begins cold."""
+    boxes = (
+        ball(str(row), (0.0, 0.0, 0.1 + 0.2 * row), kind="box", size=(0.2, 0.2, 0.2)) for row in range(len(masses))
+    )
+    weighed = [
+        dataclasses.replace(box, inertial=Inertial(mass, inertia=(mass / 150.0,) * 3 + (0.0,) * 3))
+        for box, mass in zip(boxes, masses, strict=True)
+    ]
+    return shipped.with_options(scene(*weighed, **more), "newton", settings=(("warm_start", warm),))
+
+
+@installed
+@pytest.mark.parametrize("ratio", [10.0, 100.0])
+def test_with_warm_start_a_tower_sinks_by_its_regularisation_alone(ratio, load):
+    """By g dt2 / beta times 1e-3, and the load of each contact over the lighter mass; at 100 ten times as deep without."""
+    sunk = []
+    for warm in (True, False):
+        engine = load(shipped.accepting(tower(1.0, ratio, warm=warm), "newton"))
+        engine.step(1000)
+        sunk.append(0.3 - engine.get_state()[0][9])
+    assert sunk[0] == pytest.approx(1e-3 * 9.81 * DT**2 / 0.01 * (ratio + 1.0 + ratio), rel=0.03)
+    assert ratio < 100.0 or sunk[1] > 10.0 * sunk[0]
+
+
+@installed
+@pytest.mark.parametrize("timestep", [DT / 2, DT, 4 * DT])
+def test_warm_start_keeps_the_common_law_of_contact(timestep, load):
+    """An overlap shrinks by beta in a step, less the 0.1 % of the weight that its regularisation leaves."""
+    sphere = ball("ball", (0.0, 0.0, 0.1 - 5e-5))
+    engine = load(shipped.with_options(scene(sphere, timestep=timestep), "newton", settings=(("warm_start", True),)))
+    engine.step(1)
+    assert engine.get_state()[1][2] == pytest.approx(
+        0.01 * 5e-5 / timestep - 1e-3 * 9.81 * timestep, rel=2e-3, abs=2e-7
+    )
+
+
+@installed
+def test_states_that_are_set_forget_contact_impulses_and_states_that_are_moved_to_do_not(load):
+    world = tower(2.0, 2.0, 2.0, 2.0)
+    engine, fresh = load(world), load(world)
+    engine.step(50)
+    q, v = engine.get_state()
+    for entry in (engine, fresh):
+        entry.set_state(q, v)
+        entry.step(1)
+    cold = engine.get_state()[1]
+    assert cold.tobytes() == fresh.get_state()[1].tobytes()
+    engine.set_state(*initial_state(world))
+    engine.step(50)
+    assert engine.get_state()[0].tobytes() == q.tobytes()
+    engine.move_to(q, v)
+    engine.step(1)
+    assert np.abs(engine.get_state()[1] - cold).max() > 1e-6
+
+
+@installed
+def test_warm_start_is_read_back(load):
+    world = tower(2.0)
+    back = load(world).read_back()
+    expected = Newton.expected_inventory(world, back.neutral)
+    assert (back.inventory["solver.contact_warmstart"], back.inventory["solver.contact_regularization"]) == (True, 1e-3)
+    (check,) = inventory_checks(expected, back.inventory, PRECISIONS["single"])
+    assert check.passed, check.detail
+    (check,) = inventory_checks(expected, load(tower(2.0, warm=False)).read_back().inventory, PRECISIONS["single"])
+    assert not check.passed
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------
