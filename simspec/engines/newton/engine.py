@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from simspec.contact import Rules
 from simspec.engines.kit.capabilities import (
+    DEEP,
     JAMMED,
     SINGLE,
     SPRING_IN_SINGLES,
@@ -44,7 +45,7 @@ from simspec.support.features import Feature
 _UNEVEN = unconverged("Newton's solver")
 DEVIATIONS: tuple[Deviation, ...] = read_deviations(
     Path(__file__).with_name("contact_deviations.csv"),
-    (Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("*", _UNEVEN)),
+    (Reason("stack", DEEP, "warm_start=true"), Reason("stack*", SWEEPS), Reason("jam*", JAMMED), Reason("*", _UNEVEN)),
 )
 COUPLED: Table = coupled(
     "newton",
