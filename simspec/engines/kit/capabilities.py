@@ -237,10 +237,10 @@ class Deviation:
         version: str | None = None,
     ) -> bool:
         """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine, in this release of
-        it (None: not known)."""
+        it (None: not known). A switch that is missing is off."""
         return (
             (not self.until or (version is not None and is_before(version, self.until)))
-            and (self.setting is None or settings.get(self.setting[0]) == self.setting[1])
+            and (self.setting is None or settings.get(self.setting[0], False) == self.setting[1])
             and pair.friction >= self.friction
             and pair.restitution >= self.restitution
             and timestep >= self.timestep

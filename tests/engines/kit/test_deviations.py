@@ -48,6 +48,12 @@ def test_settings_cones_restitutions_and_ratios_are_conditions(tmp_path):
     assert edge.relative
 
 
+def test_a_switch_that_is_not_written_is_off(tmp_path):
+    on, off = rows(tmp_path, ["warm=true,,rod,,,,,,,,,0.001,no", "warm=false,,rod,,,,,,,,,0.002,no"], WHY)
+    for settings, counting in (({"warm": True}, on), ({"warm": False}, off), ({}, off)):
+        assert sizes([on, off], 0.001, settings=settings) == [counting.size]
+
+
 @pytest.mark.parametrize(
     ("friction", "timestep", "ratio", "cone", "mode", "counts"),
     [
