@@ -364,7 +364,7 @@ class LinkSimulation(WorldSimulation[SidecarType]):
         self.forget_contacts()
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
-        """The same; what the engine keeps of contacts of earlier steps, it keeps."""
+        """The same; an engine that keeps contacts of earlier steps keeps them here."""
         q, v = self.normalised(q), np.array(v, dtype=float)
         demand_singles(self.engine, np.concatenate([q, v]), "state")
         self.their_q[:], self.their_v[:] = self.places.positions(q), self.places.velocities(q, v)

@@ -47,7 +47,7 @@ GAP = 5e-6
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
 REGULARISATION = 0.001
-"""``contact_regularization`` with warm start, without which the impulses of redundant contact points drift apart (measured)."""
+"""``contact_regularization`` with warm start, which makes impulses of redundant contact points unique."""
 MIXING = 1e-9
 """``cfm`` (1/kg), which Newton adds to each effective mass. 0 leaves redundant rows unbounded."""
 FAR = 1e9
