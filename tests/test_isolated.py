@@ -28,7 +28,7 @@ OTHERS = {
     "engines/kit/keeper.py": "an engine that is a program of its own",
     "engines/webots/program.py": "Webots, and its controller by `isolated`",
     "engines/kit/process.py": "a keeper, whose words are made a few lines above, in a folder of its own",
-    "commands/install.py": "commands of `environments.making` and `words`, which are made here and there by `isolated`",
+    "commands/installers.py": "commands of `environments.making` and `words`, which are made here and there by `isolated`",
 }
 """Modules that start what is given to them, with the reason."""
 EXECUTABLE = {"processes.py", "engines/kit/process.py"}

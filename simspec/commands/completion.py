@@ -230,11 +230,15 @@ def values(parameter: CommandParameter, command: str) -> Iterator[Suggestion]:
 
 def engine_names() -> Iterator[Suggestion]:
     """The names of engines; and the labels of versions that simspec has environments of, or the project file names."""
-    names = [*_plugins("simspec.engines"), *_plugins("simspec.auditors")]
+    names = _known_engines()
     yield from (Suggestion("word", name) for name in names)
     for label, where in _labels():
         if label.partition("@")[0] in names and "@" in label:
             yield Suggestion("word", label, where)
+
+
+def _known_engines() -> list[str]:
+    return [*_plugins("simspec.engines"), *_plugins("simspec.auditors")]
 
 
 def _labels() -> Iterator[tuple[str, str]]:
@@ -317,6 +321,7 @@ VALUES: Final[Mapping[str, Callable[[], Iterator[Suggestion]]]] = {
     **dict.fromkeys(("a", "b"), _runs_or_specs),
     **dict.fromkeys(("import.file", "audit.files"), _robots),
     "robot": _robots,
+    "accepted": lambda: iter([Suggestion("word", name) for name in _known_engines()]),
     "python": _interpreters,
     "format_name": _formats,
     "accept": _features,

@@ -292,16 +292,20 @@ class DoctorOptions(Options):
     every: Annotated[bool, Option("--all", help="Exit with 3 also where a known engine is not installed.")] = False
 
 
-@command("engines install", "install:install", "names every yes as_json")
+@command("engines install", "install:install", "names every yes accepted as_json")
 class InstallOptions(Options):
     """Print the commands that install engines; --yes runs them.
 
-    NAME@VERSION gets a separate environment.
+    NAME@VERSION gets a separate environment. Some engines bring software under a proprietary licence: its terms are
+    printed, and nothing is downloaded until they are accepted, on a terminal or by --accept-licence.
 
     \b
     simspec engines install NAME
     simspec engines install NAME@3.8 --yes
     simspec engines install --all --yes
+    simspec engines install NAME --yes --accept-licence NAME
+
+    Exit code 3 where an engine cannot be installed, or a licence is not accepted.
     """
 
     names: EngineNames = None
@@ -309,6 +313,14 @@ class InstallOptions(Options):
     yes: Annotated[bool, Option("--yes", help="Run the commands: pip of this interpreter; apt-get only for root.")] = (
         False
     )
+    accepted: Annotated[
+        list[str] | None,
+        Option(
+            "--accept-licence",
+            metavar="NAME",
+            help="With --yes: accept the licence terms that come with this engine. Repeatable.",
+        ),
+    ] = None
 
 
 @command("trust", "engines:trust", "file listed revoked as_json")

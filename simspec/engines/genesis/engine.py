@@ -10,7 +10,7 @@ from simspec.contact import Rules
 from simspec.engines.genesis.foreign import FOREIGN, FOREIGN_ADDITIONS, load
 from simspec.engines.genesis.modules import NAME, begun, imported
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.contract import Engine, LicenceTerms
 from simspec.engines.kit.foreign import EngineAddition, Reads
 from simspec.engines.kit.settings import Setting
 from simspec.support import classes
@@ -30,9 +30,25 @@ class Genesis(Engine):
     EXTRA: ClassVar[str] = ""
     SEPARATE_VERSION: ClassVar[str] = "1.4"
     ALONGSIDE: ClassVar[tuple[str, ...]] = ("torch>=2.8",)  # it imports torch, and does not require it
-    INSTALLS: ClassVar[str] = (
-        "110 packages, of which 5 GB are downloaded and 8.4 GB are on the disk; torch for Linux brings NVIDIA's libraries, "
-        "with licences of their own"
+    INSTALLS: ClassVar[str] = "110 packages, of which 5 GB are downloaded and 8.4 GB are on the disk"
+    # from the licence files in the wheels that torch 2.15 and Genesis 1.4.5 require on Linux; NCCL's and NVTX's are open source
+    LICENCES: ClassVar[tuple[LicenceTerms, ...]] = (
+        LicenceTerms(
+            "CUDA Toolkit End User License Agreement",
+            "NVIDIA's CUDA libraries and tools that torch, triton and gs-madrona bring on Linux (runtime, CCCL, cuBLAS, cuFFT, "
+            "cuFile, cuSOLVER, cuSPARSE, CUPTI, NVRTC, nvJitLink, NVSHMEM, ptxas)",
+            ("https://docs.nvidia.com/cuda/eula/index.html",),
+        ),
+        LicenceTerms(
+            "NVIDIA cuDNN Software License Agreement",
+            "NVIDIA's cuDNN, which torch brings on Linux",
+            ("https://docs.nvidia.com/deeplearning/cudnn/sla/index.html",),
+        ),
+        LicenceTerms(
+            "NVIDIA cuSPARSELt Software License Agreement",
+            "NVIDIA's cuSPARSELt, which torch brings on Linux",
+            ("https://docs.nvidia.com/cuda/cusparselt/license.html",),
+        ),
     )
     COMPILING: ClassVar[float] = 180.0  # its import alone takes 22 s of processor time (measured)
     RULES: ClassVar[Rules] = Rules("max", "none")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -37,6 +38,28 @@ from simspec.plugins import installed_version
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
+
+
+@dataclass(frozen=True, slots=True)
+class LicenceTerms:
+    """A licence that is not an open-source licence, of software that is installed with an engine. ``name``: the licence's;
+    ``covers``: that software, in words; ``addresses``: where its texts are, each an https address.
+
+    Raises ValueError where one of them is missing, TypeError where ``addresses`` is not a tuple.
+    """
+
+    name: str
+    covers: str
+    addresses: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.addresses, tuple):
+            raise TypeError(f"addresses of the licence {self.name!r}: expected a tuple, not {self.addresses!r}")
+        https = [address for address in self.addresses if address.startswith("https://")]
+        if not (self.name.strip() and self.covers.strip() and https) or len(https) < len(self.addresses):
+            raise ValueError(
+                f"the licence {self.name!r} needs a name, the software that it covers, and https addresses"
+            )
 
 
 class RunnableEngine:
@@ -243,7 +266,10 @@ class Engine(ProvenEngine):
     FOREIGN_ADDITIONS: ClassVar[Mapping[str, EngineAddition]] = {}
     """The engine's additions to such files, by names of the inventory that :meth:`load_foreign` gives."""
     INSTALLS: ClassVar[str] = ""
-    """A fact that a user should know before its packages are installed: a large size, licences of their own."""
+    """A fact that a user should know before its packages are installed, such as a large size."""
+    LICENCES: ClassVar[tuple[LicenceTerms, ...]] = ()
+    """The terms of its packages, or of packages that come with it, that are not under an open-source licence. It is installed
+    only after the user has accepted them; (): every part is under an open-source licence."""
     FOREIGN_MEMORY: ClassVar[int] = 0
     """Bytes of data that its process has before it loads a file, where they exceed half of its bound (``kit/foreign.py``)."""
 
@@ -254,6 +280,8 @@ class Engine(ProvenEngine):
             return
         if cls.PRECISION not in ROUNDING:
             raise TypeError(f"engine {cls.NAME}: PRECISION is {cls.PRECISION!r}, allowed: {', '.join(ROUNDING)}")
+        if not isinstance(cls.LICENCES, tuple) or not all(isinstance(terms, LicenceTerms) for terms in cls.LICENCES):
+            raise TypeError(f"engine {cls.NAME}: LICENCES is {cls.LICENCES!r}, expected a tuple of LicenceTerms")
         check_total(f"engine {cls.NAME}", cls.SUPPORT)
         is_program = cls.command.__func__ is not Engine.command.__func__  # type: ignore[attr-defined]
         check_capabilities(cls, Engine, cls.LACKS, is_program)
