@@ -49,7 +49,7 @@ class Consent:
         elif not _on_terminal():
             self._reasons[engine.NAME] = "there is no terminal for the prompt"
         else:
-            say(f"{engine.NAME}: to accept these terms and install, type {engine.NAME}; anything else installs nothing")
+            say(f"{engine.NAME}: to accept these terms and install, type {engine.NAME}; anything else leaves it out")
             if _answer() == engine.NAME:
                 self._accepted.add(engine.NAME)
             else:

@@ -237,6 +237,7 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> lis
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
         "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
+        "licence terms": _licences(engine),
         "proven": proven if engine.FILES_ALONE else "",
         "packages of Debian": "; ".join(f"{name}: {use}" for name, use in engine.NEEDS.debian),
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
@@ -244,6 +245,11 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> lis
         "lacks": "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items()),
     }
     return ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in rows.items() if text)]
+
+
+def _licences(engine: type[Engine]) -> str:
+    """The terms that are accepted before it is installed."""
+    return "; ".join(f"{terms.covers}: {terms.name}, {', '.join(terms.addresses)}" for terms in engine.LICENCES)
 
 
 def _audit_page(engine: type[Engine]) -> str:
@@ -255,6 +261,7 @@ def _audit_page(engine: type[Engine]) -> str:
     lines = [f"# {title}", "", ability, "", SIGNATURE, "", *_about(engine), "", f"{AUDITS_ONLY}.", ""]
     facts = {"name": f"`{engine.NAME}`", "computes in": f"{engine.PRECISION} precision"}
     facts |= {"install": f"`{how_to_install(engine)}`", "an installation": engine.INSTALLS}
+    facts |= {"licence terms": _licences(engine)}
     facts |= {f"loads {language}": f"`{reads.how}`" for language, reads in engine.FOREIGN.items()}
     lines += ["| | |", "|---|---|", *(f"| {name} | {markdown_cell(text)} |" for name, text in facts.items() if text)]
     lines += ["", "## Values in addition to those of the file", ""]

@@ -399,7 +399,7 @@ CAUSES = r"packages conflict: The user requested packaging<24; bolt 1.0 depends 
 ABSENT = "2026-11-29T18:21:02,857 ERROR: No matching distribution found for bolt\n"
 
 
-@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("users", [False, True])
 @pytest.mark.parametrize(
     ("log", "said"),
     [
@@ -408,12 +408,12 @@ ABSENT = "2026-11-29T18:21:02,857 ERROR: No matching distribution found for bolt
         ("2026-11-29T18:21:02,857 Collecting bolt\n", ""),
     ],
 )
-def test_a_failure_of_pip_in_this_interpreter_has_its_reason(place, tmp_path, monkeypatch, capsys, log, said, own):
+def test_a_failure_of_pip_in_this_interpreter_has_its_reason(place, tmp_path, monkeypatch, capsys, log, said, users):
     """pip's log is read, of which the user may have one (``PIP_LOG``) with other commands before."""
     add(monkeypatch, NAME="bolt", DISTRIBUTION="bolt", EXTRA="bolt", SEPARATE_VERSION="", LICENCES=())
-    if own:
-        (tmp_path / "own.log").write_text(CONFLICT.replace("bolt", "other"))
-        monkeypatch.setenv("PIP_LOG", str(tmp_path / "own.log"))
+    if users:
+        (tmp_path / "users.log").write_text(CONFLICT.replace("bolt", "other"))
+        monkeypatch.setenv("PIP_LOG", str(tmp_path / "users.log"))
     (tmp_path / "log").write_text(log)
     stub = STUB.format(first="Using pip", log=tmp_path / "log")
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "python", stub)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -190,3 +191,12 @@ def test_genesis_changes_a_file_in_these_ways(tmp_path):
     assert silent["arm", "joint.armature"].what is What.ADDED
     assert silent["arm", "joint.armature"].engine_value == "0.1"
     assert Genesis.COMPILING > 0.0
+
+
+def test_its_licence_terms_cover_the_libraries_that_torch_brings():
+    covered = " ".join(terms.covers for terms in Genesis.LICENCES)
+    libraries = (
+        "cuBLAS cuDNN cuFFT cuFile cuSOLVER cuSPARSE cuSPARSELt CCCL CUPTI NVRTC NVSHMEM nvJitLink ptxas runtime"
+    )
+    assert not [name for name in ("torch", *libraries.split()) if name not in re.findall(r"\w+", covered)]
+    assert "licence" not in Genesis.INSTALLS
