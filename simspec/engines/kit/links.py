@@ -277,8 +277,8 @@ class LinkSimulation(WorldSimulation[SidecarType]):
         """Let the engine compute the poses and velocities of its links from the coordinates."""
         raise NotImplementedError
 
-    def launch(self) -> bool:
-        """One step of the engine; False where contacts or rows had no room."""
+    def launch(self) -> int | None:
+        """One step of the engine; where contacts or rows had no room, for how many contacts it had."""
         raise NotImplementedError
 
     def make_anew(self) -> None:
@@ -397,13 +397,13 @@ class LinkSimulation(WorldSimulation[SidecarType]):
     def _step(self) -> None:
         """One step, again with more room where contacts or rows had none."""
         begins = self.their_q.copy(), self.their_v.copy()
-        while not self.launch():
-            self.grow()
+        while (found := self.launch()) is not None:
+            self.grow(found)
             self.their_q[:], self.their_v[:] = begins
 
-    def grow(self) -> None:
-        """Make the next step with more room for contacts."""
-        self.room = self.room.larger(self.engine)
+    def grow(self, found: int) -> None:
+        """Make the next step with more room, after so many points of contact were ``found``."""
+        self.room = self.room.larger(self.engine, found)
         self.make_anew()
 
     def set_timestep(self, timestep: float) -> None:

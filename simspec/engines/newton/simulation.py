@@ -112,11 +112,11 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
 
     # --- steps ------------------------------------------------------------------------------------------------
 
-    def launch(self) -> bool:
-        """One step by Newton; False where contacts or rows had no room."""
+    def launch(self) -> int | None:
+        """One step by Newton; where contacts or rows had no room, for how many contacts it had."""
         recorded = self.recorded()
         self.wp.capture_launch(recorded.graph)
-        return not recorded.overflow.any()
+        return len(shapes_of(recorded.contacts)) if recorded.overflow.any() else None
 
     def make_anew(self) -> None:
         """Record the next step anew."""
@@ -219,8 +219,8 @@ class NewtonSimulation(LinkSimulation[NewtonSidecar]):
         pipeline = self.built.pipeline(self.room)
         contacts = pipeline.contacts()
         pipeline.collide(self.state, contacts)
-        if int(contacts.rigid_contact_count.numpy()[0]) >= self.room.contacts:
-            self.grow()
+        if len(shapes_of(contacts)) >= self.room.contacts:
+            self.grow(self.room.contacts)
             return self.touching()
         points = self._points(contacts)
         return points.units[points.distances <= 0.0]
