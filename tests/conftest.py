@@ -3,7 +3,9 @@ leaves anything to the tests that follow it in its process, which are others in 
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import importlib
 import os
 import signal
 from pathlib import Path
@@ -54,6 +56,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in nightly.left_out(items, engines()):
         for mark in nightly.NIGHTLY:
             item.add_marker(mark)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Where all tests are collected, each process imports other files first: pytest compiles the assertions of a file for some
+    50 ms, which it keeps for the processes that import the file later."""
+    config = session.config
+    if not hasattr(config, "workerinput") or config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    first, step = int(config.workerinput["workerid"].removeprefix("gw")), config.workerinput["workercount"]
+    for path in sorted(ROOT.rglob("test_*.py"))[first::step]:
+        # a module that cannot be imported, or that skips itself, is imported again, and reported, by the collection
+        with contextlib.suppress(Exception, pytest.skip.Exception):
+            importlib.import_module(".".join((ROOT.name, *path.relative_to(ROOT).with_suffix("").parts)))
 
 
 gc.disable()  # until the tests begin: of what is collected, all stays
