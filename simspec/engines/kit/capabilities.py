@@ -9,6 +9,7 @@ The core is what nothing works without: ``load``, ``read_back``, ``set_state``, 
 from __future__ import annotations
 
 import csv
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -268,6 +269,8 @@ COLUMNS = (
 is ``yes``, else in the figure's unit; it includes a margin."""
 SWITCHES: Mapping[str, bool] = {"true": True, "false": False}
 """Values of settings in such tables that are not words."""
+RESTITUTION = 2 * LIMITS.index("restitution")
+"""Its place among the cells of the limits."""
 BETWEEN_VALUES = "simspec measured this deviation between the values of the engine's other tables"
 """Reason of a local deviation that no reason of the engine covers."""
 
@@ -321,42 +324,55 @@ class Reason:
     cone: str = ""
     bounces: bool = False
 
-    def covers(self, row: Mapping[str, str]) -> bool:
+    def covers(self, probe: str, setting: str, cone: str, bounces: bool) -> bool:
+        """Whether it is the reason of a row with these values, ``bounces``: with restitution."""
         return (
-            any(fnmatchcase(row["probe"], pattern) for pattern in self.probes.split())
-            and self.setting in ("", row["setting"])
-            and self.cone in ("", row["cone"])
-            and (not self.bounces or bool(row["restitution"]))
+            any(fnmatchcase(probe, pattern) for pattern in self.probes.split())
+            and self.setting in ("", setting)
+            and self.cone in ("", cone)
+            and (bounces or not self.bounces)
         )
 
 
 def read_deviations(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, ...]:
-    """The deviations of a table, each with the first reason that covers it. Raises ValueError for a row without upper limits
-    that no reason covers, and for a reason without such a row."""
+    """The deviations of a table, each with the first reason that covers it. Raises ValueError for other columns, for a row
+    without upper limits that no reason covers, and for a reason without such a row."""
     unused, found = list(reasons), list[Deviation]()
+
+    @functools.cache
+    def reason_of(probe: str, setting: str, cone: str, bounces: bool) -> Reason | None:
+        return next((reason for reason in reasons if reason.covers(probe, setting, cone, bounces)), None)
+
     with table.open(newline="", encoding="utf-8") as lines:
-        for row in csv.DictReader(lines):
-            low = {name: float(row[name] or 0.0) for name in LIMITS}
-            below = {name: float(row[f"{name}_below"] or inf) for name in LIMITS}
-            reason = next((reason for reason in reasons if reason.covers(row)), None)
-            if min(below.values()) == inf:
+        rows = csv.reader(lines)
+        if (header := tuple(next(rows))) != COLUMNS:
+            raise ValueError(f"{table}: its columns are {header}, should be {COLUMNS}")
+        # every process that knows an engine reads its table: no dictionary for each of a thousand rows
+        for setting, cone, probe, *limits, size, relative in rows:
+            friction, restitution, timestep, ratio = [float(cell) if cell else 0.0 for cell in limits[::2]]
+            below_friction, below_restitution, below_timestep, below_ratio = [
+                float(cell) if cell else inf for cell in limits[1::2]
+            ]
+            below = (below_friction, below_restitution, below_timestep / 1e3, below_ratio)
+            reason = reason_of(probe, setting, cone, bool(limits[RESTITUTION]))
+            if min(below) == inf:
                 if reason is None:
-                    raise ValueError(f"{table}: no reason is given for {row['probe']} {row['setting']} {row['cone']}")
+                    raise ValueError(f"{table}: no reason is given for {probe} {setting} {cone}")
                 if reason in unused:
                     unused.remove(reason)
             found.append(
                 Deviation(
-                    row["probe"],
-                    float(row["size"]),
+                    probe,
+                    float(size),
                     reason.why if reason else BETWEEN_VALUES,
-                    relative=row["relative"] == "yes",
-                    friction=low["friction"],
-                    timestep=low["timestep"] / 1e3,
-                    restitution=low["restitution"],
-                    friction_cone=row["cone"],
-                    setting=_setting(row["setting"]),
-                    ratio=low["ratio"],
-                    below=(below["friction"], below["restitution"], below["timestep"] / 1e3, below["ratio"]),
+                    relative=relative == "yes",
+                    friction=friction,
+                    timestep=timestep / 1e3,
+                    restitution=restitution,
+                    friction_cone=cone,
+                    setting=_setting(setting),
+                    ratio=ratio,
+                    below=below,
                 )
             )
     for reason in unused:
