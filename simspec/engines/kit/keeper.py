@@ -44,6 +44,8 @@ USAGE = "usage.json"
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 """Of Linux's prctl(2)."""
 WARM = "--warm"
+LATER = ("numpy.ma", "pinocchio")
+"""Packages that some requests import at work: ``numpy.unique`` the first, control laws with the mass matrix the second."""
 MESSAGE, DESCRIPTORS = 65536, 3
 """Bytes of a message to a warm process, at most, and its descriptors."""
 
@@ -219,6 +221,10 @@ def _prepare(program: str) -> dict[str, Any]:
     for part in ("operations", "session"):
         importlib.import_module(f"simspec.engines.kit.{part}")
     engine.prepare()
+    for part in LATER:
+        with contextlib.suppress(ImportError):  # an engine's environment need not have it
+            importlib.import_module(part)
+    engine.version()  # finds its package, whose place is then known
     threads = len(os.listdir("/proc/self/task")) if sys.platform.startswith("linux") else 1
     if threads > 1:
         return {
