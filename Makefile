@@ -64,7 +64,7 @@ check: types stale
 types: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/python tools/check_types.py
 
 stale: setup
 	$(BIN)/simspec schema --check
