@@ -213,7 +213,8 @@ def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drif
             centre = (mass * moved.centre[:, rows]).sum(axis=1) / whole
             linear[part, column] = push.sum(axis=1) - float(weights[rows].sum()) * gravity * run.time[part, None]
             lever = moved.centre[:, rows] - centre[:, None]
-            angular[part, column] = (np.cross(lever, push) + moved.spin[:, rows]).sum(axis=1)
+            spin = moved.spin[:, rows]
+            angular[part, column] = (np.cross(lever, push) + spin).sum(axis=1)
     touched = np.stack([touching[:, rows].any(axis=1) for rows in trees.values()], axis=1)
     free, names = ~_between(touched), list(trees)
     found = [

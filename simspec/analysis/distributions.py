@@ -314,7 +314,8 @@ def compare_contacts(a: Run, b: Run, by: str = "shape") -> tuple[PairComparison,
     for run in (a, b):
         demand_contacts(run)
     rows_a, rows_b = common_rows(a, b)
-    lasting = np.diff(a.time[rows_a], prepend=a.time[rows_a[:1]])
+    time = a.time[rows_a]
+    lasting = np.diff(time, prepend=time[:1])
     known = common_sides((a, b), by)
     sides, count = sides_of((a, b), (rows_a, rows_b), known), len(known.names)
     totals: dict[int, list[float]] = {}

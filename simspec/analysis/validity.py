@@ -277,7 +277,8 @@ def _off_trajectory(run: Run, end: int) -> Event | None:
     """The first row in which a driven joint is far from its trajectory."""
     rows: list[Event] = []
     for name in _driven(run) if "control.target" in run.arrays else ():
-        off = np.abs(run.target(name)[: end + 1] - run.q(name)[: end + 1])
+        target, q = run.target(name)[: end + 1], run.q(name)[: end + 1]
+        off = np.abs(target - q)
         far = np.flatnonzero(off > TRACKING)
         if len(far):
             rows.append((int(far[0]), "off-trajectory", f"{name} by {off[far[0]]:.2g}"))

@@ -295,7 +295,8 @@ def _followed(tensors: Floats, speed: Floats, damping: Floats, step: float, step
     most, when = np.zeros(len(speed)), np.zeros(len(speed), dtype=int)
     for done in range(1, steps + 1):
         spin = np.einsum("nij,nj->ni", tensors, speed)
-        speed = speed - step * np.einsum("nij,nj->ni", inverse, np.cross(speed, spin) + damping[:, None] * speed)
+        slowing = np.cross(speed, spin) + damping[:, None] * speed
+        speed = speed - step * np.einsum("nij,nj->ni", inverse, slowing)
         share = np.einsum("ni,nij,nj->n", speed, tensors, speed) / start - 1.0
         going = most < DIVERGED
         larger = going & ~(share <= most)

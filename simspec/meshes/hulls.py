@@ -193,8 +193,9 @@ def enclosed(vertices: Points, triangles: Triangles) -> Enclosed:
         return Enclosed(None, "it has fewer than 4 faces")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     count = len(vertices)
-    there = np.sort(edges[:, 0] * count + edges[:, 1])
-    back = np.sort(edges[:, 1] * count + edges[:, 0])
+    begin, end = edges[:, 0], edges[:, 1]
+    there = np.sort(begin * count + end)
+    back = np.sort(end * count + begin)
     low, high = edges.min(axis=1), edges.max(axis=1)
     _, times = np.unique(low * count + high, return_counts=True)
     if (times == 1).any():

@@ -156,8 +156,9 @@ class LimitMotion:
 def pose_errors(exact: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """(…, 6): differences of position relative to the larger of 1 m and the distance from the origin, and the rotation vector
     (rad) from ``exact`` to ``poses`` (…, 7), in the axes of the former."""
-    reach = np.maximum(1.0, np.linalg.norm(exact[..., :3], axis=-1, keepdims=True))
-    away = (poses[..., :3] - exact[..., :3]) / reach
+    place = exact[..., :3]
+    reach = np.maximum(1.0, np.linalg.norm(place, axis=-1, keepdims=True))
+    away = (poses[..., :3] - place) / reach
     turned = logarithm(relative(exact[..., 3:], poses[..., 3:]))
     return np.concatenate([away, turned], axis=-1)
 

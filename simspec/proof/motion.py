@@ -334,7 +334,8 @@ class _Planning:
     def _slides(self, states: np.ndarray) -> np.ndarray:
         """How far (instants,) the slide that went farthest is from where it began; NaN where motion diverged."""
         index = self._places("slide")
-        farthest: np.ndarray = np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
+        places = states[:, index]
+        farthest: np.ndarray = np.abs(places - places[0]).max(axis=1, initial=0.0)
         return farthest
 
     def _turns(self, speeds: np.ndarray) -> np.ndarray:

@@ -383,7 +383,8 @@ def observed(answer: Answer) -> Mapping[str, np.ndarray]:
     names = [(unit["body"], *unit["shapes"]) for unit in answer.result["units"]]
     order = np.argsort(np.argsort(np.array([repr(name) for name in names], dtype=object), kind="stable"), kind="stable")
     rows = answer.arrays["units"]
-    renamed = np.column_stack([rows[:, :1], np.sort(order[rows[:, 1:]], axis=1)])
+    shapes = order[rows[:, 1:]]
+    renamed = np.column_stack([rows[:, :1], np.sort(shapes, axis=1)])
     return {**answer.arrays, "units": renamed[np.lexsort(renamed.T[::-1])]}
 
 
@@ -399,10 +400,9 @@ def departure(first: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping
         for name in a.keys() - {"q"}:
             values = b[name]
             if name == "pose" and values.size:
-                same_way = np.sign(np.sum(a[name][..., 3:] * values[..., 3:], axis=-1, keepdims=True))
-                values = np.concatenate(
-                    [values[..., :3], values[..., 3:] * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1
-                )
+                first_turn, turn = a[name][..., 3:], values[..., 3:]
+                same_way = np.sum(first_turn * turn, axis=-1, keepdims=True)
+                values = np.concatenate([values[..., :3], turn * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1)
             value = float(np.max(np.abs(a[name] - values) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
             worst = max(worst, value) if math.isfinite(value) else math.inf
     return worst

@@ -319,7 +319,8 @@ class _Check:
         from simspec.control.reference import positions
 
         course = positions(self._made)
-        begins, lasting = self._times[:-1], np.diff(self._times)
+        times = self._times
+        begins, lasting = times[:-1], np.diff(times)
         together = max(1, AT_ONCE // (len(BETWEEN) * len(self._joints)))
         for first in range(0, len(begins), together):
             part = slice(first, first + together)

@@ -330,7 +330,8 @@ def _keeps_place(run: Run, parameters: Parameters) -> Measured:
 
     def away(poses: np.ndarray) -> np.ndarray:
         turns = matrices(poses[:, 1, 3:7])
-        places = np.einsum("tji,tj->ti", turns, poses[:, 0, :3] - poses[:, 1, :3])
+        place, of_other = poses[:, 0, :3], poses[:, 1, :3]
+        places = np.einsum("tji,tj->ti", turns, place - of_other)
         initial.extend(places[:1] if not initial else ())
         result: np.ndarray = np.linalg.norm(places - initial[0], axis=1)
         return result

@@ -231,9 +231,8 @@ class ContactSuite(Suite):
             places = {name: 7 * (names.index(name) - 1) for name in names[1:]}
             for index, name in enumerate(names[1:]):
                 moved[places[name] : places[name] + 3] = (10.0 * index, 50.0, 50.0)
-            moved[places[other] : places[other] + 3] = moved[places[entry] : places[entry] + 3] + np.array(
-                [0.09, 0.0, 0.0]
-            )
+            here, there = places[entry], places[other]
+            moved[there : there + 3] = moved[here : here + 3] + np.array([0.09, 0.0, 0.0])
             states.append(moved)
         operations = [drive_operation(world, (1000, None))]
         if not bench.lacks("pair_detection"):

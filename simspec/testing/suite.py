@@ -161,7 +161,8 @@ class SleepingSuite(Suite):
             return
         pose = rows(bench, world, SETTLED + 40, SETTLED)["pose"]
         assert pose[-1, 1, 1] - pose[1, 1, 1] > 0.005
-        assert np.abs(pose[-1, 2, :3] - pose[1, 2, :3]).max() < 1e-5
+        after, before = pose[-1, 2, :3], pose[1, 2, :3]
+        assert np.abs(after - before).max() < 1e-5
 
     # --- what sleeps ----------------------------------------------------------------------------------------------
 

@@ -145,7 +145,8 @@ def exponential_of(vector: Sequence[float]) -> Quaternion:
 def logarithm(q: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3), of at most π, of quaternions (..., 4); to full precision at small angles."""
     turned = positive(q)
-    sine = np.sqrt(np.sum(turned[..., 1:] * turned[..., 1:], axis=-1, keepdims=True))
+    vector = turned[..., 1:]
+    sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
     angle = 2.0 * np.arctan2(sine, turned[..., :1])
     # at zero the ratio angle / sin(angle / 2) is 2; the division is done only where there is something to divide
     ratio = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)

@@ -64,9 +64,9 @@ class DrakeCoordinates:
         values[self.drake_q], rate[self.drake_v] = q[self.q], v[self.v]
         if len(self.free):
             place, motion = q[self.free_q], v[self.free_v]
-            turns = unit(place[:, 3:])
+            turns, spin = unit(place[:, 3:]), motion[:, 3:]
             values[self.free_drake_q] = np.concatenate([turns, place[:, :3]], axis=1)
-            rate[self.free_drake_v] = np.concatenate([rotate(turns, motion[:, 3:]), motion[:, :3]], axis=1)
+            rate[self.free_drake_v] = np.concatenate([rotate(turns, spin), motion[:, :3]], axis=1)
         if len(self.ball):
             self.turns, rate[self.ball_drake_v] = unit(q[self.ball_q]), v[self.ball_v]
         return np.concatenate([values, rate])

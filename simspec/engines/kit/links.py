@@ -236,8 +236,9 @@ class LinkStates:
         """Poses (n, 7) and velocities (n, 6) of the frames of links whose centres of mass are at ``centres`` (n, 3) in them."""
         turn = self.turn
         poses = np.concatenate([self.at[:, :3], turn], axis=1)
-        moving = self.speed[:, :3] - cross(self.speed[:, 3:], rotate(turn, centres))
-        return poses, np.concatenate([moving, self.speed[:, 3:]], axis=1)
+        speed, spin = self.speed[:, :3], self.speed[:, 3:]
+        moving = speed - cross(spin, rotate(turn, centres))
+        return poses, np.concatenate([moving, spin], axis=1)
 
     def energy(
         self, masses: np.ndarray, centres: np.ndarray, inertias: np.ndarray, gravity: np.ndarray

@@ -464,8 +464,10 @@ def quaternions(turns: np.ndarray) -> np.ndarray:
     xx, yy, zz = turns[:, 0, 0], turns[:, 1, 1], turns[:, 2, 2]
     squares = np.stack([xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy], axis=1)
     largest = np.argmax(squares, axis=1)
-    a, b, c = turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0], turns[:, 1, 0] - turns[:, 0, 1]
-    d, e, f = turns[:, 1, 0] + turns[:, 0, 1], turns[:, 0, 2] + turns[:, 2, 0], turns[:, 2, 1] + turns[:, 1, 2]
+    xy, yx, yz, zy = turns[:, 0, 1], turns[:, 1, 0], turns[:, 1, 2], turns[:, 2, 1]
+    zx, xz = turns[:, 2, 0], turns[:, 0, 2]
+    a, b, c = zy - yz, xz - zx, yx - xy
+    d, e, f = yx + xy, xz + zx, zy + yz
     squared = 1.0 + squares
     rows = np.stack(
         [

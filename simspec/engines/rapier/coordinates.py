@@ -317,9 +317,10 @@ class LinkWrenches:
         torques[hinges] = axes[hinges] * effort[self._at["hinge"], None]
         forces[slides] = axes[slides] * effort[self._at["slide"], None]
         three = np.arange(3)
-        torques[balls] = rotate(turns[balls], effort[self._at["ball"][:, None] + three])
-        forces[free] = effort[self._at["free"][:, None] + three]
-        torques[free] = rotate(turns[free], effort[self._at["free"][:, None] + three + 3])
+        of_balls, of_free = self._at["ball"][:, None] + three, self._at["free"][:, None] + three
+        torques[balls] = rotate(turns[balls], effort[of_balls])
+        forces[free] = effort[of_free]
+        torques[free] = rotate(turns[free], effort[of_free + 3])
         back = self._carried.nonzero()[0]
         parents = self._parents[back]
         at = poses[:, :3] + rotate(turns, self._centres)

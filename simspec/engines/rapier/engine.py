@@ -297,7 +297,8 @@ def _directions(hull: Hull) -> np.ndarray:
         cells = hull_of(tuple(hull.normals.ravel().tolist()))
     except HullError:
         return found[0]
-    found += [cells.normals + 1e-6 * cells.vertices[cells.triangles[:, corner]] for corner in range(3)]
+    corners = cells.vertices[cells.triangles]
+    found += [cells.normals + 1e-6 * corners[:, corner] for corner in range(3)]
     every = np.concatenate(found)
     unit: np.ndarray = every / np.linalg.norm(every, axis=1, keepdims=True)
     return unit

@@ -73,7 +73,8 @@ class JointStops:
             return
         timestep = float(live.world.integration_parameters.dt)
         q, v = live.positions()[self._at], np.abs(live.rates()[self._at])
-        away = np.minimum(q - self._ends[:, 0], self._ends[:, 1] - q)
+        lower, upper = self._ends[:, 0], self._ends[:, 1]
+        away = np.minimum(q - lower, upper - q)
         sudden = np.where(self._motors, timestep * GRADUAL, SUDDEN)
         near = away <= timestep * (2.0 * v + self._units * sudden)
         for number in np.flatnonzero(near).tolist():

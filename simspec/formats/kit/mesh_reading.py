@@ -39,8 +39,9 @@ def field_of_triangles(corners: Array) -> tuple[float, ...]:
     low = points[:, 2] == bottom
     top = triangles[~low[triangles].any(axis=1)]
     used = np.unique(top)
-    x, column = np.unique(points[used, 0], return_inverse=True)
-    y, row = np.unique(points[used, 1], return_inverse=True)
+    across, along = points[used, 0], points[used, 1]
+    x, column = np.unique(across, return_inverse=True)
+    y, row = np.unique(along, return_inverse=True)
     rows, columns = len(y), len(x)
     if rows < 2 or columns < 2 or len(used) != rows * columns:
         raise ValueError(f"{len(used)} points above the bottom, which are no grid")
@@ -87,7 +88,8 @@ def _check_rest(
         raise ValueError("its walls are not upright below its rim")
     count = len(points)
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    there, back = np.sort(edges[:, 0] * count + edges[:, 1]), np.sort(edges[:, 1] * count + edges[:, 0])
+    begin, end = edges[:, 0], edges[:, 1]
+    there, back = np.sort(begin * count + end), np.sort(end * count + begin)
     if (np.diff(there) == 0).any() or not np.array_equal(there, back):
         raise ValueError("the surface is not closed, or its triangles are not all turned the same way")
 
@@ -196,7 +198,8 @@ def _fault(vertices: Array, faces: Indices) -> str:
     if faces.min() < 0 or faces.max() >= count or len(np.unique(faces)) != count:
         return "triangles do not use exactly the vertices that there are"
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    there, back = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
+    begin, end = edges[:, 0], edges[:, 1]
+    there, back = begin * count + end, end * count + begin
     order, order_back = np.argsort(there), np.argsort(back)
     if (np.diff(there[order]) == 0).any() or not np.array_equal(there[order], back[order_back]):
         return "the surface is not closed, or its triangles are not all turned the same way"

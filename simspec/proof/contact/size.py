@@ -139,7 +139,8 @@ def _plane(size: Sequence[float]) -> Iterator[SurfacePoint]:
 def _mesh(size: Sequence[float]) -> Iterator[SurfacePoint]:
     solid = hull_of(size)
     corners = solid.vertices[solid.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    first, second, third = (corners[:, corner] for corner in range(3))
+    area = np.linalg.norm(np.cross(second - first, third - first), axis=1)
     towards = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)]
     chosen: dict[int, str] = {}
     for direction in _directions(towards):  # of the faces that look this way, a large one

@@ -283,7 +283,8 @@ def _on_hull(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, 
     """The middle of one of the largest faces."""
     faces = hull_of(size)
     corners = faces.vertices[faces.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    first, second, third = (corners[:, corner] for corner in range(3))
+    area = np.linalg.norm(np.cross(second - first, third - first), axis=1)
     chosen = np.argsort(-area, kind="stable")[(place + 3 * pose) % len(area)]
     return corners[chosen].mean(axis=0), faces.normals[chosen]
 

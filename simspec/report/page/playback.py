@@ -179,11 +179,12 @@ def _forces(run: Run, frames: ShownFrames, shown: int, packed: PackedNumbers) ->
         return None
     row = arrays["contact.row"]
     first = np.searchsorted(row, frames.rows[:shown], side="left")
-    counts = np.searchsorted(row, frames.rows[:shown], side="right") - first
+    end = np.searchsorted(row, frames.rows[:shown], side="right")
+    counts = end - first
     every = 1
     while counts[::every].sum() > MOST_FORCES and every < shown:
         every += 1
-    places = [np.arange(first[k], first[k] + counts[k]) for k in range(0, shown, every)]
+    places = [np.arange(first[k], end[k]) for k in range(0, shown, every)]
     chosen = np.concatenate(places) if places else np.zeros(0, np.int64)
     frame = np.repeat(np.arange(0, shown, every), counts[::every])
     force = np.asarray(arrays["contact.normal_force"][chosen])
