@@ -8,6 +8,7 @@ constraints=$(cd "$(dirname "$0")/.." && pwd)/constraints.txt
 place=$1
 shift
 pip_install() {
+  "$place/bin/python" -m pip --version >/dev/null 2>&1 || "$place/bin/python" -m ensurepip >/dev/null
   PIP_CONSTRAINT=$constraints "$place/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 }
 by_uv() {
