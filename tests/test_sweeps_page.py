@@ -7,9 +7,12 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "guide" / "sweeps.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"<!-- (spec|output): (.*?) -->\n```\w*\n(.*?)```", re.DOTALL)

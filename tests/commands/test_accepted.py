@@ -13,6 +13,8 @@ from simspec.commands.options import Options
 from simspec.errors import SpecError
 from simspec.language.load import load
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
 LINKS = "".join(f'<link name="{name}">{INERTIAL}{BALL}</link>' for name in ("boom", "tip", "nail"))

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 import shlex
 
+import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.report.verdict import LABEL
 from tests.docs.blocks import ROOT
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
 
 OUTPUT = re.compile(
     r"<!-- output(?: (?P<lines>\d+))?: (?P<command>.*?) -->\n```\n\$ (?P=command)\n(?P<text>.*?)```", re.DOTALL

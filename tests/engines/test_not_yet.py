@@ -27,6 +27,8 @@ from simspec.world.types import Hardness, World
 from tests import constrained, worlds
 from tests.installed import INSTALLED
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 NOT_YET = [
     (name, feature, support.attempt)
     for name, engine in ((name, engines()[name]) for name in INSTALLED)

@@ -15,6 +15,8 @@ from simspec.testing import worlds
 from simspec.world.canonical import canonical_json
 from simspec.world.kinematics import initial_state
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 FLOOR = {"fixed": True, "shapes": [{"plane": {}}]}
 BALL = {
     "pose": {"xyz": [0, 0, 0.1]},

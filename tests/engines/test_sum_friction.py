@@ -10,6 +10,8 @@ from simspec.errors import SpecError, UnsupportedError
 from simspec.language.load import load
 from simspec.testing import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 WHEEL = {"mass": 1, "inertia": {"principal": [0.1, 0.1, 0.1]}}
 
 

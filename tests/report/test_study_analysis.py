@@ -10,7 +10,10 @@ from typer.testing import CliRunner
 
 from simspec.cli import app
 
-pytestmark = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python")
+pytestmark = [
+    pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python"),
+    pytest.mark.usefixtures("warm_engines"),
+]
 
 SPEC = """\
 simspec: 1

@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 from simspec.cli import app
 from simspec.report.table import two_digits
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """\
 simspec: 1
 name: slope

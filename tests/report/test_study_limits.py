@@ -19,7 +19,10 @@ from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.report.study.validity import certified_tables, words
 
-pytestmark = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python")
+pytestmark = [
+    pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet has no wheel for this Python"),
+    pytest.mark.usefixtures("warm_engines"),
+]
 
 SPEC = """\
 simspec: 1

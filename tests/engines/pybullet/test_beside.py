@@ -17,6 +17,8 @@ from simspec.world import frames
 from simspec.world.kinematics import bare_frames, initial_state, poses
 from simspec.world.types import Body, ConnectConstraint, EngineOptions, Inertial, Joint, Physics, Pose, World
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 TURNED = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.4)
 HEAVY = Inertial(1.5, (0.02, -0.01, 0.03), (0.02, 0.03, 0.04, 0.001, 0.002, 0.0))
 
