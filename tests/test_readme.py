@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import simspec
+from simspec import cli
 from simspec.engines.kit.registry import engines
 from simspec.report.verdict import LABEL, grouped
 from simspec.selection import available
@@ -21,6 +22,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 
 import readme  # noqa: E402 - a script outside the package
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
 
 FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
 """The command of the first comparison."""
@@ -49,16 +52,16 @@ def place(tmp_path):
 
 
 @pytest.mark.parametrize("command", block("commands: tested", COMMANDS).splitlines())
-def test_a_command_of_the_documentation_runs(command, place):
+def test_a_command_of_the_documentation_runs(command, place, monkeypatch, capsys):
+    monkeypatch.chdir(place)
     name, *words = shlex.split(command)
     assert name == "simspec"
-    done = subprocess.run(
-        [sys.executable, "-m", "simspec", *words], cwd=place, capture_output=True, text=True, check=False
-    )
+    code = cli.main(words)
+    said = capsys.readouterr()
     # diff ends with 1 where it finds differences, as diff does
-    assert done.returncode == (1 if words[0] == "diff" else 0), done.stdout + done.stderr
-    assert done.stdout.strip()
-    assert "Traceback" not in done.stderr
+    assert code == (1 if words[0] == "diff" else 0), said.out + said.err
+    assert said.out.strip()
+    assert "Traceback" not in said.err
 
 
 def test_the_spec_in_the_readme_is_the_library_s():
